@@ -17,7 +17,9 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
 # Fields with the same name and type in Aspect and its message.
 _ASPECT_FIELDS = tuple(
-    each.name for each in dataclasses.fields(aspect_set.Aspect) if each.type in (bool, int, float)
+    each.name
+    for each in dataclasses.fields(aspect_set.Aspect)
+    if each.repr and each.type in (bool, int, float)
 )
 
 

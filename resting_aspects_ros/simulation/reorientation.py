@@ -93,10 +93,11 @@ def _rests(aspect: Aspect) -> tuple[Array, Array]:
     On a curved side, a direction has the weight of the links of the mesh that lead to it, so that
     all directions of the sweep are about equally probable for an irregular mesh, too.
     """
-    down = aspect.directions
+    down = aspect.directions[: aspect.level]
     weights = np.ones(len(down))
-    if aspect.sweep.curved and len(aspect.links):
-        one, other = aspect.links.T
+    links = aspect.links[(aspect.links < aspect.level).all(axis=1)]
+    if len(links):
+        one, other = links.T
         angle = angle_between(down[one], down[other])
         weights = np.zeros(len(down))
         for end in (one, other):

@@ -79,6 +79,7 @@ class ReportAspect(CountedAspect):
     min_barrier: Number | None
     neighbour: Count
     basin_share: Number
+    merged: Number = 0.0  # documents of earlier versions do not have it
     support: list[Pair]
 
 

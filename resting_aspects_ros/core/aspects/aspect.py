@@ -29,7 +29,7 @@ from resting_aspects_ros.core.rotations import (
 )
 
 # Version of the rule that numbers aspects. Counts under another version are not used.
-ASPECT_NUMBERING = 3
+ASPECT_NUMBERING = 4
 # Ids are ordered by centre of mass height, R, and by share; both are compared in steps of this.
 ORDER_STEP = 1e-3
 # Maximum distance of directions on a circle from its plane, as a share of the radius.
@@ -43,8 +43,11 @@ _RING_WIDTH = 0.5
 class _UnnumberedAspect:
     """An aspect before it has a number: its minima and their common properties."""
 
-    minima: Indices  # the representative one first
-    low: float  # height of the lowest minimum, m
+    minima: Indices  # the representative one first, then those of the level
+    drained: Indices
+    level: int
+    ignored: float  # m
+    rest: float  # height of the highest minimum of the level, m
     height: float
     share: float
     sweep: Sweep
@@ -64,11 +67,11 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
     unnumbered = _sorted_aspects([_unnumbered(landscape, part, g) for g in joined], part)
     owner = np.empty(len(landscape.minima), dtype=np.int64)
     for number, each in enumerate(unnumbered, start=1):
-        owner[each.minima] = number
+        owner[each.minima] = owner[each.drained] = number
     barriers = _barriers(landscape, owner, unnumbered)
     moments = surface_moments(part)
     aspects = tuple(
-        _aspect(landscape, each, number, owner, barriers[number], moments)
+        _aspect(landscape, each, number, barriers[number], moments)
         for number, each in enumerate(unnumbered, start=1)
     )
     flat = [a.down_in_part for a in aspects if a.sweep is Sweep.POINT]
@@ -82,26 +85,50 @@ def _unnumbered(landscape: Landscape, part: Part, joined: JoinedMinima) -> _Unnu
     """Return the properties of a group of minima that are one aspect."""
     minima = joined.minima
     directions = landscape.directions[minima]
-    share = float(landscape.basin_shares[minima].sum())
-    lowest = float(landscape.heights[minima[0]])
+    own = np.concatenate([minima, joined.drained])
+    share = float(landscape.basin_shares[own].sum())
+    highest = float(landscape.heights[minima[: joined.level]].max())
+    ignored = joined.ignored * landscape.radius
     # A flat side can include a flat of an adjacent fillet, but is much lower. Flats that are
     # separated only by noise are not a curved side.
-    if joined.level == 1 or not joined.curved:
-        return _UnnumberedAspect(
-            minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0]
-        )
-    level = directions[: joined.level]
-    sweep, axis, middle = _sweep(level, joined.step, part.principal_axes)
-    representative = _representative(level, middle, part.principal_axes)
-    others = np.delete(np.arange(len(minima)), representative)
-    order = np.concatenate([[representative], others])
-    rolls = bool(angle_between(level, level[representative]).max() > CURVED_STEP)
+    if joined.level == 1:
+        sweep, axis, middle = Sweep.POINT, np.zeros(3), directions[0]
+        order, rolls = np.arange(len(minima)), False
+    else:
+        level = directions[: joined.level]
+        feet = _feet(landscape, minima[: joined.level])
+        sweep, axis, middle = _sweep(level, feet, joined.step, part.principal_axes)
+        representative = _representative(level, middle, part.principal_axes)
+        others = np.delete(np.arange(len(minima)), representative)
+        order = np.concatenate([[representative], others])
+        rolls = bool(angle_between(level, level[representative]).max() > CURVED_STEP)
     height = joined.height * landscape.radius
-    return _UnnumberedAspect(minima[order], lowest, height, share, sweep, axis, middle, rolls)
+    return _UnnumberedAspect(
+        minima[order],
+        joined.drained,
+        joined.level,
+        ignored,
+        highest,
+        height,
+        share,
+        sweep,
+        axis,
+        middle,
+        rolls,
+    )
 
 
-def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, Array]:
-    """Return the sweep of the directions of a curved aspect, its axis, and their mean."""
+def _feet(landscape: Landscape, minima: Indices) -> Array:
+    """Return the directions (n, 3) of gravity in the saddles between some minima."""
+    inner = np.isin(landscape.saddles.between, minima).all(axis=1)
+    return landscape.saddles.directions(landscape.hull, np.flatnonzero(inner))
+
+
+def _sweep(directions: Array, feet: Array, step: float, frame: Array) -> tuple[Sweep, Array, Array]:
+    """Return the sweep of the directions of a curved aspect, its axis, and their mean.
+
+    ``feet`` are the directions in the saddles between them.
+    """
     middle = directions.mean(axis=0)
     pole = middle / max(float(np.linalg.norm(middle)), 1e-300)
     size, axes = np.linalg.svd(directions - middle, full_matrices=False)[1:]
@@ -115,8 +142,11 @@ def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, 
         return Sweep.SPHERE, np.zeros(3), np.zeros(3)
     around = along - middle @ axes.T
     azimuth = np.sort(np.arctan2(around[:, 1], around[:, 0]))
-    # A flat side interrupts a ring; a step of the mesh does not.
-    round_ = np.diff(azimuth, append=azimuth[0] + 2 * np.pi).max() <= 1.5 * CURVED_STEP
+    steps = np.diff(azimuth, append=azimuth[0] + 2 * np.pi)
+    # A flat side interrupts a ring; a step of the mesh, over which the part rolls, does not.
+    across = np.arctan2(*((feet - middle) @ axes[:2].T).T[::-1])
+    widest = int(steps.argmax())
+    round_ = bool(((across - azimuth[widest]) % (2 * np.pi) < steps[widest]).any())
     radius = np.hypot(around[:, 0], around[:, 1])
     if round_ and radius.min() < _RING_WIDTH * radius.max():
         return Sweep.DOME, pole, middle
@@ -180,7 +210,7 @@ def _barriers(
     saddles = landscape.saddles
     for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
         for one, other in (pair, pair[::-1]):
-            rise = float(height) - aspects[one - 1].low
+            rise = float(height) - aspects[one - 1].rest
             if one != other and rise < min_rises[int(one)][0]:
                 min_rises[int(one)] = (rise, int(other))
     return min_rises
@@ -190,7 +220,6 @@ def _aspect(
     landscape: Landscape,
     found: _UnnumberedAspect,
     number: int,
-    owner: Indices,
     barrier: tuple[float, int],
     moments: SurfaceMoments,
 ) -> Aspect:
@@ -199,7 +228,7 @@ def _aspect(
     orientation = orientation_with_down(directions[0])
     orientation = turned_about_vertical(orientation, heading(moments, orientation))
     polygon = rotate(orientation, _polygon(landscape.hull, facet) * landscape.radius)[:, :2]
-    links = _links(landscape, owner == number, found.minima) if found.sweep.curved else []
+    links = _links(landscape, found.minima) if found.sweep.curved else []
     return Aspect(
         id=number,
         down_in_part=directions[0],
@@ -209,25 +238,25 @@ def _aspect(
         basin_share=found.share,
         min_barrier=barrier[0],
         neighbour=barrier[1],
+        merged=found.ignored,
         symmetry_class=number,
         multiplicity=1,
         rolls=found.rolls,
         sweep=found.sweep,
         axis=found.axis,
         directions=directions,
+        level=found.level,
         links=np.array(links, dtype=np.int64).reshape(-1, 2),
     )
 
 
-def _links(
-    landscape: Landscape, own: npt.NDArray[np.bool_], minima: Indices
-) -> list[tuple[int, int]]:
+def _links(landscape: Landscape, minima: Indices) -> list[tuple[int, int]]:
     """Return the pairs of minima of an aspect with a saddle of its curved side between them."""
     index = {int(minimum): k for k, minimum in enumerate(minima)}
-    a, b = landscape.saddles.between.T
-    inner = np.flatnonzero(own[a] & own[b] & (a != b))
-    near = angle_between(landscape.directions[a[inner]], landscape.directions[b[inner]])
-    pairs = landscape.saddles.between[inner[near <= CURVED_STEP]].tolist()
+    between = landscape.saddles.between
+    inner = between[np.isin(between, minima).all(axis=1) & (between[:, 0] != between[:, 1])]
+    a, b = np.moveaxis(landscape.directions[inner], 1, 0)
+    pairs = inner[angle_between(a, b) <= CURVED_STEP].tolist()
     return sorted({(index[min(x, y)], index[max(x, y)]) for x, y in pairs})
 
 

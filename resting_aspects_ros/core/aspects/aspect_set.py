@@ -59,8 +59,12 @@ class Aspect:
         Contact polygon on the surface in that pose, m, tray axes, origin below the centre of mass.
     basin_share : float
         Share of all directions of gravity from which the part rolls into this aspect.
+    merged : float
+        Highest barrier, m, that was ignored because the mesh or noise explains it: between
+        directions of the aspect, or to poses that do not count as an aspect; 0 without any.
     min_barrier : float
         Minimum rise of the centre of mass to leave the aspect, m; infinite for the only aspect.
+        For a curved aspect from the highest direction in which the part rests.
     neighbour : int
         Id of the aspect that the part reaches over this barrier; 0 for the only aspect.
     symmetry_class, multiplicity : int
@@ -72,9 +76,13 @@ class Aspect:
     axis : (3,) float
         Axis of the sweep, unit vector, part frame; zero without an axis.
     directions : (m, 3) float
-        Down directions of all flats of the mesh in the aspect, ``down_in_part`` first.
+        Down directions of all flats of the mesh in the aspect, ``down_in_part`` first, then the
+        others of the level.
     links : (l, 2) int
         Pairs of ``directions`` between which the part rolls on a curved side.
+    level : int
+        Number of ``directions`` in which the part rests. In the others only the mesh of a curved
+        side stops it: a smooth part would roll on.
     """
 
     id: int
@@ -89,9 +97,11 @@ class Aspect:
     min_barrier: float
     neighbour: int
     basin_share: float
+    merged: float
     support: Array
     directions: Array = field(repr=False)
     links: npt.NDArray[np.int64] = field(repr=False)
+    level: int = field(repr=False, default=1)
 
 
 # Documents and messages contain these fields. The others only serve the classification of poses.

@@ -17,8 +17,8 @@ from resting_aspects_ros.core.rotations import Array
 
 # A part can rest on a facet if its centre of mass is inside the facet by more than this, R. Less
 # is indistinguishable from the noise of float32 coordinates, and any disturbance tips the part
-# over.
-STABLE_MARGIN = 1e-4
+# over. For slender parts the margin is less: this share of the width of the facet.
+STABLE_MARGIN, MARGIN_SHARE = 1e-4, 0.01
 # Number of array elements that are processed at once, to limit the memory.
 _BATCH = 4_000_000
 
@@ -121,13 +121,16 @@ class Descent:
         for facet, edges in enumerate(body.edges_of_facets):
             which = (body.sides[edges, 1] == facet).astype(int)
             margin = body.margins[edges, which]
-            if margin.min() > STABLE_MARGIN:
+            needed = STABLE_MARGIN
+            if 0 < margin.min() <= needed:
+                needed = min(needed, MARGIN_SHARE * self._width_of(facet))
+            if margin.min() > needed:
                 continue
             ends = body.points[body.ends[edges]]
             at = np.clip(body.feet[edges], 0.0, 1.0)[:, None]
             nearest = ends[:, 0] + at * (ends[:, 1] - ends[:, 0])
             distance = np.linalg.norm(nearest - body.heights[facet] * body.normals[facet], axis=1)
-            distance[margin > STABLE_MARGIN] = np.inf
+            distance[margin > needed] = np.inf
             k = int(distance.argmin())
             edge = edges[k]
             if 0.0 < at[k, 0] < 1.0:
@@ -138,6 +141,14 @@ class Descent:
             facets, corners = np.array(pivots).T
             onto[facets] = self._first_facets(body.normals[facets], corners)
         return onto
+
+    def _width_of(self, facet: int) -> float:
+        """Return the minimum width of a facet, R."""
+        body = self._body
+        ends = body.points[body.ends[body.edges_of_facets[facet]]]
+        out = np.cross(ends[:, 1] - ends[:, 0], body.normals[facet])
+        out /= np.linalg.norm(out, axis=1, keepdims=True)
+        return float(np.ptp(body.points[body.corners(facet)] @ out.T, axis=0).min())
 
     def _without_cycles(self, onto: Indices) -> Indices:
         """Make the lowest facet of each cycle stable; noise causes cycles of nearby facets."""

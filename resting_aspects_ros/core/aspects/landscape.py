@@ -43,6 +43,13 @@ class Saddles:
     heights: Array
     between: Indices
 
+    def directions(self, hull: Polyhedron, which: Indices) -> Array:
+        """Return unit vectors of gravity (n, 3) in some of the saddles, part frame."""
+        edges = self.edges[which]
+        first, second = np.moveaxis(hull.points[hull.ends[edges]], 1, 0)
+        foot = first + hull.feet[edges][:, None] * (second - first)
+        return np.asarray(foot / np.linalg.norm(foot, axis=1, keepdims=True))
+
 
 class Landscape:
     """The critical points of the support height of a part, and the descent between them.

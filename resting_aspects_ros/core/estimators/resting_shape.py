@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.aspects.joining import is_curved
+from resting_aspects_ros.core.geometry.curved_edges import CurvedEdges
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.geometry.polyhedron import Indices, coplanar_facets
@@ -99,7 +99,7 @@ class RestingShape:
 
     @cached_property
     def _curved(self) -> npt.NDArray[np.bool_]:
-        return is_curved(self.landscape.hull)
+        return CurvedEdges(self.landscape.hull).curved
 
     def _alike(self, facet: int, other: int, edge: int) -> bool:
         """Return whether two facets have similar widths, measured from the edge between them."""

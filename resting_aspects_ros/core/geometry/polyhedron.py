@@ -12,7 +12,9 @@ Indices = npt.NDArray[np.int64]
 
 # A hull triangle belongs to a facet if its corners are within this distance of the plane of the
 # facet, R: the noise of float32 coordinates far from the origin. Finer tessellation has no effect.
-COPLANAR = 1e-5
+# For a slender or thin body the distance is less: this share of its thickness, R, but not less
+# than the noise of float32 coordinates near the origin.
+COPLANAR, COPLANAR_SHARE, MIN_COPLANAR = 1e-5, 2e-3, 4e-7
 # Facets within this angle of the one on which the part rests belong to the same support polygon.
 # It is far below the angles of designed parts.
 SAME_FACET = np.radians(1.0)
@@ -121,7 +123,7 @@ def polyhedron(points: Array) -> Polyhedron:
     triangles[inward] = triangles[inward][:, ::-1]  # counter-clockwise from outside
     neighbors = hull.neighbors.astype(np.int64)
     neighbors[inward] = neighbors[inward][:, ::-1]
-    members = _facets(points, triangles, neighbors, area)
+    members = _facets(points, triangles, neighbors, area, _coplanar(points))
     sums = np.zeros((int(members.max()) + 1, 3))
     np.add.at(sums, members, area)
     normals = sums / np.linalg.norm(sums, axis=1, keepdims=True)
@@ -134,7 +136,16 @@ def polyhedron(points: Array) -> Polyhedron:
     return Polyhedron(points[used], normals, heights, ends.reshape(-1, 2), sides)
 
 
-def _facets(points: Array, triangles: Indices, neighbors: Indices, area: Array) -> Indices:
+def _coplanar(points: Array) -> float:
+    """Return the maximum distance from a plane, R, of points of a body that are in the plane."""
+    axes = np.linalg.eigh(np.cov(points.T))[1]
+    thickness = float(np.ptp(points @ axes, axis=0).min())
+    return max(MIN_COPLANAR, min(COPLANAR, COPLANAR_SHARE * thickness))
+
+
+def _facets(
+    points: Array, triangles: Indices, neighbors: Indices, area: Array, coplanar: float
+) -> Indices:
     """Return the facet of each triangle; a facet grows from its largest triangle in one plane.
 
     Comparing neighbours with each other would merge a finely divided cylinder into one facet.
@@ -156,7 +167,7 @@ def _facets(points: Array, triangles: Indices, neighbors: Indices, area: Array) 
         for triangle in grown:
             around = [n for n in neighbors[triangle].tolist() if facet[n] < 0]
             depth = level - points[triangles[around]] @ normal
-            for neighbor in np.array(around)[(depth <= COPLANAR).all(axis=1)].tolist():
+            for neighbor in np.array(around)[(depth <= coplanar).all(axis=1)].tolist():
                 facet[neighbor] = count
                 grown.append(neighbor)
         count += 1

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects.joining import is_curved, join_minima
+from resting_aspects_ros.core.aspects.joining import join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.geometry.curved_edges import CurvedEdges
 
 
 def chamfered(n, chamfer):
@@ -111,7 +112,7 @@ def test_only_sides_that_are_meshed_in_small_steps_are_curved(
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     joined = join_minima(landscape)
     assert sum(not group.curved for group in joined) == flat
-    steps = landscape.hull.angles[is_curved(landscape.hull)]
+    steps = landscape.hull.angles[CurvedEdges(landscape.hull).curved]
     assert len(steps) == 0 if flat == len(joined) else steps.max() < np.radians(25)
 
 

@@ -1,0 +1,241 @@
+"""Which edges of a convex hull are steps of the mesh of a curved side, and how deep its flats are.
+
+A mesh replaces a curved side by flats whose corners are on it. Across the flats, one step follows
+another in the same direction, the steps are similar, and so are the widths of the flats. A flat
+side that touches the curved side tangentially is wider, but the step to it is not larger than the
+next one. A flat that was cut into a curved side is wider, too, but the step to it is larger.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron
+from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
+from resting_aspects_ros.core.rotations import Array
+
+Flags = npt.NDArray[np.bool_]
+
+# Successive steps of a curved side and the widths of its flats differ by at most this factor. In
+# an irregular mesh of triangles they differ by more.
+MAX_RATIO, MAX_TRIANGLE_RATIO = 2.5, 5.0
+# A flat is wider than its neighbour, not only irregular, from this ratio of their widths on. Then
+# the step to it is at most MAX_TANGENT_RATIO times the next one.
+WIDE, MAX_TANGENT_RATIO = 1.5, 1.25
+# Minimum cosine between the directions in which two successive steps turn.
+AHEAD = 0.3
+# Two steps are in the same direction, or opposite ones, if the cosine is more than this.
+PARALLEL = 0.7
+# Margins of the depth of flats between parallel edges and of triangles, for unequal flats.
+STRIP_DEPTH, TRIANGLE_DEPTH = 1.3, 2.0
+# Number of times that the curvature of triangles is averaged with that of their neighbours.
+SMOOTHING = 2
+
+
+class CurvedEdges:
+    """The edges of a hull that are steps of the mesh of a curved side.
+
+    Parameters
+    ----------
+    hull : Polyhedron
+    """
+
+    def __init__(self, hull: Polyhedron) -> None:
+        self._hull = hull
+        self._small = (hull.angles <= CURVED_STEP).tolist()
+        self._angles = hull.angles.tolist()
+        self._sides = hull.sides.tolist()
+
+    @cached_property
+    def curved(self) -> Flags:
+        """(e,) whether each edge is a step of the mesh of a curved side."""
+        found = self._inside.copy()
+        for edge in np.flatnonzero(self._hull.angles <= CURVED_STEP).tolist():
+            if not found[edge]:
+                found[edge] = any(self._continues(edge, middle) for middle in self._sides[edge])
+        return found
+
+    @cached_property
+    def _inside(self) -> Flags:
+        """(e,) whether each edge is inside an irregular mesh, with small steps all around it."""
+        hull = self._hull
+        ends = hull.ends
+        largest = np.zeros(len(hull.points))
+        np.maximum.at(largest, ends.ravel(), np.repeat(hull.angles, 2))
+        typical = np.array([np.median(hull.angles[edges]) for edges in hull.edges_of_points])
+        ratio = self._widths.max(axis=1) / self._widths.min(axis=1)
+        return np.asarray(
+            (self._corners[hull.sides] <= 4).all(axis=1)
+            & (largest[ends] <= CURVED_STEP).all(axis=1)
+            & (ratio <= MAX_TRIANGLE_RATIO)
+            & (hull.angles <= MAX_TRIANGLE_RATIO * typical[ends].max(axis=1))
+        )
+
+    @cached_property
+    def meshed(self) -> Flags:
+        """(f,) whether each facet is a flat of a curved side."""
+        return self._largest(self._chords) > 0
+
+    @cached_property
+    def depth(self) -> Array:
+        """(e,) maximum barrier, R, across each edge that the mesh explains; 0 if it is sharp."""
+        depth = np.zeros(len(self._angles))
+        for edge in np.flatnonzero(self.curved).tolist():
+            depth[edge] = max(self._depth_across(edge, facet) for facet in self._sides[edge])
+        return depth
+
+    @cached_property
+    def share(self) -> Array:
+        """(e,) ``depth`` of each edge, as a share of that of its facets in all directions."""
+        whole = self.facet_depth[self._hull.sides].max(axis=1)
+        return self.depth / np.maximum(whole, 1e-300)
+
+    @cached_property
+    def facet_depth(self) -> Array:
+        """(f,) maximum depth, R, of each facet below its curved side; 0 if it is a flat side."""
+        strips = STRIP_DEPTH * self._largest(self._chords * self._sagittas[:, None])
+        return np.where(self._corners == 3, self._triangle_depth, strips)
+
+    @cached_property
+    def _triangle_depth(self) -> Array:
+        """(f,) maximum depth, R, of triangles below a curved side; 0 for other facets.
+
+        A surface of the curvature tensor K rises by about 2 trace(K C) above a triangle of the
+        covariance C: see tessellation.sagittas. K is that of a neighbourhood, because single
+        steps of an irregular mesh vary.
+        """
+        hull = self._hull
+        triangle = self._corners == 3
+        arms = hull.points[hull.ends[:, 1]] - hull.points[hull.ends[:, 0]]
+        square = (arms * arms).sum(axis=1)
+        count = len(hull.normals)
+        # With the sides a, b and c, trace C is (a^2 + b^2 + c^2) / 36.
+        size = np.zeros(count)
+        covariance = np.zeros((count, 3, 3))
+        bending = np.zeros((count, 3, 3))
+        turn = np.diff(hull.normals[hull.sides], axis=1)[:, 0]
+        turn /= np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300)
+        bend = (hull.angles / 2 * np.sqrt(square) * self.curved)[:, None, None]
+        bend = bend * turn[:, :, None] * turn[:, None, :]
+        for side in (0, 1):
+            facets = hull.sides[:, side]
+            np.add.at(covariance, facets, arms[:, :, None] * arms[:, None, :] / 36)
+            np.add.at(bending, facets, bend)
+            np.add.at(size, facets, np.sqrt(square) * self._widths[:, side] / 6)
+        one, other = hull.sides[self.curved & triangle[hull.sides].all(axis=1)].T
+        for _ in range(SMOOTHING):
+            total, area = bending.copy(), size.copy()
+            for a, b in ((one, other), (other, one)):
+                np.add.at(total, a, bending[b])
+                np.add.at(area, a, size[b])
+            bending, size = total, area
+        curvature = bending / np.maximum(size, 1e-300)[:, None, None]
+        depth = TRIANGLE_DEPTH * 2 * np.einsum('fij,fij->f', curvature, covariance) * triangle
+        around = depth.copy()
+        for a, b in ((one, other), (other, one)):
+            np.maximum.at(around, a, depth[b])
+        return around
+
+    @cached_property
+    def _chords(self) -> Flags:
+        """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
+        widths = self._widths
+        return self.curved[:, None] & (widths <= MAX_RATIO * widths[:, ::-1])
+
+    def _largest(self, values: npt.NDArray[Any]) -> Array:
+        """Return the maximum of values (e, 2) at the sides of edges for each facet (f,), or 0."""
+        largest = np.zeros(len(self._hull.normals))
+        np.maximum.at(largest, self._hull.sides.ravel(), values.ravel())
+        return largest
+
+    def _depth_across(self, edge: int, facet: int) -> float:
+        """Return the depth, R, of a facet below its curved side in the direction across an edge."""
+        hull = self._hull
+        if self._corners[facet] == 3:
+            return float(self._triangle_depth[facet])
+        turn = hull.normals[sum(self._sides[edge]) - facet] - hull.normals[facet]
+        depth = 0.0
+        for other in hull.edges_of_facets[facet]:
+            if self._chords[other, self._sides[other].index(facet)]:
+                turned = hull.normals[sum(self._sides[other]) - facet] - hull.normals[facet]
+                cosine = turn @ turned / np.sqrt((turn @ turn) * (turned @ turned))
+                if abs(cosine) > PARALLEL:
+                    depth = max(depth, STRIP_DEPTH * float(self._sagittas[other]))
+        return depth
+
+    @cached_property
+    def sides(self) -> Indices:
+        """(f,) number of the curved side of each facet: those connected by curved edges."""
+        hull = self._hull
+        count = len(hull.normals)
+        links = coo_array((self.curved, tuple(hull.sides.T)), shape=(count, count))
+        return np.asarray(connected_components(links, directed=False)[1])
+
+    @cached_property
+    def step(self) -> Array:
+        """(f,) maximum angle, rad, of the steps of the curved side at each facet."""
+        most = np.zeros(len(self._hull.normals))
+        chosen = np.flatnonzero(self.curved)
+        np.maximum.at(
+            most, self._hull.sides[chosen].ravel(), np.repeat(self._hull.angles[chosen], 2)
+        )
+        return most
+
+    @cached_property
+    def _corners(self) -> Indices:
+        return np.array([len(edges) for edges in self._hull.edges_of_facets])
+
+    @cached_property
+    def _widths(self) -> Array:
+        """(e, 2) how far the facets on both sides extend from each edge, R."""
+        hull = self._hull
+        first = hull.points[hull.ends[:, 0]]
+        along = hull.points[hull.ends[:, 1]] - first
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        widths = np.empty(hull.sides.shape)
+        corners = [hull.corners(facet) for facet in range(len(hull.normals))]
+        for side in (0, 1):
+            around = [corners[facet] for facet in hull.sides[:, side]]
+            owner = np.repeat(np.arange(len(around)), [len(each) for each in around])
+            arms = hull.points[np.concatenate(around)] - first[owner]
+            across = (arms * arms).sum(axis=1) - (arms * along[owner]).sum(axis=1) ** 2
+            furthest = np.zeros(len(around))
+            np.maximum.at(furthest, owner, across)
+            widths[:, side] = np.sqrt(furthest)
+        return widths
+
+    @cached_property
+    def _sagittas(self) -> Array:
+        """(e,) depth, R, of the narrower facet at each edge below an arc through its edges.
+
+        Two chords of length w that meet at an angle a are below their circle by w / 2 tan(a / 4).
+        """
+        return np.asarray(self._widths.min(axis=1) / 2 * np.tan(self._hull.angles / 4))
+
+    def _continues(self, edge: int, middle: int) -> bool:
+        """Return whether a similar step follows an edge beyond the facet ``middle`` beside it."""
+        hull = self._hull
+        beyond = sum(self._sides[edge]) - middle
+        back = hull.normals[beyond] - hull.normals[middle]
+        for other in hull.edges_of_facets[middle]:
+            if other == edge or not self._small[other]:
+                continue
+            ahead = hull.normals[sum(self._sides[other]) - middle] - hull.normals[middle]
+            turn = ahead @ back / np.sqrt((ahead @ ahead) * (back @ back))
+            if turn < -AHEAD and self._alike(middle, edge, other):
+                return True
+        return False
+
+    def _alike(self, middle: int, one: int, other: int) -> bool:
+        """Return whether the steps at two edges of a facet, and their flats, are similar."""
+        for edge, next_edge in ((one, other), (other, one)):
+            side = self._sides[edge].index(middle)
+            wide = self._widths[edge, 1 - side] / self._widths[edge, side]
+            limit = MAX_RATIO if wide < WIDE else MAX_TANGENT_RATIO
+            if self._angles[edge] > limit * self._angles[next_edge] or wide < 1 / MAX_RATIO:
+                return False
+        return True
