@@ -20,9 +20,12 @@ from resting_aspects_ros.core.rotations import Array
 
 Flags = npt.NDArray[np.bool_]
 
-# Successive steps of a curved side and the widths of its flats differ by at most this factor. In
-# an irregular mesh of triangles they differ by more.
-MAX_RATIO, MAX_TRIANGLE_RATIO = 2.5, 5.0
+# Successive steps of a curved side and the widths of its flats differ by at most this factor.
+MAX_RATIO = 2.5
+# Inside an irregular mesh, a step is at most this multiple of the median of those around it, and
+# a flat at most this multiple of the mean area of those around it: triangles between random points
+# on a sphere reach 4 and 8.
+MAX_IRREGULARITY, MAX_AREA_RATIO = 5.0, 10.0
 # A flat is wider than its neighbour, not only irregular, from this ratio of their widths on. Then
 # the step to it is at most MAX_TANGENT_RATIO times the next one.
 WIDE, MAX_TANGENT_RATIO = 1.5, 1.25
@@ -67,13 +70,33 @@ class CurvedEdges:
         largest = np.zeros(len(hull.points))
         np.maximum.at(largest, ends.ravel(), np.repeat(hull.angles, 2))
         typical = np.array([np.median(hull.angles[edges]) for edges in hull.edges_of_points])
-        ratio = self._widths.max(axis=1) / self._widths.min(axis=1)
         return np.asarray(
-            (self._corners[hull.sides] <= 4).all(axis=1)
+            ((self._corners <= 4) & self._is_small)[hull.sides].all(axis=1)
             & (largest[ends] <= CURVED_STEP).all(axis=1)
-            & (ratio <= MAX_TRIANGLE_RATIO)
-            & (hull.angles <= MAX_TRIANGLE_RATIO * typical[ends].max(axis=1))
+            & (hull.angles <= MAX_IRREGULARITY * typical[ends].max(axis=1))
         )
+
+    @cached_property
+    def _is_small(self) -> Flags:
+        """(f,) whether each facet is not much larger than those with which it shares a corner."""
+        hull = self._hull
+        pairs = [(hull.ends[:, i], hull.sides[:, j]) for i in (0, 1) for j in (0, 1)]
+        points, facets = np.unique(np.concatenate(pairs, axis=1), axis=1)
+        around, count = np.zeros(len(hull.points)), np.zeros(len(hull.points))
+        np.add.at(around, points, self._areas[facets])
+        np.add.at(count, points, 1.0)
+        others, number = np.zeros(len(self._areas)), np.zeros(len(self._areas))
+        np.add.at(others, facets, around[points] - self._areas[facets])
+        np.add.at(number, facets, count[points] - 1)
+        return np.asarray(self._areas <= MAX_AREA_RATIO * others / number)
+
+    @cached_property
+    def _areas(self) -> Array:
+        """(f,) areas of the facets, R^2."""
+        hull = self._hull
+        along = hull.points[hull.ends[:, 1]] - hull.points[hull.ends[:, 0]]
+        parts = np.linalg.norm(along, axis=1)[:, None] * hull.margins / 2
+        return np.bincount(hull.sides.ravel(), parts.ravel(), len(hull.normals))
 
     @cached_property
     def meshed(self) -> Flags:
@@ -114,18 +137,17 @@ class CurvedEdges:
         square = (arms * arms).sum(axis=1)
         count = len(hull.normals)
         # With the sides a, b and c, trace C is (a^2 + b^2 + c^2) / 36.
-        size = np.zeros(count)
+        size = self._areas
         covariance = np.zeros((count, 3, 3))
         bending = np.zeros((count, 3, 3))
         turn = np.diff(hull.normals[hull.sides], axis=1)[:, 0]
         turn /= np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300)
-        bend = (hull.angles / 2 * np.sqrt(square) * self.curved)[:, None, None]
+        bend = (hull.angles / 2 * np.sqrt(square))[:, None, None]
         bend = bend * turn[:, :, None] * turn[:, None, :]
         for side in (0, 1):
             facets = hull.sides[:, side]
             np.add.at(covariance, facets, arms[:, :, None] * arms[:, None, :] / 36)
-            np.add.at(bending, facets, bend)
-            np.add.at(size, facets, np.sqrt(square) * self._widths[:, side] / 6)
+            np.add.at(bending, facets, bend * self._chords[:, side, None, None])
         one, other = hull.sides[self.curved & triangle[hull.sides].all(axis=1)].T
         for _ in range(SMOOTHING):
             total, area = bending.copy(), size.copy()
@@ -144,7 +166,8 @@ class CurvedEdges:
     def _chords(self) -> Flags:
         """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
         widths = self._widths
-        return self.curved[:, None] & (widths <= MAX_RATIO * widths[:, ::-1])
+        alike = widths <= MAX_RATIO * widths[:, ::-1]
+        return self.curved[:, None] & (alike | self._inside[:, None])
 
     def _largest(self, values: npt.NDArray[Any]) -> Array:
         """Return the maximum of values (e, 2) at the sides of edges for each facet (f,), or 0."""
