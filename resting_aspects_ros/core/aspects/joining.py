@@ -97,6 +97,7 @@ def join_minima(landscape: Landscape) -> list[JoinedMinima]:
     saddles = landscape.saddles
     heights = saddles.heights / landscape.radius
     explained = edges.depth[saddles.edges]
+    explained += landscape.error * (explained > 0)
     meshed = edges.meshed[landscape.minima]
     # The lowest flat of a group can be deeper than those at the saddle.
     deep, share = edges.facet_depth[landscape.minima], edges.share[saddles.edges]
@@ -107,7 +108,7 @@ def join_minima(landscape: Landscape) -> list[JoinedMinima]:
             lower, higher = groups.pair(between)
             barrier = height - groups.low[higher]
             by_mesh = barrier <= max(explained[k], share[k] * deep[higher])
-            noise = NOISE_BARRIER * groups.low[higher]
+            noise = max(NOISE_BARRIER * groups.low[higher], landscape.error)
             if lower == higher or not (by_mesh or (barrier <= noise and not curved_only)):
                 continue
             level = groups.low[higher] - groups.low[lower] <= noise

@@ -60,12 +60,15 @@ class Landscape:
         Hull around the centre of mass, in units of ``radius``, part axes.
     radius : float
         R, m.
+    error : float
+        Maximum error of heights, R, because the hull is simplified.
     minima : (k,) int
         Stable facets of the hull, lowest first.
     """
 
     def __init__(self, part: 'Part') -> None:
         self.radius = part.hull_radius
+        self.error = part.hull_error / part.hull_radius
         self.hull: Polyhedron = polyhedron(
             (part.hull_vertices - part.centre_of_mass) / self.radius
         )

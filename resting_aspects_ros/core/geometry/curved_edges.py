@@ -33,10 +33,10 @@ WIDE, MAX_TANGENT_RATIO = 1.5, 1.25
 AHEAD = 0.3
 # Two steps are in the same direction, or opposite ones, if the cosine is more than this.
 PARALLEL = 0.7
-# Margins of the depth of flats between parallel edges and of triangles, for unequal flats.
-STRIP_DEPTH, TRIANGLE_DEPTH = 1.3, 2.0
-# Number of times that the curvature of triangles is averaged with that of their neighbours.
-SMOOTHING = 2
+# Depth of a flat between parallel edges, as a multiple of that of equal flats, and depth of a
+# triangle, as a multiple of its curvature times its covariance: 2 for equal triangles on a sphere.
+# Between random points on a sphere, the curvature of a triangle varies by a factor of 2.
+STRIP_DEPTH, TRIANGLE_DEPTH = 1.3, 7.0
 
 
 class CurvedEdges:
@@ -120,54 +120,38 @@ class CurvedEdges:
     @cached_property
     def facet_depth(self) -> Array:
         """(f,) maximum depth, R, of each facet below its curved side; 0 if it is a flat side."""
-        strips = STRIP_DEPTH * self._largest(self._chords * self._sagittas[:, None])
-        return np.where(self._corners == 3, self._triangle_depth, strips)
+        strips = STRIP_DEPTH * self._largest(self._chords * self._sagittas)
+        triangles = TRIANGLE_DEPTH * np.einsum('fij,fij->f', *self._bending)
+        return np.where(self._corners == 3, triangles, strips)
 
     @cached_property
-    def _triangle_depth(self) -> Array:
-        """(f,) maximum depth, R, of triangles below a curved side; 0 for other facets.
+    def _bending(self) -> tuple[Array, Array]:
+        """(f, 3, 3) curvature tensors, 1 / R, of triangles and their covariances, R^2.
 
-        A surface of the curvature tensor K rises by about 2 trace(K C) above a triangle of the
-        covariance C: see tessellation.sagittas. K is that of a neighbourhood, because single
-        steps of an irregular mesh vary.
+        The curvature over a triangle is the sum over its edges of half the angle times the length
+        times the square of the direction in which the surface turns, by area: see
+        tessellation.sagittas.
         """
         hull = self._hull
-        triangle = self._corners == 3
         arms = hull.points[hull.ends[:, 1]] - hull.points[hull.ends[:, 0]]
-        square = (arms * arms).sum(axis=1)
-        count = len(hull.normals)
-        # With the sides a, b and c, trace C is (a^2 + b^2 + c^2) / 36.
-        size = self._areas
-        covariance = np.zeros((count, 3, 3))
-        bending = np.zeros((count, 3, 3))
         turn = np.diff(hull.normals[hull.sides], axis=1)[:, 0]
         turn /= np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300)
-        bend = (hull.angles / 2 * np.sqrt(square))[:, None, None]
+        bend = (hull.angles / 2 * np.linalg.norm(arms, axis=1))[:, None, None]
         bend = bend * turn[:, :, None] * turn[:, None, :]
+        bending, covariance = np.zeros((2, len(hull.normals), 3, 3))
         for side in (0, 1):
             facets = hull.sides[:, side]
-            np.add.at(covariance, facets, arms[:, :, None] * arms[:, None, :] / 36)
             np.add.at(bending, facets, bend * self._chords[:, side, None, None])
-        one, other = hull.sides[self.curved & triangle[hull.sides].all(axis=1)].T
-        for _ in range(SMOOTHING):
-            total, area = bending.copy(), size.copy()
-            for a, b in ((one, other), (other, one)):
-                np.add.at(total, a, bending[b])
-                np.add.at(area, a, size[b])
-            bending, size = total, area
-        curvature = bending / np.maximum(size, 1e-300)[:, None, None]
-        depth = TRIANGLE_DEPTH * 2 * np.einsum('fij,fij->f', curvature, covariance) * triangle
-        around = depth.copy()
-        for a, b in ((one, other), (other, one)):
-            np.maximum.at(around, a, depth[b])
-        return around
+            # With the sides a, b and c of a triangle, its covariance is (a a + b b + c c) / 36.
+            np.add.at(covariance, facets, arms[:, :, None] * arms[:, None, :] / 36)
+        return bending / self._areas[:, None, None], covariance
 
     @cached_property
     def _chords(self) -> Flags:
         """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
         widths = self._widths
-        alike = widths <= MAX_RATIO * widths[:, ::-1]
-        return self.curved[:, None] & (alike | self._inside[:, None])
+        ratio = np.where(self._inside, MAX_IRREGULARITY, MAX_RATIO)[:, None]
+        return self.curved[:, None] & (widths <= ratio * widths[:, ::-1])
 
     def _largest(self, values: npt.NDArray[Any]) -> Array:
         """Return the maximum of values (e, 2) at the sides of edges for each facet (f,), or 0."""
@@ -178,16 +162,19 @@ class CurvedEdges:
     def _depth_across(self, edge: int, facet: int) -> float:
         """Return the depth, R, of a facet below its curved side in the direction across an edge."""
         hull = self._hull
-        if self._corners[facet] == 3:
-            return float(self._triangle_depth[facet])
         turn = hull.normals[sum(self._sides[edge]) - facet] - hull.normals[facet]
+        if self._corners[facet] == 3:
+            bending, covariance = (each[facet] for each in self._bending)
+            square = float(turn @ turn)
+            return TRIANGLE_DEPTH * float((turn @ bending @ turn) * (turn @ covariance @ turn)) / square**2
         depth = 0.0
         for other in hull.edges_of_facets[facet]:
-            if self._chords[other, self._sides[other].index(facet)]:
+            side = self._sides[other].index(facet)
+            if self._chords[other, side]:
                 turned = hull.normals[sum(self._sides[other]) - facet] - hull.normals[facet]
                 cosine = turn @ turned / np.sqrt((turn @ turn) * (turned @ turned))
                 if abs(cosine) > PARALLEL:
-                    depth = max(depth, STRIP_DEPTH * float(self._sagittas[other]))
+                    depth = max(depth, STRIP_DEPTH * float(self._sagittas[other, side]))
         return depth
 
     @cached_property
@@ -233,11 +220,14 @@ class CurvedEdges:
 
     @cached_property
     def _sagittas(self) -> Array:
-        """(e,) depth, R, of the narrower facet at each edge below an arc through its edges.
+        """(e, 2) depth, R, of the flats on both sides of each edge below their curved side.
 
-        Two chords of length w that meet at an angle a are below their circle by w / 2 tan(a / 4).
+        The surface turns across a flat of width w by the share w / (w + v) of the angle to a flat
+        of width v at both ends; an arc that turns by t rises by w t / 8 above its chord.
         """
-        return np.asarray(self._widths.min(axis=1) / 2 * np.tan(self._hull.angles / 4))
+        widths = self._widths
+        share = widths / widths.sum(axis=1, keepdims=True)
+        return np.asarray(widths * share * self._hull.angles[:, None] / 4)
 
     def _continues(self, edge: int, middle: int) -> bool:
         """Return whether a similar step follows an edge beyond the facet ``middle`` beside it."""
