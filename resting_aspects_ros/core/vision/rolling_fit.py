@@ -69,6 +69,13 @@ def class_fits(
     else:
         order = 1  # each outline has its own
         fits = view_fits(views, seen, noise.sd, count)
+    return weighted(fits, order, noise, count)
+
+
+def weighted(
+    fits: Sequence[ViewFit], order: int, noise: OutlineNoise, count: float
+) -> tuple[tuple[float, ViewFit], ...]:
+    """Return log likelihoods and fits that are not negligible, the most probable first."""
     logs = [
         known_likelihood(one.fit, one.shape, order, noise, count) + float(np.log(one.share))
         for one in fits
