@@ -36,8 +36,8 @@ def test_document_has_candidates_and_other_answers(run, polygon):
     ended = run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json')
     document = json.loads(ended.stdout)
     assert list(document) == [
-        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'candidates',
-        'hint',
+        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'mirrored',
+        'candidates', 'hint',
     ]  # fmt: skip
     assert document['candidates'][0]['aspects'] == [3]
     assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
@@ -54,6 +54,23 @@ def test_more_noise_accepts_a_larger_difference(run, polygon):
         for noise in ('0.1mm', '0.6mm')
     ]
     assert answers == ['none', 'part']
+
+
+def test_outline_with_y_down_is_answered_with_a_note(run, polygon):
+    """Aspects 1 and 2 of l_bracket show mirror images of each other."""
+    corners = [[0, 0], [0.04, 0], [0.04, 0.01], [0.01, 0.01], [0.01, 0.03], [0, 0.03]]
+    for y, seen, other in ((1, 2, 1), (-1, 1, 2)):
+        name = polygon({'outer': [[x, y * height] for x, height in corners]})
+        document = json.loads(run('identify', 'l_bracket', '--polygon', name, '--json').stdout)
+        assert document['candidates'][0]['aspects'] == [seen]
+        assert [each['aspects'] for each in document['mirrored']] == [[other]]
+        assert f'l_bracket, aspect {other}' in document['hint']
+        text = ' '.join(run('identify', 'l_bracket', '--polygon', name).stdout.split())
+        assert document['hint'] in text
+    document = json.loads(
+        run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json').stdout
+    )
+    assert (document['mirrored'], document['hint']) == ([], None)
 
 
 @pytest.mark.parametrize(

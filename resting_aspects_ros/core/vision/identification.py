@@ -6,13 +6,15 @@ outlines. Touching parts are not a known outline either: see `touching` for the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from shapely import affinity
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.vision.camera import Pinhole, Telecentric
+from resting_aspects_ros.core.vision.candidate import Candidate
 from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import (
@@ -20,7 +22,6 @@ from resting_aspects_ros.core.vision.likelihood import (
     log_sum,
     unknown_likelihood,
 )
-from resting_aspects_ros.core.vision.location import Pose
 from resting_aspects_ros.core.vision.perspective import perspective_fits
 from resting_aspects_ros.core.vision.rolling_fit import NEGLIGIBLE, ViewFit, class_fits
 from resting_aspects_ros.core.vision.surface_views import SurfaceViews
@@ -31,51 +32,10 @@ NONE_PRIOR, TOUCHING_PRIOR = 0.01, 0.03
 # Outlines that differ at least so much, as a multiple of the noise, are not fitted, except for the
 # nearest.
 FAR, NEAREST = 8.0, 2
+# Polygons fit as well as others if the logarithms of their likelihoods differ by less.
+AS_WELL = 3.0
 # The prior share of a class is at least this, because a share that was never seen is not zero.
 MIN_SHARE = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A class of a part that an observed polygon may show.
-
-    part : str
-    symmetry_class : int
-    aspects : tuple of int
-        The aspects of the class, which look the same.
-    x, y, yaw : float
-        Camera pose of the outline: projection of the centre of mass, m, and yaw, rad.
-    overlap : float
-        Intersection over union; the noise of the observed polygon is smoothed.
-    distance : float
-        Largest distance between the boundaries, m.
-    residual : float
-        Root mean square of the distances between the boundaries, m.
-    log_likelihood : float
-        Natural logarithm up to a constant that all answers share; see `likelihood`.
-    prior, posterior : float
-        Probabilities; those of all candidates, none and touching add up to 1.
-    roll : float
-        Angle by which the part has rolled about the axis of the aspect, rad: that of the first
-        pose, one of several if the outline does not tell it. 0 if the part does not roll.
-    poses : tuple of Pose
-        All poses of the part that look like this, tray frame; the most probable first.
-    """
-
-    part: str
-    symmetry_class: int
-    aspects: tuple[int, ...]
-    x: float
-    y: float
-    yaw: float
-    overlap: float
-    distance: float
-    residual: float
-    log_likelihood: float
-    prior: float
-    posterior: float
-    roll: float
-    poses: tuple[Pose, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +51,16 @@ class Identification:
         Posterior probability that it shows several known parts that touch or overlap.
     effective_samples : float
         n, the number of independent errors of the boundary.
+    mirrored : tuple of Candidate
+        Candidates that fit the mirror image of the polygon as well as the first one fits the
+        polygon, which they do not fit. If y is down in the coordinates, they are right instead.
     """
 
     candidates: tuple[Candidate, ...]
     none: float
     touching: float
     effective_samples: float
+    mirrored: tuple[Candidate, ...] = ()
 
     @property
     def answer(self) -> str:
@@ -148,6 +112,45 @@ def identify(
     if not known:
         raise InvalidValueError('invalid number of parts 0: expected at least one')
     noise = noise or OutlineNoise()
+    found = _identified(seen, known, noise, camera)
+    return replace(found, mirrored=_mirrored(found, seen, known, noise, camera))
+
+
+def _mirrored(
+    found: Identification,
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise,
+    camera: Telecentric | None,
+) -> tuple[Candidate, ...]:
+    """Return `Identification.mirrored`."""
+    first = found.candidates[0]
+    outlines = {
+        (part.part.name, each.symmetry_class): each for part in known for each in part.outlines
+    }
+    symmetric = outlines[first.part, first.symmetry_class].mirror_symmetric
+    if found.answer == 'touching' or (found.answer == 'part' and symmetric):
+        return ()
+    # The position of the camera is in the same coordinates, and so reversed, too.
+    foot = (0.0, camera.position[1] if isinstance(camera, Pinhole) else 0.0)
+    other = _identified(affinity.scale(seen, 1.0, -1.0, origin=foot), known, noise, camera)
+    own = {(each.part, each.symmetry_class): each.log_likelihood for each in found.candidates}
+    return tuple(
+        each
+        for each in other.candidates
+        if other.answer == 'part'
+        and each.log_likelihood > first.log_likelihood - AS_WELL
+        and each.log_likelihood > own.get((each.part, each.symmetry_class), -np.inf) + AS_WELL
+    )
+
+
+def _identified(
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise,
+    camera: Telecentric | None,
+) -> Identification:
+    """Return the answer without `mirrored`."""
     views = SurfaceViews(seen, noise, camera)
     count = views.at(0.0).perimeter / noise.correlation
     share = (1 - NONE_PRIOR - TOUCHING_PRIOR) / len(known)

@@ -18,17 +18,17 @@ from resting_aspects_ros.core.vision.likelihood import OutlineNoise
 from resting_aspects_ros.core.vision.outline import rolled
 from resting_aspects_ros.core.vision.part_turns import vertical_order
 from resting_aspects_ros.core.vision.rolling import Views
-from resting_aspects_ros.core.vision.rolling_fit import ViewFit, weighted
+from resting_aspects_ros.core.vision.rolling_fit import REACH, ViewFit, view_starts, weighted
 from resting_aspects_ros.core.vision.silhouette import silhouette
 
-# Number of yaws and of rolls at which a part is projected first, and of those that are refined.
-YAWS, ROLLS, TRIED = 12, 12, 6
+# Number of yaws at which a part is projected first, and maximum number of those that are refined.
+YAWS, TRIED = 12, 6
 # Maximum number of projections of each of these, and the movement that ends them, noise.
-STEPS, STILL = 4, 0.1
-# Yaws closer than this are the same, rad.
-SAME_YAW = 0.02
-# How often the step of the roll is divided, and by which factor.
-ROLL_STEPS, SMALLER = 3, 3.0
+STEPS, STILL = 4, 0.5
+# Yaws and rolls closer than this are the same, rad.
+SAME_TURN = 0.02
+# First step of the search of the roll, rad, how often it is divided, and by which factor.
+FIRST_ROLL, ROLL_STEPS, SMALLER = 0.2, 3, 3.0
 
 
 def perspective_fits(
@@ -68,51 +68,62 @@ class _ClassFits:
         self._order = 1 if self._rolls else vertical_order(known.aspects.symmetry, down)
 
     def found(self) -> tuple[tuple[float, ViewFit], ...]:
+        """Return log likelihoods and fits, the most probable first."""
+        rows = [
+            (view, *self._settled(self._views.orientations[view], place))
+            for view, place in (self._rolled_starts() if self._rolls else self._starts())
+        ]
+        far = np.sqrt(min(one.square for _, one, _ in rows)) + REACH * self._seen.boundary.radius
         fits: list[ViewFit] = []
-        for view, place in self._starts():
-            one = self._fit(view, place)
-            if not any(_same(one, other, self._order) for other in fits):
-                fits.append(one)
+        for view, one, shape in rows:
+            if np.sqrt(one.square) <= far:
+                found = self._fit(view, one, shape)
+                if not any(_same(found, other, self._order) for other in fits):
+                    fits.append(found)
         return weighted(fits, self._order, self._noise, self._count)
 
     def _starts(self) -> list[tuple[int, _Place]]:
-        """Return views and places at which the signatures match best, the best first."""
+        """Return the places at which what the camera sees there matches best, the best first."""
         count = -(-YAWS // self._order) if self._order else 1
         step = 2 * np.pi / max(self._order, 1) / count
-        rows = []
-        for view in np.unique(np.linspace(0, len(self._views.shapes) - 1, ROLLS).astype(int)):
-            scores = [self._score(int(view), n * step, step) for n in range(count)]
-            for n, (off, place) in enumerate(scores):
-                if off <= min(scores[n - 1][0], scores[(n + 1) % count][0]):
-                    rows.append((off, int(view), place))
+        scores = [self._score(n * step, step) for n in range(count)]
+        rows = [
+            scores[n]
+            for n in range(count)
+            if scores[n][0] <= min(scores[n - 1][0], scores[(n + 1) % count][0])
+        ]
         rows.sort(key=lambda row: row[0])
-        return [row[1:] for row in rows[:TRIED] if row[0] <= rows[0][0] + MAX_WORSE]
+        return [(0, place) for off, place in rows[:TRIED] if off <= rows[0][0] + MAX_WORSE]
 
-    def _score(self, view: int, yaw: float, step: float) -> tuple[float, _Place]:
+    def _score(self, yaw: float, step: float) -> tuple[float, _Place]:
         """Return the least difference of the signatures within half a step of a yaw, and where."""
-        top = self._camera.position[2]
-        foot, com = self._camera.position[:2], self._height(self._views.orientations[view])
-        centre = foot + (self._seen.boundary.centre - foot) * (top - com) / top
-        inner = self._views.shapes[view].boundary.centre
-        x, y = centre - turn(yaw) @ inner
-        model = self._projected(self._views.orientations[view], _Place(yaw, x, y))
+        model = self._projected(self._views.orientations[0], self._place(0, yaw))
         off = mismatch(model.spectrum, model.squares, self._seen)
         middle, reach = (int(np.ceil(each * RAYS / (2 * np.pi))) for each in (yaw, step / 2))
         near = np.arange(middle - reach, middle + reach + 1) % RAYS
         best = int(near[off[near].argmin()])
-        yaw = best * 2 * np.pi / RAYS
-        x, y = centre - turn(yaw) @ inner
-        return float(off[best]), _Place(yaw, float(x), float(y))
+        return float(off[best]), self._place(0, best * 2 * np.pi / RAYS)
 
-    def _fit(self, view: int, place: _Place) -> ViewFit:
-        """Return the fit near a place, and near the roll of a view if the part rolls."""
+    def _rolled_starts(self) -> list[tuple[int, _Place]]:
+        """Return views and places at which the outlines match best, as if seen from above."""
+        above = Shape(self._camera.projected(self._seen.polygon, self._height(0)))
+        return [(view, self._place(view, yaw)) for view, yaw in view_starts(self._views, above)]
+
+    def _place(self, view: int, yaw: float) -> _Place:
+        """Return where a view with a yaw, rad, has the centroid of what is seen."""
+        foot, top = self._camera.position[:2], self._camera.position[2]
+        share = (top - self._height(view)) / top
+        centre = foot + (self._seen.boundary.centre - foot) * share
+        x, y = centre - turn(yaw) @ self._views.shapes[view].boundary.centre
+        return _Place(yaw, float(x), float(y))
+
+    def _fit(self, view: int, one: Fit, shape: Shape) -> ViewFit:
+        """Return a fit of a view, at the best roll near that of the view if the part rolls."""
         views = self._views
-        orientation, roll = views.orientations[view], float(views.rolls[view])
-        one, shape = self._settled(orientation, place)
-        share = float(views.shares[view])
+        roll, share = float(views.rolls[view]), float(views.shares[view])
         if not views.rolls.any():
-            return ViewFit(one, shape, orientation, roll, share)
-        step, curve = _roll_step(views), 0.0
+            return ViewFit(one, shape, views.orientations[view], roll, share)
+        step, curve = FIRST_ROLL, 0.0
         for _ in range(ROLL_STEPS):
             sides = []
             for other in (roll - step, roll + step):
@@ -149,27 +160,23 @@ class _ClassFits:
     def _projected(self, orientation: Array, place: _Place | Fit) -> Shape:
         """Return what the camera sees of a part at a place, in the axes of the part at yaw 0."""
         corners = rotate(orientation, self._part.vertices - self._part.centre_of_mass)
-        corners[:, 2] += self._height(orientation)
+        corners[:, 2] -= corners[:, 2].min()
         foot = turn(-place.yaw) @ (self._camera.position[:2] - (place.x, place.y))
         corners[:, :2] = self._camera.moved(foot).seen(corners)
         closed = not np.isnan(self._part.volume)
         return Shape(silhouette(corners, self._part.faces, closed, self._part.hull_radius))
 
-    def _height(self, orientation: Array) -> float:
-        """Return the height of the centre of mass above the surface, m."""
-        up = rotate(orientation, self._part.hull_vertices - self._part.centre_of_mass)
-        return -float(up[:, 2].min())
+    def _height(self, view: int) -> float:
+        """Return the height of the centre of mass of a view above the surface, m."""
+        up = rotate(self._views.orientations[view], self._part.hull_vertices)[:, 2]
+        com = rotate(self._views.orientations[view], self._part.centre_of_mass[None])[0, 2]
+        return float(com - up.min())
 
 
 def _same(one: ViewFit, other: ViewFit, order: int) -> bool:
     turned = abs(np.angle(np.exp(1j * max(order, 1) * (one.fit.yaw - other.fit.yaw))))
-    near = order == 0 or turned < max(order, 1) * SAME_YAW
-    return bool(near and abs(one.roll - other.roll) < SAME_YAW)
-
-
-def _roll_step(views: Views) -> float:
-    """Return the distance of the rolls at which a part is projected first, rad."""
-    return (views.period or float(np.ptp(views.rolls))) / ROLLS
+    near = order == 0 or turned < max(order, 1) * SAME_TURN
+    return bool(near and abs(one.roll - other.roll) < SAME_TURN)
 
 
 def _limited(views: Views, roll: float) -> float:

@@ -90,7 +90,7 @@ def view_fits(views: Views, seen: Shape, sd: float, count: float) -> list[ViewFi
     ``sd`` is that of the boundary, m, with ``count`` independent errors.
     """
     near = _NearFits(views, seen)
-    starts = _starts(views, seen)
+    starts = view_starts(views, seen)
     first = near.all(starts)
     nearest = np.sqrt(min(one.square for one in first)) + REACH * seen.boundary.radius
     ends = [
@@ -161,7 +161,7 @@ def _is_near(one: float, other: float) -> bool:
     return abs(math.remainder(one - other, 2 * math.pi)) < 2 * np.pi / RAYS
 
 
-def _starts(views: Views, seen: Shape) -> list[tuple[int, float]]:
+def view_starts(views: Views, seen: Shape) -> list[tuple[int, float]]:
     """Return views and yaws whose signatures match better than those of their neighbours."""
     off = mismatch(views.spectra, views.squares, seen)
     low = (off <= np.roll(off, 1, axis=1)) & (off < np.roll(off, -1, axis=1))

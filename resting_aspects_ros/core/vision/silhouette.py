@@ -94,4 +94,5 @@ def _opened(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
 
 
 def _offset(shape: shapely.Geometry, distance: float) -> shapely.Geometry:
-    return shape.buffer(distance, join_style='mitre')
+    # Without a grid, the next offset can lose a polygon, as a union can.
+    return shapely.set_precision(shape.buffer(distance, join_style='mitre'), GRID)

@@ -13,6 +13,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
 from resting_aspects_ros.api.identify import identify_part, locate_part
+from resting_aspects_ros.api.identify_hint import mirror_text
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
 from resting_aspects_ros.core.vision.camera import Pinhole
 from resting_aspects_ros.core.vision.identification import Identification
@@ -80,7 +81,7 @@ class OutlineServices:
             response.candidates = [candidate_msg(each) for each in found.candidates]
             response.none_probability = found.none
             response.touching_probability = found.touching
-            response.status = status(Status.OK)
+            response.status = status(Status.OK, mirror_text(found))
         return response
 
     async def _locate(

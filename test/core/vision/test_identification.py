@@ -152,6 +152,28 @@ def test_mirror_image_is_the_part_turned_over(known):
     assert found.best.posterior > 0.99
 
 
+@pytest.mark.parametrize('name', NAMES)
+def test_other_class_that_fits_the_mirror_image_is_named(known, name):
+    candidate = known(name)
+    alike = look_alikes(candidate.outlines)
+    for outline in candidate.outlines:
+        others = alike[outline.symmetry_class]
+        expected = {each.symmetry_class for each in others if each.verdict == 'mirrored'}
+        for polygon in (outline.polygon, mirrored(outline.polygon)):
+            found = identify(moved(polygon, 0.02, 0.05, 1), [candidate])
+            fits = expected if polygon is outline.polygon else {outline.symmetry_class}
+            named = {each.symmetry_class for each in found.mirrored}
+            assert named == (fits if expected else set())
+
+
+def test_mirror_image_that_only_fits_reversed_is_named(known):
+    candidate = known('angle_45x30x8')
+    one = dataclasses.replace(candidate, outlines=candidate.outlines[1:2], shares=np.ones(1))
+    found = identify(moved(mirrored(one.outlines[0].polygon), 0.02, 0.05, 1), [one])
+    assert found.answer != 'part'
+    assert [each.symmetry_class for each in found.mirrored] == [2]
+
+
 def test_missing_hole_is_another_outline(known):
     washer = known('washer')
     disc = shapely.Polygon(washer.outlines[0].polygon.exterior)
