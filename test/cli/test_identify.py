@@ -2,7 +2,9 @@
 
 import json
 
+import numpy as np
 import pytest
+import shapely
 
 RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
 
@@ -41,6 +43,24 @@ def test_document_has_candidates_and_other_answers(run, polygon):
     ]  # fmt: skip
     assert document['candidates'][0]['aspects'] == [3]
     assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
+
+
+def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
+    # A box 30 mm high, 20 x 10 mm, at (0.1, 0.05) m, seen from the height 0.5 m above the origin.
+    base = np.array([[0.09, 0.045], [0.11, 0.045], [0.11, 0.055], [0.09, 0.055]])
+    seen = shapely.MultiPoint(np.vstack([base, base * 0.5 / 0.47])).convex_hull
+    name = polygon({'outer': np.asarray(seen.exterior.coords).tolist()})
+    words = ('identify', 'box_10x20x30', '--polygon', name)
+    ended = run(*words, '--camera', '0mm,0mm,0.5m', '--json')
+    found = json.loads(ended.stdout)['candidates'][0]
+    assert found['symmetry_class'] == 3
+    assert (found['x'], found['y'], found['posterior']) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
+    assert json.loads(run(*words, '--json').stdout)['answer'] == 'none'
+    assert '--camera' in run(*words).stdout
+    for wrong in ('0,0', '0mm,0mm,2px', '0mm,0mm,-1mm', '0mm,0mm,10mm'):
+        ended = run(*words, '--camera', wrong)
+        assert (ended.returncode, ended.stdout) == (2, '')
+        assert 'expected' in ended.stderr
 
 
 def test_more_noise_accepts_a_larger_difference(run, polygon):

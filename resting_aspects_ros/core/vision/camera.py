@@ -135,6 +135,11 @@ class Pinhole(Telecentric):
         return np.asarray(foot + (given[:, :2] - foot) * (top / (top - given[:, 2]))[:, None])
 
 
+def surface_pinhole(position: npt.ArrayLike) -> Pinhole:
+    """Return a pinhole camera at a position (3,), m, whose pixels are points of the surface, m."""
+    return Pinhole(np.diag([1.0, -1.0, 1.0]), np.asarray(position, dtype=np.float64))
+
+
 def transformed_pose(matrix: npt.ArrayLike, pose: Pose) -> Pose:
     """Return a pose in another frame, such as that of the robot.
 

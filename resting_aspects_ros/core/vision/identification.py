@@ -3,6 +3,7 @@
 The answers are the classes of the known parts, 'none of these' and 'touching parts'. The posterior
 of an answer is proportional to prior times likelihood; see `likelihood` for known and unknown
 outlines. Touching parts are not a known outline either: see `touching` for the ratio of the two.
+For a pinhole camera, the known outlines are what it sees of the parts there; see `perspective`.
 """
 
 from collections.abc import Sequence

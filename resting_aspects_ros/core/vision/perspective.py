@@ -22,7 +22,7 @@ from resting_aspects_ros.core.vision.rolling_fit import REACH, ViewFit, view_sta
 from resting_aspects_ros.core.vision.silhouette import silhouette
 
 # Number of yaws at which a part is projected first, and maximum number of those that are refined.
-YAWS, TRIED = 12, 6
+YAWS, TRIED = 8, 6
 # Maximum number of projections of each of these, and the movement that ends them, noise.
 STEPS, STILL = 4, 0.5
 # Yaws and rolls closer than this are the same, rad.

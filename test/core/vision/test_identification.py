@@ -12,7 +12,6 @@ from shapely import affinity
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import turned_about_vertical
-from resting_aspects_ros.core.vision.camera import Pinhole
 from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.identification import identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
@@ -242,16 +241,6 @@ def test_posterior_is_calibrated_for_similar_outlines(known):
     error = np.sqrt((given * (1 - given)).sum()) / len(given)
     assert 0.6 < given.mean() < 0.95
     assert right.mean() > given.mean() - 3 * error
-
-
-def test_pinhole_is_corrected_with_the_height(known):
-    candidate = known('l_bracket')
-    camera = Pinhole(np.diag([1e-4, -1e-4, 1]), np.array([0.0, 0.0, 0.3]))
-    outline = candidate.outlines[4]
-    factor = 0.3 / (0.3 - outline.height)
-    seen = affinity.scale(outline.polygon, factor, factor, origin=(0, 0))
-    assert identify(seen, [candidate]).best is None
-    assert identify(seen, [candidate], camera=camera).best.symmetry_class == 5
 
 
 def test_residual_bound_is_below_the_residual(known):
