@@ -211,7 +211,9 @@ def _candidate(
     outline, placement = known.outlines[k], known.placements[k]
     first = each.fits[0][1]
     best = first.fit
-    single = single or len(known.views[k].shapes) > 1
+    rolls = len(known.views[k].shapes) > 1
+    # Those for the first turn of an outline precede the others.
+    poses = len(outline.aspects) if single else None
     return Candidate(
         known.part.name,
         outline.symmetry_class,
@@ -230,7 +232,7 @@ def _candidate(
             pose
             for _, one in each.fits
             for pose in placement.poses(
-                one.fit.x, one.fit.y, one.fit.yaw, one.orientation if single else None
-            )
+                one.fit.x, one.fit.y, one.fit.yaw, one.orientation if rolls else None
+            )[:poses]
         ),
     )
