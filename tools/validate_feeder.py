@@ -30,7 +30,8 @@ from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import Choice, SeenPart, advise
 from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
-from resting_aspects_ros.core.vision.identification import Candidate, identify
+from resting_aspects_ros.core.vision.candidate import Candidate
+from resting_aspects_ros.core.vision.identification import identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.observation import observed_polygon
 from resting_aspects_ros.core.vision.outline_places import OutlinePlaces

@@ -104,7 +104,8 @@ def identify_part(
     noise : OutlineNoise, optional
         Errors of the boundary, by default 0.1 mm (standard deviation), independent after 1 mm.
     camera : Telecentric or Pinhole, optional
-        Corrects the magnification of high parts; the polygon is as seen on the surface.
+        With a Pinhole, the candidates are what it sees of the parts where the polygon is; the
+        polygon is as seen on the surface.
 
     Returns
     -------
@@ -188,6 +189,10 @@ def identification_document(found: Identification) -> dict[str, Any]:
         'none': found.none,
         'touching': found.touching,
         'effective_samples': found.effective_samples,
+        'mirrored': [
+            {name: plain(getattr(each, name)) for name in ('part', 'symmetry_class', 'aspects')}
+            for each in found.mirrored
+        ],
         'candidates': [plain(dataclasses.asdict(each)) for each in found.candidates],
     }
 

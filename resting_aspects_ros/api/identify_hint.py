@@ -1,4 +1,4 @@
-"""Why an observed outline is not identified: holes that are missing, or a wrong scale."""
+"""Why an identification may be wrong: missing holes, a wrong scale, or a mirrored image."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -32,8 +32,11 @@ class _Similar:
 
     @property
     def name(self) -> str:
-        aspects = self.outline.aspects
-        return f'{self.part}, aspect{"s" * (len(aspects) > 1)} {", ".join(map(str, aspects))}'
+        return _name(self.part, self.outline.aspects)
+
+
+def _name(part: str, aspects: Sequence[int]) -> str:
+    return f'{part}, aspect{"s" * (len(aspects) > 1)} {", ".join(map(str, aspects))}'
 
 
 def identification_hint(
@@ -42,7 +45,7 @@ def identification_hint(
     known: Sequence[KnownPart],
     noise: OutlineNoise | None = None,
 ) -> str:
-    """Return why an outline shows no known part, in one or two sentences; can be empty.
+    """Return why an outline shows no known part, or another one; can be empty.
 
     Parameters
     ----------
@@ -54,6 +57,27 @@ def identification_hint(
     noise : OutlineNoise, optional
         That of the identification.
     """
+    return ' '.join(filter(None, (_reason(found, seen, known, noise), mirror_text(found))))
+
+
+def mirror_text(found: Identification) -> str:
+    """Return which aspects the mirror image of an outline shows; can be empty."""
+    if not found.mirrored:
+        return ''
+    names = '; '.join(_name(each.part, each.aspects) for each in found.mirrored)
+    return (
+        f'The mirror image of the outline fits {names}: if y points down in its coordinates, as '
+        'in an image, reverse the sign of y.'
+    )
+
+
+def _reason(
+    found: Identification,
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise | None,
+) -> str:
+    """Return why an outline shows no known part; can be empty."""
     if found.answer == 'part':
         return ''
     sd = (noise or OutlineNoise()).sd

@@ -1,15 +1,11 @@
 """Remarks on pickable or counted classes of aspects that a robot or a camera confuses."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.report.rows import ids_text
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.report.rows import ids_text, numbers_text
 
 
 def divided_class_texts(aspects: AspectSet, pickable: Collection[int]) -> list[str]:
@@ -33,54 +29,74 @@ def divided_class_texts(aspects: AspectSet, pickable: Collection[int]) -> list[s
 
 
 def look_alike_texts(part: Part, aspects: AspectSet, pickable: Collection[int]) -> list[str]:
-    """Return a sentence for each pickable class that looks like one that is not pickable.
+    """Return a sentence for each group of classes that look alike and are not all pickable.
 
     These are the classes with the same outline or its mirror image; see `look_alikes`.
     """
-    texts = []
-    for one, other, verdict in _pairs(part, aspects):
-        picked = [each for each in (one, other) if set(each.aspects) <= set(pickable)]
-        if len(picked) != 1:
-            continue
-        left = other if picked[0] is one else one
-        names = f'class {picked[0].symmetry_class}, which is pickable, and class '
-        names += f'{left.symmetry_class}, which is not'
-        texts.append(
-            f'A camera sees the same outline of {names}: the forecast assumes that vision '
-            'distinguishes them in another way.'
-            if verdict == 'same'
-            else f'The outlines of {names}, are mirror images: vision must not match mirrored '
-            'outlines.'
-        )
+    picked = {
+        members[0].symmetry_class
+        for members in aspects.classes()
+        if all(aspect.id in pickable for aspect in members)
+    }
+    same, mirrored = _groups(part, aspects)
+    texts = [
+        f'A camera sees the same outline of {names}: the forecast assumes that vision '
+        'distinguishes them in another way.'
+        for group in same
+        if (names := _picked_text(group, group, picked))
+    ]
+    texts += [
+        f'The outlines of {names}, are mirror images: vision must not match mirrored outlines.'
+        for one, other in mirrored
+        for pair in ((one, other), (other, one))
+        if (names := _picked_text(*pair, picked))
+    ]
     return texts
 
 
 def counted_apart_texts(
     part: Part, aspects: AspectSet, groups: Collection[Collection[int]]
 ) -> list[str]:
-    """Return a sentence for each two classes with the same outline that are counted apart.
+    """Return a sentence for each group of classes with the same outline that are counted apart.
 
     groups : the symmetry classes that were counted together
     """
     return [
-        f'If a camera counts, classes {one.symmetry_class} and {other.symmetry_class} have the '
-        f'same outline, and can be counted together as {one.symmetry_class}+'
-        f'{other.symmetry_class}.'
-        for one, other, verdict in _pairs(part, aspects)
-        if verdict == 'same'
-        and not any({one.symmetry_class, other.symmetry_class} <= set(each) for each in groups)
+        f'If a camera counts, classes {numbers_text(group)} have the same outline, and can be '
+        f'counted together as {"+".join(map(str, group))}.'
+        for group in _groups(part, aspects)[0]
+        if len(group) > 1 and not any(set(group) <= set(each) for each in groups)
     ]
 
 
-def _pairs(part: Part, aspects: AspectSet) -> 'Iterator[tuple[Outline, Outline, str]]':
-    """Yield the pairs of classes with the same outline or its mirror image, and the verdict."""
+def _picked_text(one: Sequence[int], other: Sequence[int], picked: Collection[int]) -> str:
+    """Return the pickable classes of a group, and those of another that are not; can be empty."""
+    inside = [number for number in one if number in picked]
+    outside = [number for number in other if number not in picked]
+    if not (inside and outside):
+        return ''
+    first, second = (
+        f'class{"es" if len(each) > 1 else ""} {numbers_text(each)}, which '
+        f'{"are" if len(each) > 1 else "is"}'
+        for each in (inside, outside)
+    )
+    return f'{first} pickable, and {second} not'
+
+
+def _groups(
+    part: Part, aspects: AspectSet
+) -> tuple[list[tuple[int, ...]], list[tuple[tuple[int, ...], tuple[int, ...]]]]:
+    """Return the groups of classes with one outline, and the pairs of groups that are mirrored."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.look_alikes import look_alikes
+    from resting_aspects_ros.core.vision.look_alikes import look_alikes, same_groups
     from resting_aspects_ros.core.vision.outline import find_outlines
 
-    outlines = find_outlines(part, aspects)
-    found = look_alikes(outlines)
-    for one, other in combinations(outlines, 2):
-        for entry in found[one.symmetry_class]:
-            if entry.symmetry_class == other.symmetry_class and entry.verdict != 'distinct':
-                yield one, other, entry.verdict
+    found = look_alikes(find_outlines(part, aspects))
+    groups = same_groups(found)
+    mirrored = [
+        (one, other)
+        for one, other in combinations(groups, 2)
+        for entry in found[one[0]]
+        if entry.symmetry_class == other[0] and entry.verdict == 'mirrored'
+    ]
+    return groups, mirrored

@@ -1,24 +1,24 @@
 """Outlines as text: a table for the terminal, and which classes look alike."""
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations, pairwise
 
 import numpy as np
 from rich.table import Table
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.vision.look_alikes import LookAlike
+from resting_aspects_ros.core.vision.look_alikes import LookAlike, same_groups
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.report.outline_document import LookAlikes
 from resting_aspects_ros.report.rounding import millimetre_texts, number_text
-from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.rows import ids_text, numbers_text
 from resting_aspects_ros.report.table import NOTHING, plain_table
 
 # Outlines that differ by less than this share of their length are hard to distinguish.
 HARD = 0.02
 # Heights that differ by more than this share of the larger one distinguish classes.
 HEIGHT_DIFFERENCE = 0.05
-MAX_PAIRS = 12
+MAX_GROUPS = 12
 # Maximum number of classes in the list of those that look like a class.
 MAX_LISTED = 3
 _VERDICTS = ('same', 'mirrored', 'distinct')
@@ -63,18 +63,41 @@ def yaw_symmetry_text(order: int) -> str:
     return f'{360 / order:.4g} deg' if order else 'any turn'
 
 
-def confused_pair_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
-    """Return a sentence for each pair of classes that a camera confuses, the worst first."""
-    pairs = []
-    for one, other in combinations(outlines, 2):
-        near = {each.symmetry_class: each for each in _near(one, look_alikes[one.symmetry_class])}
-        if entry := near.get(other.symmetry_class):
-            pairs.append((_order(entry), _pair_text(one, other, entry)))
-    pairs.sort(key=lambda pair: pair[0])
-    texts = [text for _, text in pairs[:MAX_PAIRS]]
-    if len(pairs) > MAX_PAIRS:
-        texts.append(f'{len(pairs) - MAX_PAIRS} more pairs look alike; --json lists all pairs.')
+def confused_class_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
+    """Return a sentence for each group of classes that a camera confuses, the worst first."""
+    by_number = {each.symmetry_class: each for each in outlines}
+    groups = {group[0]: group for group in same_groups(look_alikes)}
+    texts = [
+        _same_text([by_number[number] for number in group])
+        for group in groups.values()
+        if len(group) > 1
+    ]
+    # The first class of each group represents the others, which have the same outline.
+    pairs = {
+        (one, each.symmetry_class): each
+        for one in groups
+        for each in _near(by_number[one], look_alikes[one])
+        if one < each.symmetry_class and each.symmetry_class in groups
+    }
+    covered: set[tuple[int, int]] = set()
+    for pair in sorted(pairs, key=lambda pair: _order(pairs[pair])):
+        if pair not in covered:
+            inside = list(combinations(_alike(pair, pairs), 2))
+            covered.update(inside)
+            texts.append(_group_text(inside, pairs, groups))
+    if len(texts) > MAX_GROUPS:
+        more = len(texts) - MAX_GROUPS
+        texts[MAX_GROUPS:] = [f'{more} more groups look alike; --json lists all pairs.']
     return texts
+
+
+def _alike(pair: tuple[int, int], pairs: Collection[tuple[int, int]]) -> list[int]:
+    """Return classes, ascending, all pairs of which are in ``pairs``; the given pair is one."""
+    group = list(pair)
+    for number in sorted({number for each in pairs for number in each} - {*pair}):
+        if all((min(number, other), max(number, other)) in pairs for other in group):
+            group.append(number)
+    return sorted(group)
 
 
 def family_texts(outlines: Sequence[Outline]) -> list[str]:
@@ -113,25 +136,52 @@ def _order(entry: LookAlike) -> tuple[int, float]:
 
 
 def _reason(entry: LookAlike) -> str:
-    return f'within {_mm(entry.resolution)} mm' if entry.verdict == 'distinct' else entry.verdict
+    return (
+        f'distinct by {_mm(entry.resolution)} mm' if entry.verdict == 'distinct' else entry.verdict
+    )
 
 
-def _pair_text(one: Outline, other: Outline, entry: LookAlike) -> str:
-    classes = f'Classes {one.symmetry_class} and {other.symmetry_class}'
-    size = f'{_mm(entry.resolution)} mm'
-    if entry.verdict == 'mirrored':
-        return (
-            f'{classes} show mirror images of each other. Only a match that does not accept '
-            f'mirrored outlines distinguishes them; it needs a resolution of {size}.'
-        )
-    if entry.verdict == 'distinct':
-        return f'{classes} differ by at most {size}: the camera must resolve details of this size.'
-    low, high = sorted((one.height, other.height))
-    if high - low > HEIGHT_DIFFERENCE * high:
-        needed = f'a measured height does: {_mm(one.height)} and {_mm(other.height)} mm'
+def _same_text(outlines: Sequence[Outline]) -> str:
+    """Return what distinguishes classes with the same outline."""
+    classes = numbers_text([each.symmetry_class for each in outlines])
+    heights = sorted(each.height for each in outlines)
+    clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
+    measured = [f'{_mm(each.height)}' for each in outlines]
+    values = f'{", ".join(measured[:-1])} and {measured[-1]} mm'
+    if all(clear):
+        needed = f'a measured height does: {values}'
+    elif any(clear):
+        needed = f'a measured height does for some ({values}), grey values for the others'
     else:
         needed = 'grey values of the upper side are needed'
-    return f'{classes} have the same outline. No resolution distinguishes them; {needed}.'
+    return f'Classes {classes} have the same outline. No resolution distinguishes them; {needed}.'
+
+
+def _group_text(
+    inside: Sequence[tuple[int, int]],
+    pairs: Mapping[tuple[int, int], LookAlike],
+    groups: Mapping[int, tuple[int, ...]],
+) -> str:
+    """Return what distinguishes classes whose outlines are mirror images, or almost the same."""
+    entries = [pairs[pair] for pair in inside]
+    sizes = [_mm(each(entry.resolution for entry in entries)) for each in (min, max)]
+    mirrors = any(entry.verdict == 'mirrored' for entry in entries)
+    if mirrors and len(entries) == 1:
+        one, other = (numbers_text(groups[number]) for number in inside[0])
+        return (
+            f'Classes {one} and {other} show mirror images of each other. Only a match that does '
+            f'not accept mirrored outlines distinguishes them; it needs a resolution of '
+            f'{sizes[0]} mm.'
+        )
+    numbers = sorted({k for pair in inside for number in pair for k in groups[number]})
+    text = f'Classes {numbers_text(numbers)} differ by '
+    text += f'at most {sizes[0]}' if sizes[0] == sizes[1] else ' to '.join(sizes)
+    text += ' mm: the camera must resolve details of this size.'
+    if mirrors:
+        text += (
+            ' Some show mirror images of each other: a match must not accept mirrored outlines.'
+        )
+    return text
 
 
 def _mm(length: float) -> str:

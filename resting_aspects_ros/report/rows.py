@@ -72,11 +72,17 @@ def outside_rows(distribution: Distribution) -> list[Row]:
 def ids_text(aspects: tuple[Aspect, ...]) -> str:
     """Return the ids as '3', '1 and 2', '1, 2 and 4', '1 to 6' or '1, 3, ... 30'."""
     ids = [aspect.id for aspect in aspects]
-    if len(ids) > 2 and all(b == a + 1 for a, b in pairwise(ids)):
-        return f'{ids[0]} to {ids[-1]}'
-    if len(ids) > _MAX_LISTED:
-        return f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
-    *first, last = map(str, ids)
+    text = numbers_text(ids)
+    return (
+        text if ' to ' in text or len(ids) <= _MAX_LISTED else f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
+    )
+
+
+def numbers_text(numbers: Sequence[int]) -> str:
+    """Return ascending numbers as '3', '1 and 2', '1, 2 and 4' or '1 to 6'."""
+    if len(numbers) > 2 and all(b == a + 1 for a, b in pairwise(numbers)):
+        return f'{numbers[0]} to {numbers[-1]}'
+    *first, last = map(str, numbers)
     return f'{", ".join(first)} and {last}' if first else last
 
 

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision import outline as part_outline
-from resting_aspects_ros.core.vision.identification import Candidate
+from resting_aspects_ros.core.vision.candidate import Candidate
 from resting_aspects_ros.core.vision.location import Pose
 from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.report.outline_document import polygon_fields

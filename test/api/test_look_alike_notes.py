@@ -1,6 +1,7 @@
 """Remarks on classes that a robot or a camera confuses."""
 
 import pytest
+import trimesh
 
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.look_alike_notes import (
@@ -38,6 +39,18 @@ def test_mirrored_classes_are_named():
     (text,) = look_alike_texts(part, find_aspects(part), [2])
     assert text.startswith('The outlines of class 2, which is pickable, and class 1')
     assert text.endswith('vision must not match mirrored outlines.')
+
+
+def test_many_classes_with_one_outline_are_one_sentence(solid):
+    # A cube with a blind hole in a side that is in no symmetric place: all sides look the same.
+    place = trimesh.transformations.translation_matrix((3, 1, 8))
+    hole = trimesh.creation.cylinder(2, 8, transform=place)
+    part = solid(trimesh.creation.box((20, 20, 20)).difference(hole))
+    aspects = find_aspects(part)
+    (text,) = look_alike_texts(part, aspects, [1, 2])
+    assert 'classes 1 and 2, which are pickable, and classes 3 to 6, which are not' in text
+    (text,) = counted_apart_texts(part, aspects, [[1, 2], [3]])
+    assert text.endswith('can be counted together as 1+2+3+4+5+6.')
 
 
 def test_part_of_a_class_is_named(u_bracket):

@@ -2,7 +2,9 @@
 
 import json
 
+import numpy as np
 import pytest
+import shapely
 
 RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
 
@@ -36,11 +38,29 @@ def test_document_has_candidates_and_other_answers(run, polygon):
     ended = run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json')
     document = json.loads(ended.stdout)
     assert list(document) == [
-        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'candidates',
-        'hint',
+        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'mirrored',
+        'candidates', 'hint',
     ]  # fmt: skip
     assert document['candidates'][0]['aspects'] == [3]
     assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
+
+
+def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
+    # A box 30 mm high, 20 x 10 mm, at (0.1, 0.05) m, seen from the height 0.5 m above the origin.
+    base = np.array([[0.09, 0.045], [0.11, 0.045], [0.11, 0.055], [0.09, 0.055]])
+    seen = shapely.MultiPoint(np.vstack([base, base * 0.5 / 0.47])).convex_hull
+    name = polygon({'outer': np.asarray(seen.exterior.coords).tolist()})
+    words = ('identify', 'box_10x20x30', '--polygon', name)
+    ended = run(*words, '--camera', '0mm,0mm,0.5m', '--json')
+    found = json.loads(ended.stdout)['candidates'][0]
+    assert found['symmetry_class'] == 3
+    assert (found['x'], found['y'], found['posterior']) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
+    assert json.loads(run(*words, '--json').stdout)['answer'] == 'none'
+    assert '--camera' in run(*words).stdout
+    for wrong in ('0,0', '0mm,0mm,2px', '0mm,0mm,-1mm', '0mm,0mm,10mm'):
+        ended = run(*words, '--camera', wrong)
+        assert (ended.returncode, ended.stdout) == (2, '')
+        assert 'expected' in ended.stderr
 
 
 def test_more_noise_accepts_a_larger_difference(run, polygon):
@@ -54,6 +74,23 @@ def test_more_noise_accepts_a_larger_difference(run, polygon):
         for noise in ('0.1mm', '0.6mm')
     ]
     assert answers == ['none', 'part']
+
+
+def test_outline_with_y_down_is_answered_with_a_note(run, polygon):
+    """Aspects 1 and 2 of l_bracket show mirror images of each other."""
+    corners = [[0, 0], [0.04, 0], [0.04, 0.01], [0.01, 0.01], [0.01, 0.03], [0, 0.03]]
+    for y, seen, other in ((1, 2, 1), (-1, 1, 2)):
+        name = polygon({'outer': [[x, y * height] for x, height in corners]})
+        document = json.loads(run('identify', 'l_bracket', '--polygon', name, '--json').stdout)
+        assert document['candidates'][0]['aspects'] == [seen]
+        assert [each['aspects'] for each in document['mirrored']] == [[other]]
+        assert f'l_bracket, aspect {other}' in document['hint']
+        text = ' '.join(run('identify', 'l_bracket', '--polygon', name).stdout.split())
+        assert document['hint'] in text
+    document = json.loads(
+        run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json').stdout
+    )
+    assert (document['mirrored'], document['hint']) == ([], None)
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.core.vision.camera import Pinhole
     from resting_aspects_ros.core.vision.identification import Identification
 
 DESCRIPTION = """Tell from an observed outline which part lies where and in which aspect. The
@@ -22,8 +23,13 @@ EXAMPLES = """examples:
   resting_aspects identify l_bracket --polygon seen.json
   resting_aspects identify l_bracket hex_nut --polygon seen.json --json
   resting_aspects identify my_part.stl --polygon seen.json --noise 0.2mm
+  resting_aspects identify l_bracket --polygon seen.json --camera 0mm,50mm,600mm
 """
 MAX_BYTES = 1 << 24
+TELECENTRIC = (
+    'The outline is taken as seen from straight above (telecentric lens); for a lens with '
+    'perspective, give --camera.'
+)
 # Candidates whose logarithms of the likelihood differ by less fit equally well.
 EQUAL_LIKELIHOOD = 0.7
 
@@ -47,6 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default='0.1mm',
         help='standard deviation of the boundary, such as 0.2mm (0.1mm)',
     )
+    parser.add_argument(
+        '--camera',
+        metavar='X,Y,HEIGHT',
+        help='position of a camera with perspective in the tray frame, such as 0mm,50mm,600mm; '
+        'the polygon is what it sees on the surface (none: a telecentric lens)',
+    )
     add_part_place(parser)
     add_output(parser, each=False)
 
@@ -64,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     from resting_aspects_ros.report.document import to_json
 
     noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
+    camera = _camera(arguments.camera)
     path = arguments.polygon
     text = read_input(path, MAX_BYTES, 'polygon').decode('utf-8-sig', 'replace')
     document = parse_json(path, text)
@@ -78,13 +91,27 @@ def run(arguments: argparse.Namespace) -> int:
         for part in arguments.parts_
     ]
     known = [known_part(part) for part in parts]
-    found = identify_part(seen, known, noise=noise)
+    found = identify_part(seen, known, noise=noise, camera=camera)
     hint = identification_hint(found, seen, known, noise)
     if arguments.json:
         sys.stdout.write(to_json({**identification_document(found), 'hint': hint or None}))
     else:
-        _show(found, path.name, hint)
+        _show(found, path.name, hint if camera else f'{hint} {TELECENTRIC}'.strip())
     return 0
+
+
+def _camera(text: str | None) -> 'Pinhole | None':
+    """Return the camera at a position, None without one; raises InvalidValueError."""
+    if text is None:
+        return None
+    from resting_aspects_ros.core.vision.camera import surface_pinhole
+
+    values = text.split(',')
+    if len(values) != 3:
+        raise InvalidValueError(
+            f'invalid --camera {shown(text)}: expected x, y and height, such as 0mm,50mm,600mm'
+        )
+    return surface_pinhole([parse_quantity('--camera', value, 'm') for value in values])
 
 
 def _show(found: 'Identification', name: str, hint: str) -> None:

@@ -111,10 +111,10 @@ def _write(
 
 
 def _show(result: 'OutlinesResult') -> None:
-    """Print the table, and a sentence for each pair of classes that look alike."""
+    """Print the table, and a sentence for each group of classes that look alike."""
     from resting_aspects_ros.cli.console import make_console, show_table
     from resting_aspects_ros.report.outline_table import (
-        confused_pair_texts,
+        confused_class_texts,
         family_texts,
         outline_table,
     )
@@ -127,8 +127,8 @@ def _show(result: 'OutlinesResult') -> None:
     )
     table = outline_table(result.outlines, result.look_alikes, result.aspects, title)
     show_table(console, table)
-    pairs = confused_pair_texts(result.outlines, result.look_alikes)
-    if not pairs and number > 1:
-        pairs = ['A camera straight above can distinguish all classes by their outlines.']
-    for text in [*pairs, *family_texts(result.outlines)]:
+    confused = confused_class_texts(result.outlines, result.look_alikes)
+    if not confused and number > 1:
+        confused = ['A camera straight above can distinguish all classes by their outlines.']
+    for text in [*confused, *family_texts(result.outlines)]:
         console.print(text, highlight=False, soft_wrap=False)

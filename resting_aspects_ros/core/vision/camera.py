@@ -119,6 +119,10 @@ class Pinhole(Telecentric):
         foot, factor = np.array([x, y]), (top - height) / top
         return shapely.transform(polygon, lambda points: foot + factor * (points - foot))
 
+    def moved(self, foot: npt.ArrayLike) -> 'Pinhole':
+        """Return the camera above another point of the surface, m."""
+        return Pinhole(self.homography, np.append(foot, self.position[2]))
+
     def seen(self, points: npt.ArrayLike) -> Array:
         """Return where points (n, 3), m, tray frame, appear on the surface, (n, 2) m."""
         given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
@@ -129,6 +133,11 @@ class Pinhole(Telecentric):
             )
         foot = self.position[:2]
         return np.asarray(foot + (given[:, :2] - foot) * (top / (top - given[:, 2]))[:, None])
+
+
+def surface_pinhole(position: npt.ArrayLike) -> Pinhole:
+    """Return a pinhole camera at a position (3,), m, whose pixels are points of the surface, m."""
+    return Pinhole(np.diag([1.0, -1.0, 1.0]), np.asarray(position, dtype=np.float64))
 
 
 def transformed_pose(matrix: npt.ArrayLike, pose: Pose) -> Pose:

@@ -3,16 +3,19 @@
 The answers are the classes of the known parts, 'none of these' and 'touching parts'. The posterior
 of an answer is proportional to prior times likelihood; see `likelihood` for known and unknown
 outlines. Touching parts are not a known outline either: see `touching` for the ratio of the two.
+For a pinhole camera, the known outlines are what it sees of the parts there; see `perspective`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from shapely import affinity
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.vision.camera import Telecentric
+from resting_aspects_ros.core.vision.camera import Pinhole, Telecentric
+from resting_aspects_ros.core.vision.candidate import Candidate
 from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import (
@@ -20,8 +23,9 @@ from resting_aspects_ros.core.vision.likelihood import (
     log_sum,
     unknown_likelihood,
 )
-from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.core.vision.perspective import perspective_fits
 from resting_aspects_ros.core.vision.rolling_fit import NEGLIGIBLE, ViewFit, class_fits
+from resting_aspects_ros.core.vision.surface_views import SurfaceViews
 from resting_aspects_ros.core.vision.touching import touching_odds
 
 # Prior probabilities that a polygon shows none of the known parts, or several that touch.
@@ -29,53 +33,10 @@ NONE_PRIOR, TOUCHING_PRIOR = 0.01, 0.03
 # Outlines that differ at least so much, as a multiple of the noise, are not fitted, except for the
 # nearest.
 FAR, NEAREST = 8.0, 2
+# Polygons fit as well as others if the logarithms of their likelihoods differ by less.
+AS_WELL = 3.0
 # The prior share of a class is at least this, because a share that was never seen is not zero.
 MIN_SHARE = 1e-4
-# Details of an observed polygon that are smaller than this share of the noise are left out.
-DETAIL = 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A class of a part that an observed polygon may show.
-
-    part : str
-    symmetry_class : int
-    aspects : tuple of int
-        The aspects of the class, which look the same.
-    x, y, yaw : float
-        Camera pose of the outline: projection of the centre of mass, m, and yaw, rad.
-    overlap : float
-        Intersection over union; the noise of the observed polygon is smoothed.
-    distance : float
-        Largest distance between the boundaries, m.
-    residual : float
-        Root mean square of the distances between the boundaries, m.
-    log_likelihood : float
-        Natural logarithm up to a constant that all answers share; see `likelihood`.
-    prior, posterior : float
-        Probabilities; those of all candidates, none and touching add up to 1.
-    roll : float
-        Angle by which the part has rolled about the axis of the aspect, rad: that of the first
-        pose, one of several if the outline does not tell it. 0 if the part does not roll.
-    poses : tuple of Pose
-        All poses of the part that look like this, tray frame; the most probable first.
-    """
-
-    part: str
-    symmetry_class: int
-    aspects: tuple[int, ...]
-    x: float
-    y: float
-    yaw: float
-    overlap: float
-    distance: float
-    residual: float
-    log_likelihood: float
-    prior: float
-    posterior: float
-    roll: float
-    poses: tuple[Pose, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +52,16 @@ class Identification:
         Posterior probability that it shows several known parts that touch or overlap.
     effective_samples : float
         n, the number of independent errors of the boundary.
+    mirrored : tuple of Candidate
+        Candidates that fit the mirror image of the polygon as well as the first one fits the
+        polygon, which they do not fit. If y is down in the coordinates, they are right instead.
     """
 
     candidates: tuple[Candidate, ...]
     none: float
     touching: float
     effective_samples: float
+    mirrored: tuple[Candidate, ...] = ()
 
     @property
     def answer(self) -> str:
@@ -143,19 +108,62 @@ def identify(
     noise : OutlineNoise, optional
         Errors of the boundary.
     camera : Telecentric or Pinhole, optional
-        Corrects the magnification of high parts, with the height of each outline.
+        Of a Pinhole, the hypotheses are what it sees of each part where the polygon is.
     """
     if not known:
         raise InvalidValueError('invalid number of parts 0: expected at least one')
     noise = noise or OutlineNoise()
-    views = _Views(seen, noise, camera)
+    found = _identified(seen, known, noise, camera)
+    return replace(found, mirrored=_mirrored(found, seen, known, noise, camera))
+
+
+def _mirrored(
+    found: Identification,
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise,
+    camera: Telecentric | None,
+) -> tuple[Candidate, ...]:
+    """Return `Identification.mirrored`."""
+    first = found.candidates[0]
+    outlines = {
+        (part.part.name, each.symmetry_class): each for part in known for each in part.outlines
+    }
+    symmetric = outlines[first.part, first.symmetry_class].mirror_symmetric
+    if found.answer == 'touching' or (found.answer == 'part' and symmetric):
+        return ()
+    # The position of the camera is in the same coordinates, and so reversed, too.
+    foot = (0.0, camera.position[1] if isinstance(camera, Pinhole) else 0.0)
+    other = _identified(affinity.scale(seen, 1.0, -1.0, origin=foot), known, noise, camera)
+    own = {(each.part, each.symmetry_class): each.log_likelihood for each in found.candidates}
+    return tuple(
+        each
+        for each in other.candidates
+        if other.answer == 'part'
+        and each.log_likelihood > first.log_likelihood - AS_WELL
+        and each.log_likelihood > own.get((each.part, each.symmetry_class), -np.inf) + AS_WELL
+    )
+
+
+def _identified(
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise,
+    camera: Telecentric | None,
+) -> Identification:
+    """Return the answer without `mirrored`."""
+    views = SurfaceViews(seen, noise, camera)
     count = views.at(0.0).perimeter / noise.correlation
     share = (1 - NONE_PRIOR - TOUCHING_PRIOR) / len(known)
     found = []
-    for part, k, shape in _near(known, views, noise):
+    for part, k, near in _near(known, views, noise):
         prior = share * max(float(part.shares[k]), MIN_SHARE)
-        order = part.outlines[k].yaw_symmetry
-        fits = class_fits(part.views[k], order, shape, noise, count)
+        if isinstance(camera, Pinhole):
+            shape = views.at(0.0)
+            fits = perspective_fits(part, k, shape, camera, noise, count)
+        else:
+            shape = near
+            fits = class_fits(part.views[k], part.outlines[k].yaw_symmetry, shape, noise, count)
         found.append(_Hypothesis(part, k, shape, fits, prior))
     found.sort(key=lambda each: -each.evidence - np.log(each.prior))
     scores = [each.evidence + np.log(each.prior) for each in found]
@@ -166,62 +174,46 @@ def identify(
     # Whether parts touch is found out only where it matters, because it takes longer.
     posterior = np.exp(np.array(scores) - log_sum(scores))
     if posterior[-2:].sum() > 1e-3:
-        odds = touching_odds(found[0].seen, [s[0] for p in known for s in p.shapes], noise.sd)
+        flat = views.at(found[0].known.outlines[found[0].index].height)
+        odds = touching_odds(flat, [s[0] for p in known for s in p.shapes], noise.sd)
         scores[-1] = unknown + np.log(max(TOUCHING_PRIOR * odds, 1e-12))
         posterior = np.exp(np.array(scores) - log_sum(scores))
     candidates = tuple(
-        _candidate(each, posterior[k], noise)
+        _candidate(each, posterior[k], noise, isinstance(camera, Pinhole))
         for k, each in enumerate(found)
         if k == 0 or posterior[k] > np.exp(-NEGLIGIBLE)
     )
     return Identification(candidates, float(posterior[-2]), float(posterior[-1]), count)
 
 
-class _Views:
-    """The observed polygon as it would be on the tray, by height of its silhouette."""
-
-    def __init__(
-        self, seen: shapely.Polygon, noise: OutlineNoise, camera: Telecentric | None
-    ) -> None:
-        simple = seen.simplify(DETAIL * noise.sd, preserve_topology=False)
-        whole = isinstance(simple, shapely.Polygon) and simple.is_valid and simple.area > 0
-        self._seen = simple if whole else seen
-        self._camera = camera
-        self._views: dict[float, Shape] = {}
-
-    def at(self, height: float) -> Shape:
-        height = height if self._camera is not None else 0.0
-        if height not in self._views:
-            polygon = self._seen
-            if self._camera is not None:
-                polygon = self._camera.projected(polygon, height)
-            self._views[height] = Shape(polygon)
-        return self._views[height]
-
-
 def _near(
-    known: Sequence[KnownPart], views: _Views, noise: OutlineNoise
+    known: Sequence[KnownPart], views: SurfaceViews, noise: OutlineNoise
 ) -> list[tuple[KnownPart, int, Shape]]:
     """Return the classes that are not far from the observed polygon, and always the nearest.
 
-    See Shape.difference.
+    See Shape.difference; the parallax may add to it.
     """
     rows = []
     for part in known:
         for k, outline in enumerate(part.outlines):
             seen = views.at(outline.height)
             far = min(shape.difference(seen) for shape in part.shapes[k])
-            rows.append((far, part, k, seen))
+            rows.append((far - views.parallax(outline.height), part, k, seen))
     rows.sort(key=lambda row: row[0])
     return [row[1:] for n, row in enumerate(rows) if n < NEAREST or row[0] < FAR * noise.sd]
 
 
-def _candidate(each: _Hypothesis, posterior: float, noise: OutlineNoise) -> Candidate:
+def _candidate(
+    each: _Hypothesis, posterior: float, noise: OutlineNoise, single: bool
+) -> Candidate:
+    """Return the candidate; ``single``: each fit has one pose for each aspect of the class."""
     known, k = each.known, each.index
     outline, placement = known.outlines[k], known.placements[k]
     first = each.fits[0][1]
     best = first.fit
     rolls = len(known.views[k].shapes) > 1
+    # Those for the first turn of an outline precede the others.
+    poses = len(outline.aspects) if single else None
     return Candidate(
         known.part.name,
         outline.symmetry_class,
@@ -241,6 +233,6 @@ def _candidate(each: _Hypothesis, posterior: float, noise: OutlineNoise) -> Cand
             for _, one in each.fits
             for pose in placement.poses(
                 one.fit.x, one.fit.y, one.fit.yaw, one.orientation if rolls else None
-            )
+            )[:poses]
         ),
     )

@@ -1,6 +1,6 @@
 """Which outlines of a part look alike, so that a camera may confuse them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Literal
@@ -50,6 +50,23 @@ def look_alikes(outlines: Sequence[Outline]) -> dict[int, tuple[LookAlike, ...]]
         for a, b in ((one, other), (other, one)):
             found[a.symmetry_class].append(LookAlike(b.symmetry_class, overlap, verdict, distance))
     return {k: tuple(sorted(each, key=lambda a: -a.overlap)) for k, each in found.items()}
+
+
+def same_groups(found: Mapping[int, Sequence[LookAlike]]) -> list[tuple[int, ...]]:
+    """Return all symmetry classes, those with the same outline in one group; both ascending.
+
+    found : what `look_alikes` returns
+    """
+    groups: list[tuple[int, ...]] = []
+    for number in sorted(found):
+        same = {each.symmetry_class for each in found[number] if each.verdict == 'same'}
+        for k, group in enumerate(groups):
+            if same.issuperset(group):
+                groups[k] = (*group, number)
+                break
+        else:
+            groups.append((number,))
+    return groups
 
 
 def _most_alike(

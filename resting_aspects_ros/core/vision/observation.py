@@ -20,9 +20,6 @@ MAX_POINTS, MAX_HOLES = 100_000, 1000
 MAX_REPAIR = 0.01
 # Reasons of GEOS for which a polygon with holes is not repaired.
 MISPLACED_HOLES = ('hole lies outside shell', 'holes are nested')
-# A contour with at least OPEN_POINTS points that was not closed explicitly is open if its last
-# edge is longer than any other by OPEN_FACTOR.
-OPEN_POINTS, OPEN_FACTOR = 20, 5.0
 
 Polygonal: TypeAlias = shapely.Polygon | Mapping[str, Any] | npt.ArrayLike
 
@@ -35,12 +32,13 @@ def observed_polygon(given: Polygonal) -> shapely.Polygon:
     given : shapely.Polygon, (n, 2) array, or mapping
         A polygon, the points of its outer boundary, or a mapping with ``outer`` and, optionally,
         ``holes``, a list of (m, 2) arrays; m, tray frame (x right, y up seen from above). The
-        direction of the points is not significant, and the first point may be repeated at the end.
+        direction and the first of the points are not significant; an edge from the last point to
+        the first closes a boundary, whether the first point is repeated at the end or not.
 
     Raises
     ------
     InvalidValueError
-        The polygon is open, crosses itself (unless a repair changes its area by at most 1 %), is
+        The polygon crosses itself (unless a repair changes its area by at most 1 %), is
         empty, tiny or huge, is probably in pixels or millimetres, has too many points, or has
         coordinates that are not finite numbers.
     """
@@ -51,7 +49,6 @@ def observed_polygon(given: Polygonal) -> shapely.Polygon:
         )
     ring = _ring('outer boundary', outer)
     _check_extent(ring)
-    _check_closed(ring)
     inner = [_ring(f'hole {k}', hole) for k, hole in enumerate(holes, start=1)]
     total = len(ring) + sum(map(len, inner))
     if total > MAX_POINTS:
@@ -139,19 +136,6 @@ def _check_extent(ring: Array) -> None:
         raise InvalidValueError(
             f'invalid polygon at {shown(ring[0].tolist())} m: expected one within '
             f'{MAX_DISTANCE:g} m of the origin of the tray frame'
-        )
-
-
-def _check_closed(ring: Array) -> None:
-    if (ring[0] == ring[-1]).all() or len(ring) < OPEN_POINTS:
-        return
-    gap = float(np.linalg.norm(ring[-1] - ring[0]))
-    longest = float(np.linalg.norm(np.diff(ring, axis=0), axis=1).max())
-    if gap > OPEN_FACTOR * longest:
-        raise InvalidValueError(
-            f'invalid open boundary with a gap of {1000 * gap:.3g} mm between its last and its '
-            'first point: expected a closed one; if a straight edge closes it, repeat the first '
-            'point at the end'
         )
 
 

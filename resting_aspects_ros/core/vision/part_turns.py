@@ -6,6 +6,9 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.core.aspects.symmetry import Symmetry
 from resting_aspects_ros.core.rotations import Array, rotation_between
 
+# Maximum angle between equal directions, rad.
+SAME_DIRECTION = 0.01
+
 
 def rotation_to(symmetry: Symmetry | None, one: Array, other: Array) -> Array:
     """Return the rotation (3, 3) of the part onto itself that comes closest to one -> other."""
@@ -39,3 +42,15 @@ def is_symmetry(symmetry: Symmetry | None, vector: Array, tolerance: float) -> b
         return bool(cosines.max() >= np.cos(tolerance))
     traces = np.einsum('kij,ij->k', symmetry.rotations, turn)
     return bool((traces.max() - 1) / 2 >= np.cos(tolerance))
+
+
+def vertical_order(symmetry: Symmetry | None, down: Array) -> int:
+    """Return how many rotations about a direction map the part onto itself; 0 if all do."""
+    if symmetry is None:
+        return 1
+    if all(is_symmetry(symmetry, angle * down, SAME_DIRECTION) for angle in (1.0, 2.2)):
+        return 0
+    if symmetry.axis is not None:  # of a body of revolution, beside the direction
+        return 2 if is_symmetry(symmetry, np.pi * down, SAME_DIRECTION) else 1
+    moved = np.linalg.norm(symmetry.rotations @ down - down, axis=1)
+    return int((moved < SAME_DIRECTION).sum())

@@ -69,6 +69,13 @@ def class_fits(
     else:
         order = 1  # each outline has its own
         fits = view_fits(views, seen, noise.sd, count)
+    return weighted(fits, order, noise, count)
+
+
+def weighted(
+    fits: Sequence[ViewFit], order: int, noise: OutlineNoise, count: float
+) -> tuple[tuple[float, ViewFit], ...]:
+    """Return log likelihoods and fits that are not negligible, the most probable first."""
     logs = [
         known_likelihood(one.fit, one.shape, order, noise, count) + float(np.log(one.share))
         for one in fits
@@ -83,7 +90,7 @@ def view_fits(views: Views, seen: Shape, sd: float, count: float) -> list[ViewFi
     ``sd`` is that of the boundary, m, with ``count`` independent errors.
     """
     near = _NearFits(views, seen)
-    starts = _starts(views, seen)
+    starts = view_starts(views, seen)
     first = near.all(starts)
     nearest = np.sqrt(min(one.square for one in first)) + REACH * seen.boundary.radius
     ends = [
@@ -154,7 +161,7 @@ def _is_near(one: float, other: float) -> bool:
     return abs(math.remainder(one - other, 2 * math.pi)) < 2 * np.pi / RAYS
 
 
-def _starts(views: Views, seen: Shape) -> list[tuple[int, float]]:
+def view_starts(views: Views, seen: Shape) -> list[tuple[int, float]]:
     """Return views and yaws whose signatures match better than those of their neighbours."""
     off = mismatch(views.spectra, views.squares, seen)
     low = (off <= np.roll(off, 1, axis=1)) & (off < np.roll(off, -1, axis=1))

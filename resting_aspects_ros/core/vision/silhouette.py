@@ -94,4 +94,8 @@ def _opened(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
 
 
 def _offset(shape: shapely.Geometry, distance: float) -> shapely.Geometry:
-    return shape.buffer(distance, join_style='mitre')
+    moved = shape.buffer(distance, join_style='mitre')
+    if abs(moved.area - shape.area) > 2 * abs(distance) * shape.length:
+        # A polygon was lost, as in a union without a grid.
+        moved = shapely.set_precision(shape, GRID).buffer(distance, join_style='mitre')
+    return moved

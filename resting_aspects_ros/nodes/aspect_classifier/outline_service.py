@@ -6,15 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import Point
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
 from resting_aspects_ros.api.identify import identify_part, locate_part
+from resting_aspects_ros.api.identify_hint import mirror_text
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.vision.camera import Pinhole
+from resting_aspects_ros.core.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.core.vision.identification import Identification
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import OutlineNoise
@@ -80,7 +80,7 @@ class OutlineServices:
             response.candidates = [candidate_msg(each) for each in found.candidates]
             response.none_probability = found.none
             response.touching_probability = found.touching
-            response.status = status(Status.OK)
+            response.status = status(Status.OK, mirror_text(found))
         return response
 
     async def _locate(
@@ -138,6 +138,4 @@ def requested_camera(position: list[Point]) -> Pinhole | None:
         raise InvalidValueError(
             f'invalid number of camera positions {len(position)}: expected at most one'
         )
-    return Pinhole(
-        np.diag([1.0, -1.0, 1.0]), np.array([position[0].x, position[0].y, position[0].z])
-    )
+    return surface_pinhole([position[0].x, position[0].y, position[0].z])

@@ -12,7 +12,6 @@ from shapely import affinity
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import turned_about_vertical
-from resting_aspects_ros.core.vision.camera import Pinhole
 from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.identification import identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
@@ -152,6 +151,28 @@ def test_mirror_image_is_the_part_turned_over(known):
     assert found.best.posterior > 0.99
 
 
+@pytest.mark.parametrize('name', NAMES)
+def test_other_class_that_fits_the_mirror_image_is_named(known, name):
+    candidate = known(name)
+    alike = look_alikes(candidate.outlines)
+    for outline in candidate.outlines:
+        others = alike[outline.symmetry_class]
+        expected = {each.symmetry_class for each in others if each.verdict == 'mirrored'}
+        for polygon in (outline.polygon, mirrored(outline.polygon)):
+            found = identify(moved(polygon, 0.02, 0.05, 1), [candidate])
+            fits = expected if polygon is outline.polygon else {outline.symmetry_class}
+            named = {each.symmetry_class for each in found.mirrored}
+            assert named == (fits if expected else set())
+
+
+def test_mirror_image_that_only_fits_reversed_is_named(known):
+    candidate = known('angle_45x30x8')
+    one = dataclasses.replace(candidate, outlines=candidate.outlines[1:2], shares=np.ones(1))
+    found = identify(moved(mirrored(one.outlines[0].polygon), 0.02, 0.05, 1), [one])
+    assert found.answer != 'part'
+    assert [each.symmetry_class for each in found.mirrored] == [2]
+
+
 def test_missing_hole_is_another_outline(known):
     washer = known('washer')
     disc = shapely.Polygon(washer.outlines[0].polygon.exterior)
@@ -220,16 +241,6 @@ def test_posterior_is_calibrated_for_similar_outlines(known):
     error = np.sqrt((given * (1 - given)).sum()) / len(given)
     assert 0.6 < given.mean() < 0.95
     assert right.mean() > given.mean() - 3 * error
-
-
-def test_pinhole_is_corrected_with_the_height(known):
-    candidate = known('l_bracket')
-    camera = Pinhole(np.diag([1e-4, -1e-4, 1]), np.array([0.0, 0.0, 0.3]))
-    outline = candidate.outlines[4]
-    factor = 0.3 / (0.3 - outline.height)
-    seen = affinity.scale(outline.polygon, factor, factor, origin=(0, 0))
-    assert identify(seen, [candidate]).best is None
-    assert identify(seen, [candidate], camera=camera).best.symmetry_class == 5
 
 
 def test_residual_bound_is_below_the_residual(known):
