@@ -18,7 +18,7 @@ _CHANNELS = 1 << 16
 
 
 def open_log(path: Path) -> 'LogFile | SplitLog':
-    """Open a log, whatever the number of its files; for paths and errors see `log_files`."""
+    """Open a log of one or several files; for paths and errors see `log_files`."""
     files = log_files(path)
     return LogFile(files[0]) if len(files) == 1 else SplitLog(path, files)
 
