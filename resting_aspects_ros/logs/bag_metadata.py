@@ -15,7 +15,7 @@ from resting_aspects_ros.logs.topic_metadata import yaml_text
 
 _VERSION = 9
 _ROS_DISTRO = 'jazzy'
-_FILE_NAME = 'metadata.yaml'
+FILE_NAME = 'metadata.yaml'
 _INFORMATION = 'rosbag2_bagfile_information'
 # Maximum size of metadata.yaml. A topic needs about 700 bytes.
 _MAX_BYTES = 1 << 20
@@ -130,7 +130,7 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
             file.write(yaml_text({_INFORMATION: metadata.information()}))
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(folder / _FILE_NAME)
+        temporary.replace(folder / FILE_NAME)
     except OSError:
         with suppress(OSError):
             temporary.unlink()
@@ -142,7 +142,7 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
 def read_information(folder: Path) -> object:
     """Return `rosbag2_bagfile_information` of metadata.yaml; None if it cannot be read."""
     try:
-        document = read_yaml(folder / _FILE_NAME, 'metadata', _MAX_BYTES, LogError)
+        document = read_yaml(folder / FILE_NAME, 'metadata', _MAX_BYTES, LogError)
     except LogError:
         return None
     return document.get(_INFORMATION) if isinstance(document, dict) else None

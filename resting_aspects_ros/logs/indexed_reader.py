@@ -4,7 +4,8 @@ from pathlib import Path
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.message_reader import check_definition, mcap_file, written_hash
+from resting_aspects_ros.logs.bag_files import log_files
+from resting_aspects_ros.logs.message_reader import check_definition, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile
 
 
@@ -22,7 +23,10 @@ class IndexedLog(LogFile):
     """
 
     def __init__(self, log: Path) -> None:
-        super().__init__(mcap_file(log))
+        file, *others = log_files(log)
+        if others:
+            raise NoIndexError(f'{named("log", log)} has no index of all its files')
+        super().__init__(file)
         try:
             summary = self.summary()
             if summary is None or summary.statistics is None:

@@ -5,19 +5,21 @@ from pathlib import Path
 
 from mcap.records import Channel, Message
 
-from resting_aspects_ros.core.errors import LogError, NoLogError, shown
+from resting_aspects_ros.core.errors import LogError, shown
 from resting_aspects_ros.core.input_file import is_file, is_folder, named
+from resting_aspects_ros.logs.bag_files import is_mcap
+from resting_aspects_ros.logs.bag_metadata import FILE_NAME
 from resting_aspects_ros.logs.mcap_format import MAGIC
 from resting_aspects_ros.logs.message_definitions import load_schema
-from resting_aspects_ros.logs.record_reader import EXPECTED, LogFile
+from resting_aspects_ros.logs.record_reader import LogFile
+from resting_aspects_ros.logs.split_log import SplitLog, open_log
 
-_SUFFIX = '.mcap'
 _MAGIC_START = MAGIC[:5]
 
 
 def is_log(path: Path) -> bool:
     """Return whether a path looks like a log: a folder, or MCAP by its suffix or first bytes."""
-    if is_folder(path) or path.suffix == _SUFFIX:
+    if is_folder(path) or is_mcap(path) or path.name == FILE_NAME:
         return True
     if not is_file(path):
         return False  # it does not exist, or is a pipe, whose data can be read only once
@@ -29,25 +31,27 @@ def is_log(path: Path) -> bool:
 
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """Yield all messages of a type as CDR, in file order.
+    """Yield all messages of a type as CDR, in file order; of a split bag, in time order.
 
     The index at the end of the file is not needed. From a log that was not closed, or is being
     written, all complete messages are read.
 
     path : Path
-        The folder of a run, or its MCAP file.
+        A folder, its metadata.yaml, or an MCAP file.
     type_name : str
         `resting_aspects_interfaces/msg/AspectDistribution`.
 
     Raises LogError if it is not a log, cannot be read, is damaged, or was written with a
     definition of the type that differs from the installed one.
     """
-    with LogFile(mcap_file(path)) as file:
+    with open_log(path) as file:
         for _, message in typed_messages(file, [type_name]):
             yield message.data
 
 
-def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str, Message]]:
+def typed_messages(
+    file: LogFile | SplitLog, types: Collection[str]
+) -> Iterator[tuple[str, Message]]:
     """Yield all messages of the given types in a file, each with its type; see `messages`."""
     checked: set[int] = set()
     for record in file.records():
@@ -62,35 +66,12 @@ def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str,
             yield type_name, record
 
 
-def mcap_file(path: Path) -> Path:
-    """Return the MCAP file of a log; NoLogError for a folder with none, LogError with several."""
-    if not is_folder(path):
-        return path
-    files = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
-    if len(files) > 1:
-        raise LogError(
-            f'invalid {named("log", path)}: expected one {_SUFFIX} file, found {len(files)}'
-        )
-    if not files:
-        message = f'{named("folder", path)} is not a log: it has no {_SUFFIX} file'
-        if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
-            message += f', but {logs} of its subfolders have one'
-        raise NoLogError(f'{message}; {EXPECTED}')
-    return files[0]
-
-
-def is_being_written(path: Path) -> bool:
-    """Return whether a process is writing a log; LogError if it cannot be read."""
-    with LogFile(mcap_file(path)) as file:
-        return file.being_written
-
-
 def not_closed_warning(path: Path) -> str:
     """Return a warning if a log is not closed, otherwise an empty text.
 
     Raises LogError if it cannot be read.
     """
-    with LogFile(mcap_file(path)) as file:
+    with open_log(path) as file:
         return state_warning(path, being_written=file.being_written, finished=file.finished)
 
 

@@ -9,8 +9,8 @@ from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, one_line
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.message_reader import mcap_file, written_hash
-from resting_aspects_ros.logs.record_reader import LogFile
+from resting_aspects_ros.logs.message_reader import written_hash
+from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.logs.topic_metadata import Qos, recorded_qos
 
 
@@ -64,7 +64,7 @@ class Recording:
     chunk is in memory at a time.
 
     path : Path
-        The folder of a run, or an MCAP file.
+        A folder, its metadata.yaml, or an MCAP file.
 
     Raises LogError if it is not a log, cannot be read, is damaged before its end, or has no
     message.
@@ -77,9 +77,8 @@ class Recording:
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
         self._spans: dict[str, Span] = {}
-        self._file = mcap_file(path)
         self._count = 0
-        for topic, message in _read(self._file):
+        for topic, message in _read(path):
             known = self.topics.setdefault(topic.name, topic)
             if (topic.type, topic.type_hash) != (known.type, known.type_hash):
                 raise LogError(
@@ -132,13 +131,13 @@ class Recording:
 
     def _all(self) -> Iterator[RecordedMessage]:
         """Yield the messages that were complete when the log was read for its topics."""
-        return islice((message for _, message in _read(self._file)), self._count)
+        return islice((message for _, message in _read(self.path)), self._count)
 
 
 def _read(path: Path) -> Iterator[tuple[RecordedTopic, RecordedMessage]]:
     topics: dict[int, RecordedTopic] = {}
     time = 0
-    with LogFile(path) as file:
+    with open_log(path) as file:
         for record in file.records():
             if isinstance(record, Message):
                 key = record.channel_id

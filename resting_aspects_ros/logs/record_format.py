@@ -32,6 +32,8 @@ from mcap.records import (
 )
 from mcap.summary import Summary
 
+from resting_aspects_ros.logs.bag_files import unpacking_failure
+
 # Maximum size in bytes of a record, and of an unpacked chunk. The largest record of a log is a
 # part's description with its mesh.
 MAX_RECORD = 1 << 28
@@ -106,15 +108,18 @@ def _unpacked(chunk: Chunk) -> bytes:
     if size > MAX_RECORD:
         raise DamageError(f'a chunk of {size} bytes unpacked: expected at most {MAX_RECORD}')
     # Unpacking stops one byte after the declared size, which is enough to detect excess data.
-    if chunk.compression == 'zstd':
-        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
-            content = reader.read(size + 1)
-    elif chunk.compression == 'lz4':
-        content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-    elif chunk.compression:
-        raise DamageError(f'a chunk with the unknown compression {chunk.compression[:20]!r}')
-    else:
-        content = chunk.data
+    try:
+        if chunk.compression == 'zstd':
+            with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+                content = reader.read(size + 1)
+        elif chunk.compression == 'lz4':
+            content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+        elif chunk.compression:
+            raise DamageError(f'a chunk with the unknown compression {chunk.compression[:20]!r}')
+        else:
+            content = chunk.data
+    except (zstandard.ZstdError, RuntimeError) as error:  # the second is that of lz4
+        raise DamageError(unpacking_failure(error)) from None
     if len(content) != size:
         raise DamageError(f'a chunk whose unpacked size is not the declared {size} bytes')
     return bytes(content)

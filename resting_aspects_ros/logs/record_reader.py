@@ -28,6 +28,7 @@ from mcap.summary import Summary
 
 from resting_aspects_ros.core.errors import LogError, NoLogError, one_line
 from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.bag_files import EXPECTED, open_unpacked
 from resting_aspects_ros.logs.mcap_format import FOOTER_SIZE, MAGIC, is_locked
 from resting_aspects_ros.logs.record_format import (
     HEAD,
@@ -40,7 +41,6 @@ from resting_aspects_ros.logs.record_format import (
 )
 
 Self = TypeVar('Self', bound='LogFile')  # typing.Self is newer than Python 3.10
-EXPECTED = 'expected the folder of a run, or an .mcap file'
 # A power failure can leave zeros at the end of a file, more than any valid record ends with.
 _MIN_ZEROS = 16
 
@@ -73,7 +73,7 @@ class LogFile:
         try:
             if path.exists() and not path.is_file():
                 raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
-            self.stream: BinaryIO = path.open('rb')
+            self.stream: BinaryIO = open_unpacked(path)
         except OSError as error:
             message = f'{named("log", path)} cannot be read: {error.strerror}; {EXPECTED}'
             raise NoLogError(message) from None
@@ -152,7 +152,7 @@ class LogFile:
         except OSError as error:
             raise LogError(f'{named("log", self.path)} cannot be read: {error.strerror}') from None
         except Exception as error:
-            found = str(error) if isinstance(error, DamageError) else repr(error)
+            found = str(error) or f'content that cannot be read ({type(error).__name__})'
             raise LogError(
                 f'{named("log", self.path)} is damaged: found {one_line(found)}; "mcap recover", '
                 'of the MCAP command line tool, copies the readable messages'

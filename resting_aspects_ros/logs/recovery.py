@@ -17,6 +17,7 @@ from mcap.writer import Writer
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.input_file import is_printable, named
 from resting_aspects_ros.core.yaml_file import parse_yaml
+from resting_aspects_ros.logs.bag_files import is_compressed, log_files
 from resting_aspects_ros.logs.bag_metadata import (
     BagMetadata,
     TopicCount,
@@ -30,7 +31,7 @@ from resting_aspects_ros.logs.mcap_format import (
     register_channel,
     start_file,
 )
-from resting_aspects_ros.logs.message_reader import check_definition, mcap_file, written_hash
+from resting_aspects_ros.logs.message_reader import check_definition, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles
 
@@ -108,7 +109,12 @@ def recover_log(log: Path, counter: RecoveryCounter | None = None) -> RecoveryRe
     Raises LogError if it is not a log, is damaged before its end, or cannot be written. The log
     is unchanged then. If only metadata.yaml cannot be written, a second recovery writes it.
     """
-    with LogFile(mcap_file(log)) as file:
+    path, *others = log_files(log)
+    if others or is_compressed(path):
+        raise LogError(
+            f'{named("log", log)} cannot be recovered: expected one file that is not compressed'
+        )
+    with LogFile(path) as file:
         if not is_printable(file.path.name):
             raise LogError(
                 f'{named("log", file.path)} cannot be recovered: expected a file name in UTF-8, '

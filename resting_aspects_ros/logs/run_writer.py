@@ -184,6 +184,9 @@ class RunLog:
             return start_file(self._stream)
         except OSError:
             self._release()
+            with suppress(OSError):  # nothing was written, and the file is not a log
+                self.path.unlink()
+                self._folder.rmdir()
             raise
 
     def _channel(self, topic: Topic) -> int:

@@ -19,26 +19,31 @@ from resting_aspects_ros.ros.callbacks import await_future
 
 T = TypeVar('T')
 
-# Limits for one function: time, s, and memory in addition to that of the process, bytes.
+# Limits for one function: processor time, s, and memory in addition to that of the process, bytes.
 MAX_SECONDS = 30.0
 MAX_MEMORY = 2 * 1024**3
-# Timeout for loading Python and its modules; sufficient on a very busy machine, s.
-START_TIMEOUT = 120.0
+# Maximum processor time for loading Python and its modules, s.
+MAX_START = 120.0
+# How often a function is started whose process dies or hangs.
+ATTEMPTS = 3
+# How often the processor time is read, s.
+CHECK_PERIOD = 1.0
 
 
 class FileLimitError(RestingAspectsError):
-    """A function takes too long, needs too much memory, fails, or ends its process."""
+    """A function takes too long, needs too much memory, fails, hangs, or ends its process."""
 
 
 class FileWorker:
     """Runs functions one at a time in a spawned process, with limits of time and memory.
 
-    A process that exceeds a limit, or dies, is replaced; only the function that it ran fails.
+    A process that exceeds a limit, hangs, or dies is replaced. If it died or hung, the function
+    runs again in the new process, at most ATTEMPTS times; then only this function fails.
 
     Parameters
     ----------
     seconds : float
-        Time limit of each function, s.
+        Limit of the processor time of each function, s. A function that sleeps for so long hangs.
     memory : int
         Memory that a function may allocate, bytes.
     """
@@ -69,26 +74,53 @@ class FileWorker:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _call(self, function: Callable[..., T], arguments: tuple[Any, ...]) -> T:
-        """Send the function to the process and wait for its result; runs in the thread."""
-        try:
-            connection = self._ready()
-            connection.send((function, arguments))
-            if not connection.poll(START_TIMEOUT):  # until its module is imported
-                raise EOFError
-            connection.recv()
-            if not connection.poll(self._seconds):
-                raise FileLimitError(f'the time limit of {self._seconds:g} s was exceeded')
-            outcome = connection.recv()
-        except (EOFError, OSError):
+        """Run the function in the process until it has a result; runs in the thread."""
+        failure = 'the node ends'
+        for _ in range(ATTEMPTS):
+            if self._stopped:
+                break
+            try:
+                outcome = self._attempt(function, arguments)
+            except FileLimitError:
+                self._replace()
+                raise
+            except TimeoutError:
+                failure = f'the worker process hung {ATTEMPTS} times'
+            except (EOFError, OSError):
+                failure = f'the worker process died {ATTEMPTS} times'
+            else:
+                if isinstance(outcome, BaseException):
+                    raise outcome
+                result: T = outcome
+                return result
             self._replace()
-            raise FileLimitError('the worker process died') from None
-        except FileLimitError:
-            self._replace()
-            raise
-        if isinstance(outcome, BaseException):
-            raise outcome
-        result: T = outcome
-        return result
+        raise FileLimitError(failure)
+
+    def _attempt(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Send the function to the process and return its result or its exception."""
+        connection = self._ready()
+        connection.send((function, arguments))
+        self._receive(connection, MAX_START)  # until its module is imported
+        return self._receive(connection, self._seconds)
+
+    def _receive(self, connection: Connection, seconds: float) -> Any:
+        """Return what the process sends next.
+
+        Raises FileLimitError if it needs more processor time than ``seconds``, and TimeoutError
+        if it sleeps for so long. On a busy machine, it waits for a processor instead.
+        """
+        assert self._process is not None
+        start = used = _activity(self._process)[0]
+        asleep = 0.0
+        while not connection.poll(CHECK_PERIOD):
+            before = used
+            used, sleeps = _activity(self._process)
+            asleep = asleep + CHECK_PERIOD if sleeps and used == before else 0.0
+            if used - start > seconds:
+                raise FileLimitError(f'the limit of {seconds:g} s of processor time was exceeded')
+            if asleep >= seconds:
+                raise TimeoutError
+        return connection.recv()
 
     def _ready(self) -> Connection:
         """Return the connection to a running process."""
@@ -107,11 +139,10 @@ class FileWorker:
         process.start()
         self._process = process
         theirs.close()  # otherwise the end of the process would not be detected
-        # stop() may have been called before the process existed.
-        if self._stopped or not ours.poll(START_TIMEOUT):
-            raise EOFError
-        ours.recv()
         self._connection = ours
+        if self._stopped:  # before the process existed
+            raise EOFError
+        self._receive(ours, MAX_START)
         return ours
 
     def _replace(self) -> None:
@@ -122,6 +153,13 @@ class FileWorker:
         if self._connection is not None:
             self._connection.close()
         self._process = self._connection = None
+
+
+def _activity(process: SpawnProcess) -> tuple[float, bool]:
+    """Return the processor time of a process, s, and whether it sleeps."""
+    fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+    ticks = int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf('SC_CLK_TCK'), fields[0] == 'S'
 
 
 def _serve(connection: Connection, memory: int) -> None:

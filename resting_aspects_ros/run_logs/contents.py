@@ -15,8 +15,8 @@ from resting_aspects_ros.core.statistics.distribution import (
 )
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import mcap_file, state_warning, typed_messages
-from resting_aspects_ros.logs.record_reader import LogFile
+from resting_aspects_ros.logs.message_reader import state_warning, typed_messages
+from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
@@ -195,7 +195,7 @@ def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
     run = LoggedRun(log, keep_poses=keep_poses)
     if not keep_poses and _read_by_index(run):
         return run
-    with LogFile(mcap_file(log)) as file:
+    with open_log(log) as file:
         for type_name, message in typed_messages(file, TYPES):
             run.add(type_name, message.data)
         run.path, run.messages = file.path, file.messages

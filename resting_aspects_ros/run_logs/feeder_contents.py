@@ -19,8 +19,8 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts as CountedParts
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import is_folder, named
-from resting_aspects_ros.logs.message_reader import mcap_file, typed_messages
-from resting_aspects_ros.logs.record_reader import LogFile
+from resting_aspects_ros.logs.message_reader import typed_messages
+from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.run_logs.contents import parsed
@@ -145,7 +145,7 @@ def _messages(
     log: Path, types: Sequence[str] | dict[str, Any]
 ) -> Iterator[tuple[str, int, bytes]]:
     """Yield type, log time and data of the messages of some types."""
-    with LogFile(mcap_file(log)) as file:
+    with open_log(log) as file:
         for kind, message in typed_messages(file, list(types)):
             yield kind, message.log_time, message.data
 

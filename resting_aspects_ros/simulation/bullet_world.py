@@ -6,6 +6,7 @@ g is 1.
 """
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -14,11 +15,7 @@ import numpy.typing as npt
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.bullet_client import empty_client, pybullet
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import (
-    CHUNK,
-    BodyStates,
-    InitialState,
-)
+from resting_aspects_ros.simulation.initial_state import CHUNK, BodyStates, InitialState
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
 
 # Distance between slots, R. A collision mask keeps bodies from touching each other; the distance
@@ -49,6 +46,8 @@ THIN_PART_FRACTION = 0.2
 # Impacts slower than this, R / T, do not bounce, which avoids an endless series of small bounces.
 RESTITUTION_THRESHOLD = 0.05
 
+# A time step, T, in which nothing moves. Bullet makes no step below about 1e-16.
+SHORT = 1e-12
 SURFACE_GROUP, PART_GROUP = 1, 2
 
 
@@ -144,8 +143,7 @@ class World:
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
-        positions = (states.position[slots] + origins).tolist()
-        for body, slot, position in zip(bodies, slots, positions, strict=True):
+        for body in bodies:
             self._set(
                 body,
                 # Mass and inertia must be set together: without the mass it becomes 0, without
@@ -160,10 +158,27 @@ class World:
                 contactProcessingThreshold=0,
                 activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
+        moved = (states.orientation, states.velocity, states.spin)
+        rows = (states.position[slots] + origins, *(each[slots] for each in moved))
+        starts = list(zip(*(each.tolist() for each in rows), strict=True))
+        self._apply_inertia(bodies, starts)
+        for body, start in zip(bodies, starts, strict=True):
             self._collide(body, PART_GROUP, SURFACE_GROUP)
-            moved = (states.orientation[slot], states.velocity[slot], states.spin[slot])
-            self._place(body, position, *(values.tolist() for values in moved))
+            self._place(body, *start)
         return list(bodies)
+
+    def _apply_inertia(self, bodies: Iterable[int], starts: list[tuple[list[float], ...]]) -> None:
+        """Make a very short step without contacts, after which new bodies have their inertia.
+
+        Bullet computes the inertia in world axes only at the end of a step. In the first step, a
+        body would have that of its bounding box in the orientation in which it was created.
+        """
+        for body, (position, orientation, *_) in zip(bodies, starts, strict=True):
+            self._collide(body, 0, 0)
+            self._place(body, position, orientation, [0.0] * 3, [0.0] * 3)
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=SHORT, physicsClientId=self._client)
+        pybullet.stepSimulation(physicsClientId=self._client)
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=self._step, physicsClientId=self._client)
 
     def drop(self, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
         """Release one body per slot and step until each is at rest, failed or timed out."""

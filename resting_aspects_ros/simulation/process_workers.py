@@ -49,8 +49,9 @@ def default_workers() -> int:
 class ProcessWorkers:
     """Worker processes, each with its own connection; implements Workers for any number of runs.
 
-    When a worker dies, its chunk fails and the worker is replaced. The other workers are not
-    affected, because they share no lock and no pipe with it.
+    When a worker dies, its chunk fails and the worker is replaced; one that died while it was idle
+    is replaced before its next chunk. The other workers are not affected, because they share no
+    lock and no pipe with it.
 
     count : int
         Number of processes.
@@ -110,16 +111,22 @@ class ProcessWorkers:
     def _drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
         worker = self._idle.get()
         try:
+            if worker.has_ended():  # while it was idle, which says nothing about this chunk
+                worker = self._replaced(worker)
             return worker.drop(job, first, end)
         except WorkerDiedError:
-            with self._lock:
-                self._workers.discard(worker)
-            worker.kill()
-            worker.wait()
-            worker = self._start()
+            worker = self._replaced(worker)
             raise
         finally:
             self._idle.put(worker)
+
+    def _replaced(self, worker: '_Worker') -> '_Worker':
+        """End a worker and return a new one."""
+        with self._lock:
+            self._workers.discard(worker)
+        worker.kill()
+        worker.wait()
+        return self._start()
 
     def _start(self) -> '_Worker':
         with self._lock:
@@ -167,6 +174,10 @@ class _Worker:
             raise answer
         poses: RestingPoses = answer
         return poses
+
+    def has_ended(self) -> bool:
+        """Return whether the process has ended."""
+        return self._process.poll() is not None
 
     def kill(self) -> None:
         """Kill the process and shut down the connection, which ends all waiting for it."""

@@ -379,6 +379,7 @@ def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
         with pytest.raises(LogError, match='is damaged: found') as caught:
             Recording(file)
         assert len(str(caught.value)) < 700
+        assert 'Error' not in str(caught.value)  # no name of a class
 
 
 # -- metadata.yaml -------------------------------------------------------------------------------

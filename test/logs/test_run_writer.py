@@ -401,6 +401,7 @@ def test_disk_full_from_the_start(tmp_path, no_space_after):
     expected = r'run_0\.mcap cannot be written: File too large'
     with no_space_after(5), pytest.raises(LogError, match=expected):
         RunLog(tmp_path, 'run')
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):

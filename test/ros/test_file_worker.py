@@ -1,12 +1,15 @@
 """A file that hangs, needs too much memory or crashes its reader affects no other file."""
 
+import importlib
+import itertools
 import operator
 import os
+import signal
 import subprocess
 import sys
+from functools import partial
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 import rclpy
@@ -15,7 +18,8 @@ from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import UnknownPartError
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import load
-from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.ros import file_worker
+from resting_aspects_ros.ros.file_worker import ATTEMPTS, FileLimitError, FileWorker
 
 MEGABYTE = 1024**2
 
@@ -68,13 +72,84 @@ def test_results_and_errors_are_returned(make_worker, run, tmp_path):
         run(worker, int, 'abc')
 
 
-def test_next_function_runs_after_a_timeout(make_worker, run, tmp_path):
-    worker = make_worker(seconds=1.0)
+@pytest.fixture
+def functions(tmp_path, monkeypatch):
+    """A module with functions that the process of a worker can import."""
+    (tmp_path / 'run_by_worker.py').write_text(FUNCTIONS, encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module('run_by_worker')
+    del sys.modules['run_by_worker']
+
+
+FUNCTIONS = """
+import os, signal, subprocess, sys, time
+
+def wait_if_first(pids):
+    with open(pids, 'a') as file:
+        print(os.getpid(), file=file)
+    if len(open(pids).readlines()) == 1:
+        signal.pause()
+    return 'answer'
+
+def die(pids):
+    with open(pids, 'a') as file:
+        print(os.getpid(), file=file)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def compute_on_a_busy_processor(seconds):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(4)]
+    wall, end = time.monotonic(), time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    for process in busy:
+        process.kill()
+        process.wait()
+    return time.monotonic() - wall
+"""
+
+
+def test_work_of_a_killed_process_is_repeated(make_worker, node, functions, tmp_path, wait):
+    worker, pids = make_worker(), tmp_path / 'pids'
+    task = node.executor.create_task(worker.run, functions.wait_if_first, pids)
+    step = partial(node.executor.spin_once, 0.02)
+    wait(lambda: pids.exists() and pids.read_text().endswith('\n'), 'the work', step=step)
+    os.kill(int(pids.read_text()), signal.SIGKILL)
+    node.executor.spin_until_future_complete(task, 600)
+    assert task.result() == 'answer'
+    assert len(set(pids.read_text().split())) == 2
+
+
+def test_function_that_kills_each_process_fails_alone(make_worker, node, run, functions, tmp_path):
+    worker, pids = make_worker(), tmp_path / 'pids'
+    other = node.executor.create_task(worker.run, operator.add, 2, 3)
+    with pytest.raises(FileLimitError, match=f'died {ATTEMPTS} times'):
+        run(worker, functions.die, pids)
+    node.executor.spin_until_future_complete(other, 600)
+    assert other.result() == 5
+    assert len(set(pids.read_text().split())) == ATTEMPTS
+
+
+def test_work_on_a_busy_machine_is_not_too_slow(make_worker, run, functions):
+    worker = make_worker(seconds=0.6)
+    assert run(worker, functions.compute_on_a_busy_processor, 0.4) > 1.2
+
+
+def test_next_function_runs_after_too_much_processor_time(make_worker, run):
+    worker = make_worker(seconds=0.5)
+    with pytest.raises(FileLimitError, match=r'0\.5 s of processor time'):
+        run(worker, sum, itertools.repeat(0))
+    assert run(worker, operator.add, 2, 3) == 5
+
+
+def test_next_function_runs_after_one_that_hangs(make_worker, run, tmp_path, monkeypatch):
+    monkeypatch.setattr(file_worker, 'CHECK_PERIOD', 0.1)
+    worker = make_worker(seconds=0.5)
     assert run(worker, operator.add, 2, 3) == 5
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'file').write_bytes(b'good')
     pid = worker._process.pid
-    with pytest.raises(FileLimitError, match='the time limit of 1 s was exceeded'):
+    with pytest.raises(FileLimitError, match=f'hung {ATTEMPTS} times'):
         run(worker, Path.read_bytes, tmp_path / 'pipe')
     assert not Path(f'/proc/{pid}').exists()
     assert run(worker, Path.read_bytes, tmp_path / 'file') == b'good'
@@ -102,10 +177,18 @@ def test_process_killed_between_files_is_replaced(make_worker, run):
     assert run(worker, operator.add, 2, 3) == 5
 
 
-def test_failed_start_of_the_process_is_retried(make_worker, run, monkeypatch):
-    worker = make_worker()
-    with monkeypatch.context() as patch:
-        patch.setattr(SpawnProcess, 'start', Mock(side_effect=OSError))
+@pytest.mark.parametrize('failures', [1, ATTEMPTS])
+def test_failed_start_of_the_process_is_retried(make_worker, run, monkeypatch, failures):
+    worker, start = make_worker(), SpawnProcess.start
+    outcomes = itertools.chain([OSError] * failures, itertools.repeat(None))
+
+    def fail_or_start(process):
+        if (error := next(outcomes)) is not None:
+            raise error
+        start(process)
+
+    monkeypatch.setattr(SpawnProcess, 'start', fail_or_start)
+    if failures == ATTEMPTS:
         with pytest.raises(FileLimitError):
             run(worker, operator.add, 2, 3)
     assert run(worker, operator.add, 2, 3) == 5

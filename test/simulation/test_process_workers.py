@@ -1,5 +1,6 @@
 """Real worker processes: how they start, end, and are replaced."""
 
+import dataclasses
 import os
 import pickle
 import re
@@ -18,7 +19,7 @@ from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation import process_workers
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.chunks import drop_chunks
+from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.process_workers import (
@@ -239,19 +240,36 @@ def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert
 
 
 @pytest.mark.quick_cases(1)
-def test_idle_worker_that_dies_is_replaced(planned, make_workers, assert_same_poses):
+def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_same_poses):
     job, asked = planned
     before = children()
+    workers = make_workers(MAX_DEATHS + 1)
+    for worker in processes(MAX_DEATHS + 1, besides=before):
+        os.kill(worker, signal.SIGKILL)
+        ended(worker)
+    short = dataclasses.replace(asked, drops=CHUNK - FIRST)  # one chunk at a time
+    poses = poses_of(drop_chunks(job, short, workers, pytest.fail))
+    assert_same_poses(poses, drop_chunk(job, FIRST, CHUNK))
+    processes(MAX_DEATHS + 1, besides=before)
+
+
+def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
+    planned, make_workers, assert_same_poses
+):
+    # As by drops of one chunk that always end the process that simulates them.
+    job, asked = planned
+    asked = dataclasses.replace(asked, first_drop=0, drops=2 * CHUNK)
+    before = children()
     workers = make_workers(1)
-    (worker,) = processes(1, besides=before)
-    workers.submit(job, 0, 1).result()
-    os.kill(worker, signal.SIGKILL)
-    ended(worker)
-    warnings = []
-    poses = poses_of(drop_chunks(job, asked, workers, warnings.append))
-    assert_same_poses(poses, dropped_here(job))
-    assert warnings == [DEATH.format(asked.part)]
-    assert processes(1, besides=before) != {worker}
+    steps = drop_chunks(job, asked, workers, lambda _: None)
+    kept = [step for step in (next(steps), next(steps)) if not isinstance(step, Future)]
+    for _ in range(MAX_DEATHS):
+        assert isinstance(next(steps), Future)
+        os.kill(*processes(1, besides=before), signal.SIGKILL)
+    with pytest.raises(EngineError, match=f'^{MAX_DEATHS} worker processes died in a row'):
+        next(steps)
+    assert_same_poses(*kept, drop_chunk(job, 0, CHUNK))
+    assert len(workers.submit(job, 0, 3).result()) == 3
 
 
 def test_failure_to_start_a_process_is_an_error(monkeypatch):

@@ -15,6 +15,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.logs.bag_files import log_files
 from resting_aspects_ros.report.contact_report import contact_rows, contact_table
 from resting_aspects_ros.report.document import (
     SCHEMA_VERSION,
@@ -69,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
-    yield 'log', f'{found.path}, {found.path.stat().st_size / 1e6:.3g} MB'
+    size = sum(file.stat().st_size for file in log_files(found.log))
+    yield 'log', f'{found.path}, {size / 1e6:.3g} MB'
     yield '', f'{_state(found)}, {found.messages} messages'
     run = _run(found)
     if run is None:

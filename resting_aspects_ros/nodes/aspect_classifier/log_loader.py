@@ -16,7 +16,8 @@ from resting_aspects_ros.core.input_file import is_folder, printable
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import is_being_written, messages
+from resting_aspects_ros.logs.message_reader import messages
+from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
@@ -85,9 +86,14 @@ def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
             last = indexed.last(DISTRIBUTION_TYPE)
             matrix = None if last is not None else indexed.last(TRANSITIONS_TYPE)
     except NoIndexError:
-        if is_being_written(log):
-            return None
-        raise LogError('it is not closed: repair it with "resting_aspects recover"') from None
+        with open_log(log) as file:
+            if file.being_written:
+                return None
+            if not file.finished:
+                raise LogError(
+                    'it is not closed: repair it with "resting_aspects recover"'
+                ) from None
+        return _count_first_drops(log)
     if matrix is not None:
         return serialized_transitions(matrix)
     if outcome is not None and outcome.whole and last is not None:

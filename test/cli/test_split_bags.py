@@ -1,0 +1,173 @@
+"""Split and compressed bags, as `ros2 bag` records them, are read like a log of one file."""
+
+import json
+import shutil
+from itertools import pairwise
+
+import pytest
+import yaml
+import zstandard
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.message_reader import not_closed_warning
+from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.recovery import recover_log
+
+INFORMATION = 'rosbag2_bagfile_information'
+DROPS = 300
+
+
+@pytest.fixture(scope='module')
+def log(run_in, tmp_path_factory):
+    """The log of a run that the suite has written."""
+    folder = tmp_path_factory.mktemp('logs')
+    ended = run_in(folder, 'drop', 'tetrahedron', '--drops', DROPS, '--seed', 4, '--log', folder)
+    assert ended.returncode == 0
+    (path,) = folder.glob('*/metadata.yaml')
+    return path.parent
+
+
+def read(folder):
+    """Return connection, time and bytes of each message, as rosbags reads them."""
+    with Reader(folder) as reader:
+        return [(each, time, bytes(data)) for each, time, data in reader.messages()]
+
+
+def write(folder, messages, mode=CompressionMode.NONE):
+    """Write messages to a bag of one file with rosbags."""
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        known = {}
+        for each, time, data in messages:
+            if each.topic not in known:
+                known[each.topic] = writer.add_connection(
+                    each.topic,
+                    each.msgtype,
+                    msgdef=each.msgdef.data,
+                    rihs01=each.digest,
+                    offered_qos_profiles=each.ext.offered_qos_profiles,
+                )
+            writer.write(known[each.topic], time, data)
+    return folder
+
+
+@pytest.fixture
+def split(log, tmp_path):
+    """Distribute the messages of the log over the files of a bag."""
+
+    def split(groups, mode=CompressionMode.NONE):
+        folder, listed, information = tmp_path / 'bag', [], None
+        folder.mkdir()
+        for k, messages in enumerate(groups):
+            part = write(tmp_path / f'bag_{k}', messages, mode)
+            information = yaml.safe_load((part / 'metadata.yaml').read_text())[INFORMATION]
+            (name,) = information['relative_file_paths']
+            shutil.move(part / name, folder / name)
+            listed.append(name)
+        information['relative_file_paths'] = listed
+        document = yaml.safe_dump({INFORMATION: information})
+        (folder / 'metadata.yaml').write_text(document)
+        return folder
+
+    return split
+
+
+def one_error_line(ended):
+    assert ended.returncode != 0
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith('error: ')
+    return line
+
+
+def thirds(messages):
+    ends = [0, len(messages) // 3, 2 * len(messages) // 3, len(messages)]
+    return [messages[a:b] for a, b in pairwise(ends)]
+
+
+def replayed(path):
+    recording = Recording(path)
+    return [(each.topic, each.time, each.data) for each in recording.messages(recording.topics)]
+
+
+@pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.FILE])
+@pytest.mark.parametrize('name', ['', 'metadata.yaml'])
+def test_split_bag_is_read_as_one_log(log, split, run, mode, name):
+    messages = read(log)
+    path = split(thirds(messages), mode) / name
+    assert replayed(path) == [(each.topic, time, data) for each, time, data in messages]
+    found, expected = ra.read_log(path), ra.read_log(log)
+    assert found.distribution.counts.tolist() == expected.distribution.counts.tolist()
+    assert (found.run, found.distribution.drops) == (expected.run, DROPS)
+    document = json.loads(run('info', path, '--json').stdout)
+    assert document['log']['messages'] == len(messages)
+    assert (document['log']['finished'], document['drops']) == (True, DROPS)
+    assert not_closed_warning(path) == ''
+
+
+def test_messages_of_files_that_overlap_are_in_time_order(log, split):
+    # As of a recorder that writes topics at different times; the files are not listed in order.
+    messages = read(log)
+    folder = split([messages[1::2], messages[::2]])
+    assert [time for _, time, _ in replayed(folder)] == [time for _, time, _ in messages]
+    assert sorted(replayed(folder)) == sorted((e.topic, time, data) for e, time, data in messages)
+
+
+def test_missing_file_of_a_split_bag_is_named(log, split, run):
+    folder = split(thirds(read(log)))
+    (folder / 'bag_1.mcap').unlink()
+    for reader in (Recording, ra.read_log):
+        with pytest.raises(LogError, match=r'bag_1\.mcap$'):
+            reader(folder)
+    assert one_error_line(run('info', folder)).endswith('bag_1.mcap')
+
+
+@pytest.mark.parametrize('suffix', ['zstd', 'zst'])
+def test_compressed_file_is_read(log, tmp_path, suffix, run):
+    (original,) = log.glob('*.mcap')
+    packed = tmp_path / f'{original.name}.{suffix}'
+    compressor = zstandard.ZstdCompressor()
+    half = original.stat().st_size // 2
+    content = original.read_bytes()
+    # Two frames, as of files that were compressed in blocks.
+    packed.write_bytes(compressor.compress(content[:half]) + compressor.compress(content[half:]))
+    assert replayed(packed) == replayed(original)
+    assert ra.read_log(packed).distribution.drops == DROPS
+    assert run('info', packed).returncode == 0
+    with pytest.raises(LogError, match='expected one file that is not compressed'):
+        recover_log(packed)
+
+
+@pytest.mark.parametrize('damage', ['flipped', 'text'])
+def test_damaged_compressed_file_is_refused_in_words(log, tmp_path, damage, run):
+    (original,) = log.glob('*.mcap')
+    content = bytearray(
+        zstandard.ZstdCompressor(write_checksum=True).compress(original.read_bytes())
+    )
+    content[len(content) // 2] ^= 0xFF
+    packed = tmp_path / 'run.mcap.zstd'
+    packed.write_bytes(content if damage == 'flipped' else b'no log')
+    line = one_error_line(run('info', packed))
+    assert 'run.mcap.zstd' in line
+    assert 'Error' not in line
+
+
+def test_truncated_compressed_file_is_read_to_its_end(log, tmp_path):
+    (original,) = log.glob('*.mcap')
+    packed = tmp_path / 'run.mcap.zstd'
+    compressor = zstandard.ZstdCompressor(level=-5).compressobj()
+    content = compressor.compress(original.read_bytes()[: original.stat().st_size // 2])
+    packed.write_bytes(content + compressor.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK))
+    found = replayed(packed)
+    assert 0 < len(found) < len(read(log))
+    assert found == replayed(original)[: len(found)]
+    assert 'not closed' in not_closed_warning(packed)
+
+
+def test_messages_compressed_one_by_one_are_refused(log, tmp_path):
+    folder = write(tmp_path / 'bag', read(log), CompressionMode.MESSAGE)
+    for reader in (Recording, ra.read_log):
+        with pytest.raises(LogError, match=r'expected a bag .* --compression-mode file'):
+            reader(folder)
