@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.sensitivity import Indices, indices_of
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
@@ -170,11 +171,9 @@ def _along(
     curve = Curve(
         grid,
         mean,
-        np.minimum(lower, mean),
-        np.maximum(upper, mean),
+        *containing(mean, lower, upper),
         bits,
-        np.minimum(entropy_lower, bits),
-        np.maximum(entropy_upper, bits),
+        *containing(bits, entropy_lower, entropy_upper),
     )
     average = float(np.ptp(mean, axis=0).max())
     return curve, _change(model, table, others, factor, tails, average)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
 
 DRAWS = 20_000
@@ -36,7 +37,9 @@ def estimated(draws: Array, confidence: float) -> Estimated:
     """Return the mean and the central interval of draws."""
     tail = (1 - confidence) / 2
     lower, upper = np.quantile(draws, [tail, 1 - tail])
-    return Estimated(float(draws.mean()), float(lower), float(upper))
+    mean = float(draws.mean())
+    lower, upper = containing(mean, lower, upper)
+    return Estimated(mean, float(lower), float(upper))
 
 
 def posterior_values(
