@@ -10,11 +10,17 @@ from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.api.drop_counter import DropCounter
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
-from resting_aspects_ros.api.output_files import OutputError, make_folder, whole_file
+from resting_aspects_ros.api.output_files import make_folder, whole_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.core.errors import EngineError, RestingAspectsError, warn
+from resting_aspects_ros.core.errors import (
+    EngineError,
+    OutputError,
+    RestingAspectsError,
+    analysis,
+    warn,
+)
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
@@ -127,19 +133,23 @@ def drop_batch(
                 own = _folder(part.name, [each.folder for each in entries])
                 entry = dataclasses.replace(entry, result=result, folder=own)
                 if folder is not None:
-                    result.report(folder / own)
+                    make_folder('--out', folder / own)
                     result.save_json(folder / own / DOCUMENT)
+                    with analysis(f'the report on {part.name}'):
+                        result.report(folder / own)
             except (EngineError, OutputError):
                 raise
             except RestingAspectsError as error:
                 entry = dataclasses.replace(entry, error=str(error))
             entries.append(entry)
             if folder is not None:
-                _write_index(BatchResult(tuple(entries), False, confidence, folder))
+                with analysis('the index of the batch'):
+                    _write_index(BatchResult(tuple(entries), False, confidence, folder))
     complete = len(entries) == len(sources) and not any(entry.error for entry in entries)
     batch = BatchResult(tuple(entries), complete, confidence, folder)
     if folder is not None:
-        _write_index(batch, compare=True)
+        with analysis('the index of the batch'):
+            _write_index(batch, compare=True)
     return batch
 
 

@@ -1,5 +1,6 @@
 """Compare conditions by fresh drops, which did not take part in their selection."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +48,19 @@ def posterior_values(
 ) -> Estimated:
     """Return the value of an objective at conditions with these fresh counts (c,)."""
     return estimated(objective.posterior(counts, rng, DRAWS), confidence)
+
+
+def certainty_of_best(
+    objective: Objective, best: Counts, others: Sequence[Counts], rng: np.random.Generator
+) -> float:
+    """Return the posterior probability that conditions are better than all others.
+
+    All have fresh counts (c,).
+    """
+    first, *rest = (
+        objective.sign * objective.posterior(each, rng, DRAWS) for each in (best, *others)
+    )
+    return float((first > np.max(rest, axis=0)).mean()) if rest else 1.0
 
 
 def advantage(

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.page_template import picture_uri
@@ -14,11 +15,15 @@ PIXELS = 176
 
 
 def case_pictures(case: StudyCase) -> list[str]:
-    """Return a picture of each symmetry class as a data URI."""
+    """Return a picture of each symmetry class as a data URI; empty if they cannot be made."""
     members = [alike[0] for alike in case.aspects.classes()]
-    part = picture_part(case.part, case.aspects.aspects)
-    colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
-    return [picture_uri(image) for image in draw_parts(pose_parts(part, members), colours, PIXELS)]
+    found = [''] * len(members)
+    with analysis(f'the pictures of {case.part.name}'):
+        part = picture_part(case.part, case.aspects.aspects)
+        colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
+        images = draw_parts(pose_parts(part, members), colours, PIXELS)
+        found[:] = [picture_uri(image) for image in images]
+    return found
 
 
 def comparison_texts(found: CaseComparison, pictures: dict[int, list[str]]) -> dict[str, Any]:
