@@ -14,7 +14,13 @@ from resting_aspects_ros.cli.forecast_options import parse_numbers
 from resting_aspects_ros.cli.options import changed_conditions
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, analysis, warn
+from resting_aspects_ros.core.errors import (
+    EngineError,
+    InvalidValueError,
+    RestingAspectsError,
+    analysis,
+    warn,
+)
 from resting_aspects_ros.simulation.actions import Actions, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -77,6 +83,8 @@ def optimise_and_show(
     if result is None:
         if failure is not None:
             raise failure
+        if not stop.asked:
+            raise RestingAspectsError('the drops give no result: too few points or no surrogate')
         print('interrupted; too few points were simulated for a result', file=sys.stderr)
         return INTERRUPTED
     _show(result, arguments, out)

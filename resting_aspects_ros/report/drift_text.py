@@ -9,7 +9,7 @@ from resting_aspects_ros.core.statistics.drift import Deviation, DriftTest
 from resting_aspects_ros.core.statistics.drift_power import MAX_SHIFT, detectable_shift
 from resting_aspects_ros.core.statistics.intervals import Counts, Interval
 from resting_aspects_ros.core.statistics.live_counts import LiveCounts
-from resting_aspects_ros.report.rounding import decimals_of, points, share_text
+from resting_aspects_ros.report.rounding import decimals_of, points, share_text, shown_difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,12 @@ def _result(tested: DriftWindows) -> str:
     decimals = decimals_of(interval)
     share, expected = (f'{100 * x:.{decimals}f} %' for x in (found.share, found.expected))
     difference, low, high = (
-        points(x, decimals) for x in (found.difference, found.lower, found.upper)
+        points(x, decimals)
+        for x in (
+            shown_difference(found.share, found.expected, decimals),
+            found.lower,
+            found.upper,
+        )
     )
     seen = f'lass {tested.names[found.index]} is seen in {share} instead of {expected}'
     numbers = f'({difference} points, {100 * found.confidence:.10g} % interval {low} to {high})'

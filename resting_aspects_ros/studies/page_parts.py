@@ -7,6 +7,7 @@ from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.page_template import picture_uri
 from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
+from resting_aspects_ros.report.rounding import shown_difference
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_comparison import CaseComparison
 from resting_aspects_ros.studies.study_figures import case_colours
@@ -42,7 +43,9 @@ def comparison_texts(found: CaseComparison, pictures: dict[int, list[str]]) -> d
                     pictures[id(second)][e.second - 1],
                 ),
                 'shares': (f'{100 * e.first_share:.1f} %', f'{100 * e.second_share:.1f} %'),
-                'difference': f'{100 * e.difference:+.1f} points',
+                'difference': (
+                    f'{100 * shown_difference(e.second_share, e.first_share, 1):+.1f} points'
+                ),
                 'interval': points.format(100 * e.lower, 100 * e.upper),
                 'largest': f'{100 * e.largest:+.1f} points',
                 'largest_interval': points.format(100 * e.largest_lower, 100 * e.largest_upper),
