@@ -116,9 +116,9 @@ def _facts(factor: Factor, facts: FactorFacts) -> dict[str, Any]:
     return {
         'flat': [low, high],
         'at_bound': facts.at_bound,
-        'effect': facts.effect,
-        'effect_upper': facts.effect_upper,
-        'p_value': facts.p_value,
+        'effect': plain(facts.effect),
+        'effect_upper': plain(facts.effect_upper),
+        'p_value': plain(facts.p_value),
     }
 
 
