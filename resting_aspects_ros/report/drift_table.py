@@ -92,6 +92,7 @@ def drift_fields(tested: DriftWindows) -> dict[str, object]:
     return {
         'message': drift_sentence(tested),
         'level': test.level,
+        'scatter': None if test.scatter is None else test.scatter.factor,
         'run_length': tested.run_length,
         'detectable_shift': shift,
         'power': tested.power,
