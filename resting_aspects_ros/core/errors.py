@@ -62,7 +62,7 @@ def analysis(name: str, notes: list[str] | None = None) -> Iterator[None]:
         yield
     except (OSError, EngineError, LogError, OutputError):
         raise
-    except Exception as error:  # noqa: BLE001 whatever fails, the other results are made
+    except Exception as error:  # noqa: BLE001 any error: the other results are still made
         reason = one_line(f'{type(error).__name__}: {error}')
         sentence = f'{name} could not be made ({reason}); everything else is complete'
         warnings.warn(sentence, RestingAspectsWarning, stacklevel=3)

@@ -17,9 +17,9 @@ from resting_aspects_ros.core.statistics.intervals import Array, Counts
 UNIT = 30
 MAX_UNITS = 1000
 # Draws of the estimate, from which its uncertainty follows.
-DRAWS = 2000
+DRAWS = 1000
 SEED = 1
-# From this number of pairs on, the one that differs most is left out: the shares can change once.
+# From this number of differences on, the largest one is left out.
 MIN_TRIMMED = 3
 
 
@@ -40,7 +40,7 @@ class Units:
             self.counts.append(self._open)
             self._open = None
             if len(self.counts) > MAX_UNITS:
-                del self.counts[:2]  # whole pairs, so that the others stay the same
+                del self.counts[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,13 @@ class BatchScatter:
         Estimate; below 1 only by chance.
     reference : (DRAWS,) float
         Estimates, ascending, from batches that scatter by chance only.
-    pairs : int
-        Number of pairs of batches from which it is estimated.
+    batches : int
+        Number of batches from which it is estimated.
     """
 
     factor: float
     reference: Array
-    pairs: int
+    batches: int
 
     def inflation(self, parts: int, drops: int, ratio: float | Array = 1.0) -> Array:
         """Return the factor of the variance of the difference between parts and drops.
@@ -72,28 +72,30 @@ class BatchScatter:
 def batch_scatter(units: Counts) -> BatchScatter | None:
     """Return the scatter of successive batches; None if there are too few to estimate it.
 
-    The statistic is Pearson's chi-square of the difference of successive batches, each batch in
-    one pair, with the shares of all batches. Its distribution is that of chi-square times the
-    factor.
+    The statistic is the sum of Pearson's chi-square of the differences of successive batches, with
+    the shares of all batches. The largest difference is left out, because the shares can change
+    once.
 
     units : (u, c) int
         Parts of each batch in each class, at least one in each batch.
     """
-    pairs = units[: len(units) // 2 * 2].reshape(-1, 2, units.shape[1])
-    totals = pairs.sum(axis=(0, 1))
-    pairs, totals = pairs[..., totals > 0], totals[totals > 0]
-    number, freedom = int(totals.sum()), len(totals) - 1
-    if freedom < 1:
+    units = units[:, units.any(axis=0)]
+    freedom = units.shape[1] - 1
+    if len(units) < 2 or freedom < 1:
         return None
-    sizes = pairs.sum(axis=2)
-    shares = pairs / sizes[..., None]
-    weights = sizes.prod(axis=1) / sizes.sum(axis=1)
-    squares = (shares[:, 0] - shares[:, 1]) ** 2 @ (number / totals)
+    totals, sizes = units.sum(axis=0), units.sum(axis=1)
+    number = int(totals.sum())
+    shares = units / sizes[:, None]
+    weights = sizes[1:] * sizes[:-1] / (sizes[1:] + sizes[:-1])
+    squares = np.diff(shares, axis=0) ** 2 @ (number / totals)
     # Pearson's statistic with fixed margins has the mean freedom n / (n - 1).
     found = weights * squares * (number - 1) / number
-    drawn = np.random.default_rng(SEED).chisquare(freedom, (DRAWS, len(pairs)))
+    generator = np.random.default_rng(SEED)
+    drawn = np.zeros((DRAWS, len(units) - 1))
+    for _ in range(freedom):
+        drawn += np.diff(generator.standard_normal((DRAWS, len(units))), axis=1) ** 2 / 2
     sums = np.sort(_sum(drawn))
-    return BatchScatter(float(_sum(found) / sums.mean()), sums / sums.mean(), len(pairs))
+    return BatchScatter(float(_sum(found) / sums.mean()), sums / sums.mean(), len(units))
 
 
 def _sum(statistics: Array) -> Array:

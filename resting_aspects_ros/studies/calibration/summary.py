@@ -50,14 +50,14 @@ def estimates(fit: Fit) -> list[Estimate]:
         values = factor.values(unit)
         mean = float(weights @ values)
         start, end = shortest_interval(unit, weights)
-        most_probable = float(factor.values(best[k : k + 1])[0])
+        best_value = float(factor.values(best[k : k + 1])[0])
         low, high = factor.values(np.array([start, end]))
-        for value in (most_probable, mean):
+        for value in (best_value, mean):
             low, high = containing(value, low, high)
         found.append(
             Estimate(
                 factor,
-                most_probable,
+                best_value,
                 mean,
                 float(np.sqrt(weights @ (values - mean) ** 2)),
                 float(low),
