@@ -68,8 +68,8 @@ def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> Compariso
     lines: list[tuple[str, ...]] = []
     for k, (row, difference) in enumerate(zip(rows, differences, strict=True)):
         decimals = _decimals(comparison, k)
-        shares = (f'{100 * p[k]:.{decimals}f} %' for p in (comparison.first, comparison.second))
-        lines.append((row.name, *shares, difference))
+        sides = (comparison.first[k], comparison.second[k])
+        lines.append((row.name, *(f'{100 * p:.{decimals}f} %' for p in sides), difference))
     for name in REST:
         counts = getattr(measured.own, name), getattr(measured.tally, name)
         if any(counts):
