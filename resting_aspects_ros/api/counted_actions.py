@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.markov import (
@@ -90,7 +90,10 @@ class CountedActions:
         """The mix that repeated actions lead to; None if actions or drops are missing for it."""
         if not (self.matrix.actions > 0).all() or not self.drop.counts.any():
             return None
-        return long_run(self.matrix.transitions, self.matrix.left, self.drop_shares)
+        found: LongRun | None = None
+        with analysis(f'the long-run shares of {self.action.name}'):
+            found = long_run(self.matrix.transitions, self.matrix.left, self.drop_shares)
+        return found  # noqa: RET504 the analysis can fail
 
     @cached_property
     def long_run_bounds(self) -> tuple[Array, Array]:
@@ -167,18 +170,18 @@ class CountedActions:
         if self.run.conditions.surroundings:
             document['conditions'] = conditions_document(self.run.conditions)
             document['sliding'] = self.matrix.sliding
-        if self.long_run is not None:
-            aspects = self.matrix.aspects
-            document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)
-            view = self.by_class()
-            assert view.long_run is not None
-            lower, upper = view.long_run_bounds
-            document['classes'] = {
-                **matrix_fields(self.matrix)['classes'],
-                'long_run': plain(view.long_run.shares),
-                'long_run_lower': plain(lower),
-                'long_run_upper': plain(upper),
-            }
+        view = self.by_class()
+        if self.long_run is not None and view.long_run is not None:
+            with analysis('the bounds of the long-run shares'):
+                aspects = self.matrix.aspects
+                document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)
+                lower, upper = view.long_run_bounds
+                document['classes'] = {
+                    **matrix_fields(self.matrix)['classes'],
+                    'long_run': plain(view.long_run.shares),
+                    'long_run_lower': plain(lower),
+                    'long_run_upper': plain(upper),
+                }
         if wanted and (self.matrix.actions > 0).all():
             probability, number = self.reach(wanted)
             document['wanted'] = {

@@ -20,6 +20,7 @@ from resting_aspects_ros.api.inputs.counts import (
 from resting_aspects_ros.api.inputs.counts_csv import read_observed
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, counts_from_array
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.statistics.batch_scatter import UNIT, batch_scatter
 from resting_aspects_ros.core.statistics.drift import find_drift
 from resting_aspects_ros.core.statistics.drift_power import POWER, SHIFT
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
@@ -46,7 +47,8 @@ def watch_drift(
 
     The parts are divided into disjoint windows in the order in which they were counted. Each
     window is compared with the simulated drops by symmetry class. Classes that the counts do not
-    distinguish ('3+4') are compared with the sum of their simulated drops.
+    distinguish ('3+4') are compared with the sum of their simulated drops. That batches differ
+    more than by chance is estimated from successive batches, and taken into account.
 
     Parameters
     ----------
@@ -110,11 +112,12 @@ def watch_drift(
     simulated, observed = grouped(simulated, groups), observed.grouped(groups)
     drops = simulated.tally.counts
     check_options(observed, window, level, run_length, shift, prior_weight, confidence)
-    size = window_size(drops, observed.parts, window, level, run_length, shift)
+    scatter = batch_scatter(observed.windows(UNIT)[0])
+    size = window_size(drops, observed.parts, window, level, run_length, shift, scatter)
     windows, ends, labels = observed.windows(size)
     tested_level = window_level(int(ends[-1]) / len(windows), level, run_length)
     live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
-    test = find_drift(windows, drops, np.random.default_rng(SEED), tested_level)
+    test = find_drift(windows, drops, np.random.default_rng(SEED), tested_level, scatter)
     tested = DriftWindows(
         test, live, ends, labels, confidence, POWER, simulated.all_groups, observed.unclassified
     )

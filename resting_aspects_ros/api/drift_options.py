@@ -6,6 +6,7 @@ from functools import partial
 
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.core.statistics.batch_scatter import BatchScatter
 from resting_aspects_ros.core.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL, check_level
 from resting_aspects_ros.core.statistics.drift_power import (
     POWER,
@@ -86,14 +87,16 @@ def window_size(
     level: float | None,
     run_length: int | None,
     shift: float,
+    scatter: BatchScatter | None = None,
 ) -> int:
     """Return the number of parts in a window."""
     if window is not None:
         return window
     if run_length is None:
-        needed = partial(parts_needed, drops, shift, LEVEL if level is None else level)
+        tested = LEVEL if level is None else level
+        needed = partial(parts_needed, drops, shift, tested, scatter=scatter)
         return min(_default_window(needed, drops, shift), parts)
-    needed = partial(parts_for_run_length, drops, run_length, shift)
+    needed = partial(parts_for_run_length, drops, run_length, shift, scatter=scatter)
     size = _default_window(needed, drops, shift)
     # The level, window / run length, has limits.
     limits = math.ceil(run_length * MIN_LEVEL), math.floor(run_length * MAX_LEVEL)

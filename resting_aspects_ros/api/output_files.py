@@ -13,17 +13,13 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, OutputError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 
 POSES_HEADER = (
     'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
     'status', 'decided_by', 'time_to_rest', 'energy_growth', 'aspect',
 )  # fmt: skip
-
-
-class OutputError(RestingAspectsError):
-    """Raised if a result cannot be written."""
 
 
 def make_folder(flag: str, folder: Path) -> None:

@@ -20,6 +20,7 @@ from resting_aspects_ros.api.report_files import (
 from resting_aspects_ros.api.retention_counts import RetentionCounts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.reorientation_page import reorientation_files
@@ -78,10 +79,7 @@ def write_reorientation_report(
     simulated : sequence of CountedActions
         Where rows of ``results`` are measured: the results in which they are simulated.
 
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    Raises OutputError if a file cannot be written.
     """
     first = results[0]
     names = [result.action.name for result in results]
@@ -146,8 +144,10 @@ def _action_report(
 ) -> ActionReport:
     action, matrix, drop = result.action, result.matrix, result.drop
     way = None
+    notes = list(_notes(result, simulated))
     if wanted and (matrix.actions > 0).all():
-        way = Way(wanted_mask(wanted, len(matrix.counts)), *result.reach(wanted))
+        with analysis('the way to the wanted aspects', notes):
+            way = Way(wanted_mask(wanted, len(matrix.counts)), *result.reach(wanted))
     convergence = ''
     if result.convergence is not None:
         classes = map(_named, matrix.aspects.classes())
@@ -165,7 +165,7 @@ def _action_report(
         way=way,
         measured=[_check_cells(each) for each in checks if each.pair.action == action.name],
         convergence=convergence.replace('\n', ' '),
-        notes=tuple(_notes(result, simulated)),
+        notes=tuple(notes),
     )
 
 

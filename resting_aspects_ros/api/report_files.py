@@ -16,6 +16,7 @@ from resting_aspects_ros.api.surroundings import has_level_floor
 from resting_aspects_ros.api.surroundings_facts import surroundings_facts
 from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.input_file import printable
@@ -23,7 +24,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.core.statistics.intervals import Array
 from resting_aspects_ros.report.comparison_text import ReferenceCounts
-from resting_aspects_ros.report.page import FILES, PAGE, Report, report_files
+from resting_aspects_ros.report.page import FILES, PAGE, ContactRow, Report, report_files
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import symmetry_text
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -72,27 +73,36 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
     recommended = ''
+    contacts: list[ContactRow] = []
+    measured: ReferenceCounts | None = None
+    notes = list(_notes(result))
     # The methods assume a level plane.
     level = not result.run.conditions.surroundings
     if part is not None and len(distribution.aspects) and level:
-        shape = RestingShape(part, distribution.aspects)
-        recommended = recommended_method(shape, result.run.conditions).reason
-        release = release_numbers(shape, result.run.conditions)
-        found, reasons = estimate_each(shape, METHODS, release)
-        estimates = {name: each.probabilities for name, each in found.items()}
+        with analysis('the analytic estimates', notes):
+            shape = RestingShape(part, distribution.aspects)
+            recommended = recommended_method(shape, result.run.conditions).reason
+            release = release_numbers(shape, result.run.conditions)
+            found, reasons = estimate_each(shape, METHODS, release)
+            estimates = {name: each.probabilities for name, each in found.items()}
+    with analysis('the table of contacts', notes):
+        contacts += contact_page_rows(result)
+    if against is not None:
+        with analysis('the comparison with the measured counts', notes):
+            measured = _measured(result, against)
     return Report(
         title=result.run.part,
         subtitle=result.subtitle,
         distribution=distribution,
         part=part,
-        notes=tuple(_notes(result)),
+        notes=tuple(notes),
         facts=_facts(result),
         history=result.history,
         estimates=estimates,
         not_defined=reasons,
         recommended=recommended,
-        measured=None if against is None else _measured(result, against),
-        contacts=tuple(contact_page_rows(result)),
+        measured=measured,
+        contacts=tuple(contacts),
         level_floor=has_level_floor(result.run.conditions),
     )
 

@@ -9,7 +9,7 @@ from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import changed_conditions, flag_of, requested_conditions
 from resting_aspects_ros.cli.result_folder import make_result_folder
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError, analysis, warn
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
@@ -66,12 +66,15 @@ def drop_propagated_and_show(
     if len(result.counts) < 2:
         raise EngineError('interrupted before two samples were complete: there is no result')
     # The result is printed first, so that it is not lost if the disk is full.
-    print(result.to_json(), end='') if arguments.json else print(result)
+    with analysis('the table of the shares'):
+        print(result.to_json(), end='') if arguments.json else print(result)
     if out is not None:
         result.save_json(out / DOCUMENT)
-        page = result.report(out)
+        written = [out / DOCUMENT]
+        with analysis('the report'):
+            written.append(result.report(out))
         if not arguments.json:
-            print(f'Written: {out / DOCUMENT}, {page}')
+            print(f'Written: {", ".join(map(str, written))}')
     if not result.complete:
         print(f'interrupted; the result has {len(result.counts)} samples', file=sys.stderr)
         return INTERRUPTED

@@ -15,7 +15,6 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.output_files import (
-    OutputError,
     check_output,
     make_folder,
     poses_file,
@@ -27,7 +26,7 @@ from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.result_folder import requested_folder
-from resting_aspects_ros.core.errors import EngineError, LogError, warn
+from resting_aspects_ros.core.errors import EngineError, LogError, OutputError, analysis, warn
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption, catch
@@ -143,7 +142,8 @@ def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) 
             lines = [f'Written: {", ".join(str(out / name) for name in files)}']
             result.save_json(out / DOCUMENT)
             if not arguments.report:
-                result.save_picture(out / PICTURE)
+                with analysis('the picture'):
+                    result.save_picture(out / PICTURE)
     finally:
         print_result(result, as_json=arguments.json, each=arguments.each)
         _print(logged, arguments)
@@ -153,7 +153,9 @@ def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) 
         _print(lines, arguments)
         from resting_aspects_ros.api.report_files import write_report
 
-        lines = [f'Report: {write_report(result, out)}']
+        lines = []
+        with analysis('the report'):
+            lines.append(f'Report: {write_report(result, out)}')
     _print(lines, arguments)
 
 

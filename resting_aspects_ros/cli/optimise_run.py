@@ -14,7 +14,13 @@ from resting_aspects_ros.cli.forecast_options import parse_numbers
 from resting_aspects_ros.cli.options import changed_conditions
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
+from resting_aspects_ros.core.errors import (
+    EngineError,
+    InvalidValueError,
+    RestingAspectsError,
+    analysis,
+    warn,
+)
 from resting_aspects_ros.simulation.actions import Actions, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -71,10 +77,14 @@ def optimise_and_show(
                 progress.end(optimisation.drops)
         except EngineError as error:
             failure = error
+    if out is not None:
+        optimisation.save_csv(out / POINTS)
     result = optimisation.result()
     if result is None:
         if failure is not None:
             raise failure
+        if not stop.asked:
+            raise RestingAspectsError('the drops give no result: too few points or no surrogate')
         print('interrupted; too few points were simulated for a result', file=sys.stderr)
         return INTERRUPTED
     _show(result, arguments, out)
@@ -134,15 +144,17 @@ def _show(result: OptimiseResult, arguments: argparse.Namespace, out: Path | Non
     if arguments.json:
         sys.stdout.write(result.to_json())
     else:
-        console = make_console()
-        show_table(console, candidate_table(result))
-        show_table(console, factor_table(result))
-        for note in result.notes:
-            console.print(note, markup=False, highlight=False)
+        with analysis('the tables of the result'):
+            console = make_console()
+            show_table(console, candidate_table(result))
+            show_table(console, factor_table(result))
+            for note in result.notes:
+                console.print(note, markup=False, highlight=False)
     if out is None:
         return
     result.save_json(out / DOCUMENT)
-    result.save_csv(out / POINTS)
-    page = result.report(out)
+    written = [out / DOCUMENT, out / POINTS]
+    with analysis('the report'):
+        written.append(result.report(out))
     if not arguments.json:
-        print(f'Written: {out / DOCUMENT}, {out / POINTS}, {page}')
+        print(f'Written: {", ".join(map(str, written))}')

@@ -13,7 +13,7 @@ from resting_aspects_ros.api.reorient import counted_result, drop_for_start, mak
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
 from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
-from resting_aspects_ros.core.errors import EngineError, warn
+from resting_aspects_ros.core.errors import EngineError, analysis, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution
@@ -50,14 +50,16 @@ def reorient_and_show(
     answer = Answer(tuple(results), request.wanted, tuple(checks))
     # Measured rows are those of single aspects, which a class would mix with simulated ones.
     by_class = request.by_class and not replaced
-    print_answer(answer, by_class=by_class, as_json=arguments.json)
+    with analysis('the tables of the result'):
+        print_answer(answer, by_class=by_class, as_json=arguments.json)
     if request.out is not None:
         pictures = not arguments.report
         written = save_answer(answer, simulated, request.out, request.part, pictures=pictures)
         _print(f'Written: {", ".join(str(path) for path in written)}', arguments)
         if arguments.report:
             print('writing the report ...', file=sys.stderr)
-            _print(f'Report: {save_page(answer, simulated, request.out)}', arguments)
+            with analysis('the report'):
+                _print(f'Report: {save_page(answer, simulated, request.out)}', arguments)
     return _ended(arguments, request, simulated, failure)
 
 

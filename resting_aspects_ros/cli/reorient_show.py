@@ -3,8 +3,9 @@
 import dataclasses
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.simulated_shapes import pieces_text
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.plan import Plan
@@ -73,6 +75,11 @@ class Answer:
                 for check in self.checks
             ]
         return to_json(document)
+
+    def save_json(self, path: Path) -> None:
+        """Write the JSON document; raises OutputError."""
+        with whole_file(path) as file:
+            file.write_text(self.to_json(), encoding='utf-8')
 
 
 def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
@@ -184,18 +191,8 @@ def save_answer(
     The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
     With a page, which has the same pictures, none are needed here; see save_page.
     """
-    written = [out / DOCUMENT]
-    with whole_file(written[0]) as file:
-        file.write_text(answer.to_json(), encoding='utf-8')
-    try:
-        weights = estimate(part, ['csa']).estimates['csa'].probabilities
-    except NotDefinedError:
-        weights = None
-    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
-    written.append(out / ROADMAP)
-    with whole_file(written[-1]) as file:
-        document = roadmap_document(part, answer.results[0].drop, weights, matrices)
-        file.write_text(to_json(document), encoding='utf-8')
+    saves: dict[str, Callable[[Path], object]] = {DOCUMENT: answer.save_json}
+    saves[ROADMAP] = partial(_save_roadmap, answer, simulated, part)
     for result in answer.results:
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
@@ -203,10 +200,26 @@ def save_answer(
             files = {f'transitions{suffix}.graphml': result.save_graphml, **files}
             if pictures:
                 files[f'flow{suffix}.png'] = result.save_flow
-        for name, save in files.items():
+        saves.update(files)
+    written = []
+    for name, save in saves.items():
+        with analysis(f'the file {name}'):
             save(out / name)
             written.append(out / name)
     return written
+
+
+def _save_roadmap(
+    answer: Answer, simulated: Sequence[ReorientResult], part: Part, path: Path
+) -> None:
+    try:
+        weights = estimate(part, ['csa']).estimates['csa'].probabilities
+    except NotDefinedError:
+        weights = None
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
+    document = roadmap_document(part, answer.results[0].drop, weights, matrices)
+    with whole_file(path) as file:
+        file.write_text(to_json(document), encoding='utf-8')
 
 
 def save_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:

@@ -7,7 +7,8 @@ any input it is a single short line without control characters.
 import difflib
 import reprlib
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 MAX_SHOWN = 80
@@ -43,6 +44,30 @@ class LogError(RestingAspectsError):
 
 class NoLogError(LogError):
     """The given file or folder is not a log."""
+
+
+class OutputError(RestingAspectsError):
+    """A result cannot be written."""
+
+
+@contextmanager
+def analysis(name: str, notes: list[str] | None = None) -> Iterator[None]:
+    """Turn a failure of one analysis of finished drops into a warning that names it.
+
+    The drops cannot be repeated cheaply, so that a figure, a test or a table that fails must not
+    cost them, nor what else is made of them. The sentence is also appended to ``notes``. Failures
+    of the engine and of files are raised.
+    """
+    try:
+        yield
+    except (OSError, EngineError, LogError, OutputError):
+        raise
+    except Exception as error:  # noqa: BLE001 any error: the other results are still made
+        reason = one_line(f'{type(error).__name__}: {error}')
+        sentence = f'{name} could not be made ({reason}); everything else is complete'
+        warnings.warn(sentence, RestingAspectsWarning, stacklevel=3)
+        if notes is not None:
+            notes.append(f'{sentence[0].upper()}{sentence[1:]}.')
 
 
 def warn(text: str) -> None:

@@ -12,7 +12,12 @@ from resting_aspects_ros.core.statistics.comparison import REST, Comparison, Dro
 from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
 from resting_aspects_ros.core.statistics.pearson import TABLES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
-from resting_aspects_ros.report.rounding import decimals_of, direction_text, points
+from resting_aspects_ros.report.rounding import (
+    decimals_of,
+    direction_text,
+    points,
+    shown_difference,
+)
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table
 
 # A million drops justify more decimals, but the table would not fit 80 columns.
@@ -92,15 +97,21 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
     )
     rows = zip(*sides.shares(comparison.confidence), strict=True)
     for k, (a, b) in enumerate(rows):
-        deviation, low, high = (
-            float(x[k]) for x in (comparison.deviation, comparison.lower, comparison.upper)
+        bounds = Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k]))
+        decimals = max(*map(_share_decimals, (a, b)), _deviation_decimals(bounds))
+        difference = shown_difference(a.probability, b.probability, decimals)
+        first, second = (
+            f'{100 * each.probability:.{decimals}f}' if each.probability else '0'
+            for each in (a, b)
         )
         table.add_row(
             sides.name(k),
             _down_text(sides, k),
-            *_share_texts(a),
-            _share_texts(b)[0],
-            *_deviation_texts(Interval(deviation, low, high)),
+            first,
+            _share_texts(a)[1],
+            second,
+            points(difference, decimals),
+            _deviation_texts(bounds)[1],
         )
     table.add_section()
     for name in REST:
@@ -144,9 +155,13 @@ def _down_text(sides: ComparedResults, k: int) -> str:
     return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
 
 
+def _share_decimals(interval: Interval) -> int:
+    return min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
+
+
 def _share_texts(interval: Interval) -> tuple[str, str]:
     """Return share and interval in percent."""
-    decimals = min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
+    decimals = _share_decimals(interval)
     share, low, high = (
         f'{100 * x:.{decimals}f}' if x else '0'
         for x in (interval.probability, interval.lower, interval.upper)
@@ -159,10 +174,15 @@ def _deviation_texts(interval: Interval) -> tuple[str, str]:
 
     The deviation has one digit more than its bounds, because it is computed from exact counts.
     """
+    decimals = _deviation_decimals(interval)
+    shown = min(decimals_of(interval), decimals)
+    low, high = (points(x, shown) for x in (interval.lower, interval.upper))
+    return points(interval.probability, decimals), f'{low} to {high}'
+
+
+def _deviation_decimals(interval: Interval) -> int:
     limit = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
-    decimals = decimals_of(interval)
-    low, high = (points(x, min(decimals, limit)) for x in (interval.lower, interval.upper))
-    return points(interval.probability, min(decimals + 1, limit)), f'{low} to {high}'
+    return min(decimals_of(interval) + 1, limit)
 
 
 def comparison_document(

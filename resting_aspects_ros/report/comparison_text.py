@@ -10,8 +10,9 @@ from resting_aspects_ros.core.statistics.intervals import Interval, intervals
 from resting_aspects_ros.report.rounding import (
     chance_text,
     decimals_of,
-    points_text,
+    points,
     probability_text,
+    shown_difference,
 )
 from resting_aspects_ros.report.rows import Row
 
@@ -64,11 +65,11 @@ def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> Compariso
     """Return the texts of the comparison; ``rows`` are the rows of the symmetry classes."""
     comparison = measured.comparison
     differences = difference_texts(comparison)
-    (_, simulated), (_, counted) = measured.sides()
-    lines: list[tuple[str, ...]] = [
-        (row.name, probability_text(a), probability_text(b), difference)
-        for row, a, b, difference in zip(rows, simulated, counted, differences, strict=True)
-    ]
+    lines: list[tuple[str, ...]] = []
+    for k, (row, difference) in enumerate(zip(rows, differences, strict=True)):
+        decimals = _decimals(comparison, k)
+        sides = (comparison.first[k], comparison.second[k])
+        lines.append((row.name, *(f'{100 * p:.{decimals}f} %' for p in sides), difference))
     for name in REST:
         counts = getattr(measured.own, name), getattr(measured.tally, name)
         if any(counts):
@@ -87,8 +88,19 @@ def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> Compariso
 
 def difference_texts(comparison: Comparison) -> list[str]:
     """Return the difference of each class in percentage points, as '+3.1 (-0.9 to +7.0)'."""
-    bounds = zip(comparison.deviation, comparison.lower, comparison.upper, strict=True)
-    return [points_text(float(d), float(low), float(high)) for d, low, high in bounds]
+    found = []
+    for k, (low, high) in enumerate(zip(comparison.lower, comparison.upper, strict=True)):
+        decimals = _decimals(comparison, k)
+        shares = float(comparison.first[k]), float(comparison.second[k])
+        difference = points(shown_difference(*shares, decimals), decimals)
+        ends = (points(float(end), decimals - 1) for end in (low, high))
+        found.append(f'{difference} ({" to ".join(ends)})')
+    return found
+
+
+def _decimals(comparison: Comparison, k: int) -> int:
+    """Return the decimals of the shares of a class and their difference: one more than bounds."""
+    return 1 + decimals_of(Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k])))
 
 
 def verdict(comparison: Comparison, names: Sequence[str]) -> str:

@@ -20,18 +20,18 @@ from resting_aspects_ros.report.posed_part import (
 )
 from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise
 
-PART_COLOUR = np.array([0.62, 0.68, 0.76])
 # Colours of the planes and of the contacts on them, in the order of the planes; others are grey.
 PLANE_COLOURS = np.array([[0.90, 0.90, 0.92], [0.93, 0.89, 0.82], [0.86, 0.92, 0.87]])
 CONTACT_COLOURS = np.array([[0.10, 0.42, 0.75], [0.88, 0.42, 0.05], [0.13, 0.55, 0.25]])
-# Half of the side of a plane, and the radius of the disc by which a contact is enlarged, R.
-PATCH, RIM = 1.25, 0.09
+# Half of the side of a plane, of which the picture shows what is near the part, and the radius of
+# the disc by which a contact is enlarged, R.
+PATCH, RIM = 1.6, 0.09
 # Distance of a contact from its plane in the picture, R, so that the plane does not hide it.
 ABOVE = 0.004
 # Points of the hull that are at most this much further from a plane, R, touch it too.
 TOUCHING = 0.012
 ELEVATION = np.radians(36.0)
-AZIMUTHS = np.radians([-62.0, 62.0, 118.0, -118.0, -28.0, 28.0])
+AZIMUTHS = np.radians([-62, 62, 118, -118, -28, 28, -15, 15, 165, -165, 75, -75])
 
 Mesh = tuple[Array, Indices, Array]  # points, faces, colours of the faces
 
@@ -41,6 +41,7 @@ def contact_image(
     orientation: Array,
     contacts: Sequence[int],
     planes: Sequence[ContactPlane],
+    colour: Array,
     pixels: int,
 ) -> Image:
     """Return a picture (pixels, pixels, 4) of a part that touches planes.
@@ -51,20 +52,23 @@ def contact_image(
         Unit quaternion xyzw, tray from part.
     contacts : sequence of int
         What touches each plane; see `core.aspects.contacts`. Planes without contact are not drawn.
+    colour : (3,) float
+        Of the part.
     """
     touched = [k for k, code in enumerate(contacts) if code != NONE]
     radius = part.hull_radius
     corners = rotate(orientation, part.hull_vertices)
     place = _place(corners, [planes[k] for k in touched])
     corners = corners + place
-    meshes: list[Mesh] = [_part_mesh(part, orientation, place)]
+    meshes: list[Mesh] = [_part_mesh(part, orientation, place, colour)]
+    patches: list[Mesh] = []
     centre = corners.mean(axis=0)
     for k in touched:
-        colour = min(k, len(PLANE_COLOURS) - 1)
+        number = min(k, len(PLANE_COLOURS) - 1)
         others = [planes[j] for j in touched if j != k]
-        meshes.append(_patch(planes[k], others, centre, radius, PLANE_COLOURS[colour]))
-        meshes.append(_contact(planes[k], corners, radius, CONTACT_COLOURS[colour]))
-    return _drawn(meshes, _view([planes[k].normal for k in touched]), pixels)
+        patches.append(_patch(planes[k], others, centre, radius, PLANE_COLOURS[number]))
+        meshes.append(_contact(planes[k], corners, radius, CONTACT_COLOURS[number]))
+    return _drawn(meshes, patches, _view([planes[k].normal for k in touched]), pixels)
 
 
 def _place(corners: Array, planes: Sequence[ContactPlane]) -> Array:
@@ -77,11 +81,11 @@ def _place(corners: Array, planes: Sequence[ContactPlane]) -> Array:
     return np.asarray(found)
 
 
-def _part_mesh(part: Part, orientation: Array, place: Array) -> Mesh:
+def _part_mesh(part: Part, orientation: Array, place: Array, colour: Array) -> Mesh:
     points, faces = rotate(orientation, part.vertices) + place, np.array(part.faces)
     if np.isnan(part.volume):
         faces = np.concatenate([faces, faces[:, ::-1]])  # an open mesh is visible from inside
-    return points, faces, np.tile(PART_COLOUR, (len(faces), 1))
+    return points, faces, np.tile(colour, (len(faces), 1))
 
 
 def _axes(normal: Array) -> Array:
@@ -161,14 +165,17 @@ def _view(normals: Sequence[Array]) -> Array:
     return views[0] if faces[0] > 0.3 else views[best]
 
 
-def _drawn(meshes: Sequence[Mesh], view: Array, pixels: int) -> Image:
+def _drawn(framed: Sequence[Mesh], patches: Sequence[Mesh], view: Array, pixels: int) -> Image:
+    """Return the picture of meshes that fill it, the part first, and of the planes below them."""
+    meshes = [*framed, *patches]
     starts = np.cumsum([0, *(len(points) for points, _, _ in meshes)])
     points = np.concatenate([points for points, _, _ in meshes])
     faces = np.concatenate([f + s for (_, f, _), s in zip(meshes, starts, strict=False)])
     colours = np.concatenate([colour for _, _, colour in meshes])
     size = pixels * FINE
     seen_points = points @ view.T
-    low, high = seen_points[:, :2].min(axis=0), seen_points[:, :2].max(axis=0)
+    inside = seen_points[: sum(len(points) for points, _, _ in framed), :2]
+    low, high = inside.min(axis=0), inside.max(axis=0)
     scale = FILLED * size / float((high - low).max())
     shift = np.append(size / 2 - scale * (low + high) / 2, 0.0)
     seen = rasterise(seen_points * scale + shift, faces, size)

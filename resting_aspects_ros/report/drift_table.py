@@ -12,6 +12,7 @@ from resting_aspects_ros.report.rounding import (
     interval_text,
     points_text,
     probability_text,
+    shown_difference,
 )
 from resting_aspects_ros.report.transition_table import titled_table
 
@@ -49,7 +50,9 @@ def window_table(tested: DriftWindows, title: str) -> Table:
             tested.names[found.index],
             f'{100 * found.share:.{decimals}f}',
             f'{100 * found.expected:.{decimals}f}',
-            points_text(found.difference, found.lower, found.upper),
+            points_text(
+                shown_difference(found.share, found.expected, decimals), found.lower, found.upper
+            ),
             'alarm' if k in alarms else '',
         )
     return table
@@ -89,6 +92,7 @@ def drift_fields(tested: DriftWindows) -> dict[str, object]:
     return {
         'message': drift_sentence(tested),
         'level': test.level,
+        'scatter': None if test.scatter is None else test.scatter.factor,
         'run_length': tested.run_length,
         'detectable_shift': shift,
         'power': tested.power,

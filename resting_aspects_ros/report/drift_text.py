@@ -9,7 +9,7 @@ from resting_aspects_ros.core.statistics.drift import Deviation, DriftTest
 from resting_aspects_ros.core.statistics.drift_power import MAX_SHIFT, detectable_shift
 from resting_aspects_ros.core.statistics.intervals import Counts, Interval
 from resting_aspects_ros.core.statistics.live_counts import LiveCounts
-from resting_aspects_ros.report.rounding import decimals_of, points, share_text
+from resting_aspects_ros.report.rounding import decimals_of, points, share_text, shown_difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,8 @@ class DriftWindows:
     @property
     def detectable(self) -> float:
         """Shift that a window of `parts` finds with `power`; nan if it finds none."""
-        return detectable_shift(self.test.simulated, self.parts, self.test.level, self.power)
+        test = self.test
+        return detectable_shift(test.simulated, self.parts, test.level, self.power, test.scatter)
 
     @property
     def run_length(self) -> float:
@@ -99,7 +100,12 @@ def _result(tested: DriftWindows) -> str:
     decimals = decimals_of(interval)
     share, expected = (f'{100 * x:.{decimals}f} %' for x in (found.share, found.expected))
     difference, low, high = (
-        points(x, decimals) for x in (found.difference, found.lower, found.upper)
+        points(x, decimals)
+        for x in (
+            shown_difference(found.share, found.expected, decimals),
+            found.lower,
+            found.upper,
+        )
     )
     seen = f'lass {tested.names[found.index]} is seen in {share} instead of {expected}'
     numbers = f'({difference} points, {100 * found.confidence:.10g} % interval {low} to {high})'
@@ -142,6 +148,19 @@ def _untested(tested: DriftWindows) -> Iterator[str]:
         yield f'The last {tested.untested} parts are not tested: they do not fill a window.'
 
 
+def _scatter_sentence(tested: DriftWindows) -> str:
+    """Return by how much batches scatter more than by chance."""
+    scatter = tested.test.scatter
+    if scatter is None:
+        return 'There are too few batches to tell whether they scatter more than by chance.'
+    if scatter.factor <= 1:
+        return 'Successive batches scatter as by chance.'
+    return (
+        f'Successive batches scatter with {scatter.factor:.2g} times the variance of chance, '
+        'which the test allows for.'
+    )
+
+
 def unclassified_text(tested: DriftWindows) -> str:
     """Return how many parts are in no class; empty if there are none."""
     number = tested.unclassified
@@ -167,6 +186,6 @@ def power_sentences(tested: DriftWindows) -> str:
             f'of {100 * tested.power:g} %.'
         )
     return (
-        f'{finds} Without drift, {100 * level:.3g} % of windows raise an alarm: one in '
-        f'{tested.run_length:.0f} parts.'
+        f'{_scatter_sentence(tested)} {finds} Without drift, at most {100 * level:.3g} % of '
+        f'windows raise an alarm: one in {tested.run_length:.0f} parts.'
     )

@@ -1,11 +1,12 @@
 """Write a distribution as one self-contained HTML page, and its figures as files."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
@@ -52,7 +53,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = 'report.html'
-FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
+_LABELS = {
+    'distribution': 'Bar chart of the probabilities with intervals',
+    'pie': 'Pie chart of the shares of all drops',
+    'convergence': 'Line chart of the probabilities against the number of drops',
+    'estimates': 'Chart of the predictions of the analytic methods',
+    'comparison': 'Bar chart of the simulated and the measured shares',
+}
+FIGURES = tuple(_LABELS)
+_Draw = Callable[[float], 'Figure']
 FILES = (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS))
 # Side of a picture in a row, twice its size on the page for high-resolution screens, smaller on
 # pages with more than MANY_ROWS rows (see page.css); and side of a picture beside a bar.
@@ -126,12 +135,21 @@ class Report:
 def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     """Yield the name and the content of each file: the figures, then the page."""
     drawn = _DrawnRows(report)
-    figures = _figures(report, drawn)
-    svgs = {name: svg_text(figure) for name, figure in figures.items()}
-    narrow = {name: svg_text(each) for name, each in _responsive_figures(report, drawn, NARROW)}
-    for name, figure in figures.items():
-        yield from figure_files(name, figure, svgs[name])
-    yield PAGE, _page(report, drawn, svgs, narrow).encode()
+    notes = list(report.notes)
+    svgs: dict[str, str] = {}
+    narrow: dict[str, str] = {}
+    responsive = dict(_responsive_figures(report, drawn))
+    for name, draw in {**_figures(report, drawn), **responsive}.items():
+        files: list[tuple[str, bytes]] = []
+        with analysis(f'the figure {_LABELS[name]!r}', notes):
+            figure = draw(WIDE)
+            svg = svg_text(figure)
+            files = list(figure_files(name, figure, svg))
+            if name in responsive:
+                narrow[name] = svg_text(draw(NARROW))
+            svgs[name] = svg
+        yield from files
+    yield PAGE, _page(replace(report, notes=tuple(notes)), drawn, svgs, narrow).encode()
 
 
 class _DrawnRows:
@@ -160,39 +178,29 @@ class _DrawnRows:
         return dict(zip(self.pictured, images, strict=True))
 
 
-def _figures(report: Report, drawn: _DrawnRows) -> dict[str, 'Figure']:
-    """Return the figures for which there are data, by name."""
-    rows, distribution = drawn.rows, report.distribution
+def _figures(report: Report, drawn: _DrawnRows) -> dict[str, _Draw]:
+    """Return functions that draw the figures with a single width, by name."""
+    rows, distribution = [*drawn.rows, *drawn.outside], report.distribution
     return {
-        'distribution': distribution_figure(
+        'distribution': lambda _: distribution_figure(
             distribution, drawn.part, f'{report.title}, {report.subtitle}'
         ),
-        'pie': pie_figure(
-            [*rows, *drawn.outside],
-            [drawn.oblique.get(k) for k in range(len(rows) + len(drawn.outside))],
-        ),
-        **dict(_responsive_figures(report, drawn, WIDE)),
+        'pie': lambda _: pie_figure(rows, [drawn.oblique.get(k) for k in range(len(rows))]),
     }
 
 
-def _responsive_figures(
-    report: Report, drawn: _DrawnRows, width: float
-) -> Iterator[tuple[str, 'Figure']]:
-    """Yield name and figure for those that the page has in two widths; ``width`` in inches."""
-    rows = drawn.rows
-    if report.history is not None and len(report.history[0]) > 1 and rows:
-        yield (
-            'convergence',
-            convergence_figure(
-                rows, report.history[0], bands(report.distribution, *report.history), width
-            ),
-        )
+def _responsive_figures(report: Report, drawn: _DrawnRows) -> Iterator[tuple[str, _Draw]]:
+    """Yield names and functions of those for which there are data; widths are in inches."""
+    rows, history, measured = drawn.rows, report.history, report.measured
+    if history is not None and len(history[0]) > 1 and rows:
+        shown = bands(report.distribution, *history)
+        yield 'convergence', lambda width: convergence_figure(rows, history[0], shown, width)
     if report.estimates and rows:
         shares = {name: np.array(_row_sums(rows, p)) for name, p in report.estimates.items()}
-        yield 'estimates', estimates_figure(rows, shares, width)
-    if report.measured is not None:
-        differences = difference_texts(report.measured.comparison)
-        yield 'comparison', comparison_figure(rows, report.measured.sides(), differences, width)
+        yield 'estimates', lambda width: estimates_figure(rows, shares, width)
+    if measured is not None:
+        sides, differences = measured.sides(), difference_texts(measured.comparison)
+        yield 'comparison', lambda width: comparison_figure(rows, sides, differences, width)
 
 
 def _page(
@@ -207,13 +215,6 @@ def _page(
         [picture_uri(images[k]) if k in images else '' for images in views]
         for k in range(len(rows))
     ]
-    labels = {
-        'pie': 'Pie chart of the shares of all drops',
-        'distribution': 'Bar chart of the probabilities with intervals',
-        'convergence': 'Line chart of the probabilities against the number of drops',
-        'estimates': 'Chart of the predictions of the analytic methods',
-        'comparison': 'Bar chart of the simulated and the measured shares',
-    }
     texts = row_texts(report.distribution, rows, pictures, report.part, level=report.level_floor)
     return render_page(
         'page.html',
@@ -225,9 +226,9 @@ def _page(
         rows=texts,
         bars=largest_rows(texts),
         unseen=unseen_text(drawn.rows) if report.distribution.drops else '',
-        figures={name: inline_svg(svg, name, labels[name]) for name, svg in svgs.items()},
+        figures={name: inline_svg(svg, name, _LABELS[name]) for name, svg in svgs.items()},
         narrow={
-            name: inline_svg(svg, f'{name}-narrow', labels[name]) for name, svg in narrow.items()
+            name: inline_svg(svg, f'{name}-narrow', _LABELS[name]) for name, svg in narrow.items()
         },
         comparison=report.measured and comparison_text(report.measured, drawn.rows),
         estimates={

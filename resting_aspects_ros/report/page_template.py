@@ -2,11 +2,12 @@
 
 import base64
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.report.figure_style import png_bytes, svg_text
+from resting_aspects_ros.core.errors import analysis
+from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 
 if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written
     from matplotlib.figure import Figure
@@ -15,6 +16,7 @@ if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a pictu
 
 # Endings of the files of a figure.
 ENDINGS = ('png', 'svg')
+_CSS_PIXELS_PER_INCH = 96
 
 
 def render_page(template: str, **values: Any) -> str:
@@ -29,6 +31,30 @@ def render_page(template: str, **values: Any) -> str:
     )
     # The templates mark the scripts and the style as safe: they contain no data.
     return environment.get_template(template).render(style=read_file('page.css'), **values)
+
+
+def chart(
+    draw: Callable[[], 'Figure'],
+    name: str,
+    label: str,
+    caption: str = '',
+    notes: list[str] | None = None,
+) -> dict[str, Any]:
+    """Return what the macro ``figure`` shows; nothing, with a note, if the figure fails.
+
+    name : unique in the page
+    label : alternative text for screen readers
+    """
+    found: dict[str, Any] = {}
+    with analysis(f'the figure {label!r}', notes):
+        figure = draw()
+        found.update(
+            svg=inline_svg(svg_text(figure), name, label),
+            width=round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
+            label=label,
+            caption=caption,
+        )
+    return found
 
 
 def figure_files(name: str, figure: 'Figure', svg: str = '') -> Iterator[tuple[str, bytes]]:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.report.figure_style import inline_svg, svg_text
 from resting_aspects_ros.report.flow_figure import flow_figure, flow_note
 from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
-from resting_aspects_ros.report.page_template import figure_files, render_page
+from resting_aspects_ros.report.page_template import chart, figure_files, render_page
 from resting_aspects_ros.report.reorientation_report import (
     FLOW,
     HEAT_MAP,
@@ -36,18 +35,18 @@ from resting_aspects_ros.report.transition_table import Rows, interval_table, ta
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CSS_PIXELS_PER_INCH = 96
-
 
 def reorientation_files(report: ReorientationReport) -> Iterator[tuple[str, bytes]]:
     """Yield the name and the content of each file: the figures, then the page."""
     actions = []
+    notes = list(report.notes)
     for number, action in enumerate(report.actions, start=1):
         shown = dict(_figures(report, action))
         suffix = suffix_of(action.name, [each.name for each in report.actions])
+        inline = {name: figure.inline(f'{name}-{number}', notes) for name, figure in shown.items()}
         for name, figure in shown.items():
-            yield from figure_files(name + suffix, figure.draw(action.title))
-        inline = {name: figure.inline(f'{name}-{number}') for name, figure in shown.items()}
+            if inline[name]:
+                yield from figure_files(name + suffix, figure.draw(action.title))
         actions.append(_action_texts(report, action) | {'figures': inline})
     retention = None
     if report.curves:
@@ -56,15 +55,17 @@ def reorientation_files(report: ReorientationReport) -> Iterator[tuple[str, byte
             'Line chart of the probability to leave each aspect against the lift height',
             retention_note(report.curves, report.aspects),
         )
-        yield from figure_files(RETENTION, curves.draw(f'{report.title}, {report.subtitle}'))
+        inline = curves.inline(RETENTION, notes)
+        if inline:
+            yield from figure_files(RETENTION, curves.draw(f'{report.title}, {report.subtitle}'))
         retention = {
-            'figure': curves.inline(RETENTION),
+            'figure': inline,
             'levels': page_table(retention_table(report.curves, '', report.gravity)),
             'counts': page_table(retention_counts_table(report.curves, '')),
         }
     page = render_page(
         'reorientation.html',
-        report=report,
+        report=replace(report, notes=notes),
         actions=actions,
         wanted=_wanted_text(report),
         plan=_plan(report),
@@ -88,15 +89,9 @@ class _Figure:
     label: str
     note: str
 
-    def inline(self, name: str) -> dict[str, Any]:
+    def inline(self, name: str, notes: list[str]) -> dict[str, Any]:
         """Return what the macro ``figure`` shows; the name is unique in the page."""
-        figure = self.draw('')
-        return {
-            'svg': inline_svg(svg_text(figure), name, self.label),
-            'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
-            'label': self.label,
-            'caption': self.note,
-        }
+        return chart(partial(self.draw, ''), name, self.label, self.note, notes)
 
 
 def _figures(report: ReorientationReport, action: ActionReport) -> Iterator[tuple[str, _Figure]]:

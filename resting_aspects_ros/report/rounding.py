@@ -71,6 +71,15 @@ def points_text(deviation: float, lower: float, upper: float) -> str:
     return f'{difference} ({low} to {high})'
 
 
+def shown_difference(first: float, second: float, decimals: int) -> float:
+    """Return first - second of two shares as they are shown, in percent with these decimals.
+
+    A reader who subtracts the shown numbers gets the same. It differs from the exact difference by
+    at most one unit of the last digit.
+    """
+    return (round(100 * first, decimals) - round(100 * second, decimals)) / 100
+
+
 def chance_text(p_value: float) -> str:
     """Return how often chance alone gives a difference as large, as 'in 12 % of cases'."""
     if p_value < 0.001:

@@ -1,6 +1,7 @@
 """Drop many parts under the same conditions, with a report for each and an index page."""
 
 import dataclasses
+import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,17 +11,23 @@ from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.api.drop_counter import DropCounter
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
-from resting_aspects_ros.api.output_files import OutputError, make_folder, whole_file
+from resting_aspects_ros.api.output_files import make_folder, whole_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.core.errors import EngineError, RestingAspectsError, warn
+from resting_aspects_ros.core.errors import (
+    EngineError,
+    OutputError,
+    RestingAspectsError,
+    analysis,
+    warn,
+)
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.studies.batch_result import BatchEntry, BatchResult
@@ -62,7 +69,10 @@ def drop_batch(
         Folder for index.html and a folder with a report of each part.
     stopped : callable
         The batch ends early if it returns True.
-    drops, surface, precision, seed, interval, confidence, surroundings, workers, progress
+    seed : int
+        Of the batch. Each part has a seed of its own, see `part_seed`, so that the drops of
+        different parts are independent.
+    drops, surface, precision, interval, confidence, surroundings, workers, progress
         As for `drop`.
     **conditions : float
         Conditions that differ from the surface, in SI units.
@@ -83,6 +93,7 @@ def drop_batch(
     >>> [entry.error for entry in batch.entries]
     ['', "mesh 'missing.stl' does not exist"]
     """
+    check_seed(seed)
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     sources = _sources(parts)
     folder = None if out is None else Path(out)
@@ -103,7 +114,7 @@ def drop_batch(
                     part,
                     given,
                     drops=count,
-                    seed=seed,
+                    seed=part_seed(seed, part),
                     precision=precision,
                     interval=interval,
                     confidence=confidence,
@@ -127,20 +138,33 @@ def drop_batch(
                 own = _folder(part.name, [each.folder for each in entries])
                 entry = dataclasses.replace(entry, result=result, folder=own)
                 if folder is not None:
-                    result.report(folder / own)
+                    make_folder('--out', folder / own)
                     result.save_json(folder / own / DOCUMENT)
+                    with analysis(f'the report on {part.name}'):
+                        result.report(folder / own)
             except (EngineError, OutputError):
                 raise
             except RestingAspectsError as error:
                 entry = dataclasses.replace(entry, error=str(error))
             entries.append(entry)
             if folder is not None:
-                _write_index(BatchResult(tuple(entries), False, confidence, folder))
+                with analysis('the index of the batch'):
+                    _write_index(BatchResult(tuple(entries), False, confidence, folder, seed))
     complete = len(entries) == len(sources) and not any(entry.error for entry in entries)
-    batch = BatchResult(tuple(entries), complete, confidence, folder)
+    batch = BatchResult(tuple(entries), complete, confidence, folder, seed)
     if folder is not None:
-        _write_index(batch, compare=True)
+        with analysis('the index of the batch'):
+            _write_index(batch, compare=True)
     return batch
+
+
+def part_seed(seed: int, part: Part) -> int:
+    """Return the seed of a part, which follows from that of the batch and from the part alone.
+
+    It depends neither on the other parts nor on their order.
+    """
+    text = f'{seed} {part.part_sha256}'.encode('ascii')
+    return int.from_bytes(hashlib.sha256(text).digest()[:8], 'little')
 
 
 def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:

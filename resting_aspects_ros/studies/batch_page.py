@@ -27,7 +27,10 @@ def batch_page(batch: BatchResult, *, compare: bool) -> str:
     if done and done[0].result is not None:
         run = done[0].result.run
         facts['Conditions'] = [('all parts', conditions_text(run.conditions))]
-        facts['Run'] = [('seed', str(run.seed)), ('engine', f'{run.engine} {run.engine_version}')]
+        facts['Run'] = [
+            ('seed of the batch', str(batch.seed)),
+            ('engine', f'{run.engine} {run.engine_version}'),
+        ]
     drops = sum(e.result.distribution.drops for e in done if e.result is not None)
     return render_page(
         'batch.html',

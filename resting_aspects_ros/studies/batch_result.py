@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_comparison import CaseComparison, compare_cases
 
@@ -58,12 +59,17 @@ class BatchEntry:
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """The parts of a batch; ``complete`` if none failed and it was not stopped."""
+    """The parts of a batch; ``complete`` if none failed and it was not stopped.
+
+    seed : int
+        From which the seeds of the parts follow.
+    """
 
     entries: tuple[BatchEntry, ...]
     complete: bool
     confidence: float
     folder: Path | None = None
+    seed: int = DEFAULT_SEED
 
     @cached_property
     def comparisons(self) -> list[CaseComparison]:

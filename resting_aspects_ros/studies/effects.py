@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.sensitivity import Indices, indices_of
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
@@ -77,8 +78,8 @@ class Effects:
         Of the surrogate: root mean square error of a share.
     explained : float
         Share of the variance between the points that the surrogate explains, 0 to 1.
-    indices : Indices
-        Of the shares.
+    indices : Indices or None
+        Of the shares; None if they could not be computed.
     """
 
     columns: list[str]
@@ -87,7 +88,7 @@ class Effects:
     explained: float
     curves: list[Curve]
     changes: list[Change]
-    indices: Indices
+    indices: Indices | None
 
     def reliable(self, tolerance: float) -> bool:
         """Return whether the surrogate explains the differences that matter.
@@ -132,6 +133,9 @@ def effects_of(case: StudyCase, points: Array, seed: int, confidence: float) -> 
     tails = (1 - confidence) / 2, (1 + confidence) / 2
     others = sobol(d, OTHERS, (seed, 9))
     found = [_along(model, others, k, tails) for k in range(d)]
+    indices = None
+    with analysis(f'the Sobol indices of {case.name}'):
+        indices = indices_of(model.shares, d, seed, model.draws)
     return Effects(
         case.columns,
         surrogate.text,
@@ -139,7 +143,7 @@ def effects_of(case: StudyCase, points: Array, seed: int, confidence: float) -> 
         _explained(table, surrogate.cross_validated_error),
         [curve for curve, _ in found],
         [change for _, change in found],
-        indices_of(model.shares, d, seed, model.draws),
+        indices,
     )
 
 
@@ -170,11 +174,9 @@ def _along(
     curve = Curve(
         grid,
         mean,
-        np.minimum(lower, mean),
-        np.maximum(upper, mean),
+        *containing(mean, lower, upper),
         bits,
-        np.minimum(entropy_lower, bits),
-        np.maximum(entropy_upper, bits),
+        *containing(bits, entropy_lower, entropy_upper),
     )
     average = float(np.ptp(mean, axis=0).max())
     return curve, _change(model, table, others, factor, tails, average)

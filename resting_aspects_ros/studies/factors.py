@@ -69,8 +69,20 @@ class Factor:
 
     @property
     def title(self) -> str:
-        """Label with the unit, such as 'height (m)'."""
-        return f'{self.label or self.name} ({self.unit})' if self.unit else self.label or self.name
+        """Label with the unit in which values are shown, such as 'height (mm)'."""
+        label, unit = self.label or self.name, self._shown[0]
+        return f'{label} ({unit})' if unit else label
+
+    @property
+    def scale(self) -> float:
+        """Shown number of an SI unit: 1000 for lengths, which are shown in mm."""
+        return self._shown[1]
+
+    @property
+    def _shown(self) -> tuple[str, float]:
+        return {'m': ('mm', 1000.0), 'rad': ('deg', 180 / math.pi)}.get(
+            self.unit, (self.unit, 1.0)
+        )
 
     def values(self, shares: Array) -> Array:
         """Return the values for numbers from 0 (low) to 1 (high)."""
@@ -91,9 +103,7 @@ class Factor:
 
     def text(self, value: float) -> str:
         """Return a value with its unit, such as '50 mm'; lengths in mm and angles in degrees."""
-        unit, scale = {'m': ('mm', 1000.0), 'rad': ('deg', 180 / math.pi)}.get(
-            self.unit, (self.unit, 1.0)
-        )
+        unit, scale = self._shown
         number = scale * value
         text = f'{number:.0f}' if abs(number) >= 1000 else f'{number:.3g}'
         return f'{text} {unit}'.rstrip()

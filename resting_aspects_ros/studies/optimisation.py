@@ -1,24 +1,31 @@
 """A search for the best conditions of a part, and what is known of them at any time."""
 
+import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
 from resting_aspects_ros.studies.factors import Factor, check_factors
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
-from resting_aspects_ros.studies.optimise_result import OptimiseResult
+from resting_aspects_ros.studies.optimise_result import OptimiseResult, save_points
 from resting_aspects_ros.studies.optimum import Candidate, OptimisePoint
-from resting_aspects_ros.studies.optimum_comparison import advantage, estimated, posterior_values
-from resting_aspects_ros.studies.optimum_facts import factor_facts
+from resting_aspects_ros.studies.optimum_comparison import (
+    advantage,
+    certainty_of_best,
+    estimated,
+    posterior_values,
+)
+from resting_aspects_ros.studies.optimum_facts import UNKNOWN, factor_facts
 from resting_aspects_ros.studies.optimum_problem import Amounts
-from resting_aspects_ros.studies.optimum_profile import profile_of
+from resting_aspects_ros.studies.optimum_profile import Profile, profile_of
 from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
 from resting_aspects_ros.studies.part_problem import PartProblem, setting_value
 from resting_aspects_ros.studies.setting import Setting
@@ -81,6 +88,16 @@ class Optimisation:
         """Number of drops so far."""
         return self._problem.done
 
+    @property
+    def points(self) -> tuple[OptimisePoint, ...]:
+        """The points of the search with their counts."""
+        rows = zip(self._search.points, self._search.counts, self._search.rounds, strict=True)
+        return tuple(OptimisePoint(self._problem.values(p), row, k) for p, row, k in rows)
+
+    def save_csv(self, path: Path) -> None:
+        """Write the points as CSV, even if there is no result; raises OutputError."""
+        save_points(path, self._problem.factors, self._objective, self.points)
+
     def run(self) -> None:
         """Make the drops; returns early if stopped. Raises InvalidValueError, EngineError."""
         self._search.run(self._stopped)
@@ -116,46 +133,80 @@ class Optimisation:
         if search.surrogate is None:
             return None
         self._choose()
-        best_point = self._chosen['best']
-        assert best_point is not None
-        best, second = (self._candidate(name) for name in ('best', 'second'))
+        start = self._start()
+        first, other = self._ranked(start)
+        point = self._chosen[first]
+        assert point is not None
+        best = start if first == 'start' and start is not None else self._candidate(first)
         assert best is not None
-        counts = self._fresh
+        counts, complete = self._fresh, first in self._fresh
         gains = [
-            advantage(objective, counts['best'], counts[name], self._rng(), self._confidence)
-            if {'best', name} <= counts.keys()
+            advantage(objective, counts[first], counts[name], self._rng(), self._confidence)
+            if complete and name in counts and name != first
             else None
-            for name in ('second', 'start')
+            for name in (other, 'start')
         ]
+        certainty = math.nan
+        if complete:
+            rest = [row for name, row in counts.items() if name != first]
+            certainty = certainty_of_best(objective, counts[first], rest, self._rng())
+        facts, profile = [UNKNOWN] * len(problem.factors), Profile(point, (), None)
+        with analysis('the effects of the factors'):
+            facts = factor_facts(search, point)
+        with analysis('the objective around the best conditions'):
+            profile = profile_of(search, point, objective.sign, self._confidence)
         return OptimiseResult(
             part=self._part,
             aspects=self._aspects,
             objective=objective,
             factors=problem.factors,
-            facts=tuple(factor_facts(search, best_point)),
+            facts=tuple(facts),
             best=best,
-            second=second,
-            start=self._start(),
+            second=self._candidate(other),
+            start=start,
             over_second=gains[0],
             over_start=gains[1],
-            points=tuple(
-                OptimisePoint(problem.values(p), row, number)
-                for p, row, number in zip(search.points, search.counts, search.rounds, strict=True)
-            ),
+            certainty=certainty,
+            points=self.points,
             skipped=tuple((problem.values(p), reason) for p, reason in search.skipped),
             amounts=self._amounts,
             drops=self.drops,
             certain=search.certain,
-            complete='best' in counts,
+            complete=complete,
             confidence=self._confidence,
             seed=search.seed,
             surrogate=search.surrogate.text,
             surrogate_error=search.surrogate.cross_validated_error,
-            profile=profile_of(search, best_point, objective.sign, self._confidence),
+            profile=profile,
         )
 
+    def _ranked(self, start: Candidate | None) -> tuple[str, str]:
+        """Return the names of the best of the conditions, and of the other ones of the search.
+
+        With fresh drops, the best ones are those with the best value in them. The start takes
+        part if it is within the ranges.
+        """
+        values = {
+            name: self._objective.sign * each.estimate.value
+            for name in self._chosen
+            if name in self._fresh and (each := self._candidate(name)) is not None
+        }
+        if start is not None and values and (point := self._point(start)) is not None:
+            values['start'] = self._objective.sign * start.estimate.value
+            self._chosen['start'] = point
+        first = max(values, key=lambda name: values[name]) if values else 'best'
+        others = [name for name in ('best', 'second') if name != first]
+        return first, max(others, key=lambda name: values.get(name, -math.inf))
+
+    def _point(self, start: Candidate) -> Array | None:
+        """Return the point of the start in the unit cube; None if it is outside the ranges."""
+        pairs = [(f, start.values[f.name]) for f in self._problem.factors]
+        if any(value is None or not f.low <= value <= f.high for f, value in pairs):
+            return None
+        return np.array([float(f.shares(np.array(value))) for f, value in pairs])
+
     def _candidate(self, name: str) -> Candidate | None:
-        point = self._chosen[name]
+        point = self._chosen.get(name)
         if point is None:
             return None
         counts = self._fresh.get(name)

@@ -1,23 +1,23 @@
 """The page of a search for the best conditions."""
 
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import COLOURS, aspect_colour, rgb
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     TEXT,
-    inline_svg,
     new_figure,
     percent_axis,
     plain_axes,
-    svg_text,
 )
 from resting_aspects_ros.report.page_table import page_table
-from resting_aspects_ros.report.page_template import picture_uri, render_page
+from resting_aspects_ros.report.page_template import chart, picture_uri, render_page
 from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
 from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
 from resting_aspects_ros.studies.optimise_text import optimise_notes
@@ -34,23 +34,28 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_CSS_PIXELS_PER_INCH = 96
 _CURVES = 'Line charts of the objective over each factor'
 _MAP = 'Map of the objective over two factors'
 
 
 def optimise_page(result: Optimum) -> str:
     """Return the page as HTML."""
-    charts = [_chart(curves_figure(result), 'curves', _CURVES)]
+    notes: list[str] = []
+    charts = []
+    if result.profile.curves:
+        charts.append(chart(partial(curves_figure, result), 'curves', _CURVES, notes=notes))
     if result.profile.map is not None:
-        charts.append(_chart(map_figure(result), 'map', _MAP))
+        charts.append(chart(partial(map_figure, result), 'map', _MAP, notes=notes))
+    pictures: list[dict[str, str]] = []
+    with analysis('the pictures of the wanted aspects', notes):
+        pictures = _pictures(result)
     amounts = result.amounts
     return render_page(
         'optimise.html',
         report={
             'title': result.part.name,
             'subtitle': f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
-            'notes': [],
+            'notes': notes,
             'facts': {
                 'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
                 'Search': [
@@ -65,21 +70,12 @@ def optimise_page(result: Optimum) -> str:
         },
         aim=result.aim,
         notes=optimise_notes(result),
-        pictures=_pictures(result),
+        pictures=pictures,
         candidates=page_table(candidate_table(result)),
         factors=page_table(factor_table(result)),
         charts=charts,
         confidence=f'{100 * result.confidence:g}',
     )
-
-
-def _chart(figure: 'Figure', name: str, label: str) -> dict[str, Any]:
-    return {
-        'svg': inline_svg(svg_text(figure), name, label),
-        'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
-        'label': label,
-        'caption': '',
-    }
 
 
 def _pictures(result: Optimum) -> list[dict[str, str]]:
@@ -102,7 +98,7 @@ def curves_figure(result: Optimum) -> 'Figure':
     columns = min(count, MAX_COLUMNS)
     blocks = -(-count // columns)
     figure = new_figure(PANEL_WIDTH * max(columns, 2), (PANEL_HEIGHT + 0.5) * blocks)
-    at = np.array([[p.values[f.name] for f in result.factors] for p in result.points])
+    at = np.array([[f.scale * p.values[f.name] for f in result.factors] for p in result.points])
     counts = np.array([p.counts for p in result.points])
     seen = result.objective.values(counts / counts.sum(axis=1, keepdims=True))
     tops = [curve.upper.max() for curve in result.profile.curves]
@@ -110,11 +106,11 @@ def curves_figure(result: Optimum) -> 'Figure':
     low, top = min(seen.min(), *lows), max(seen.max(), *tops)
     for k, (factor, curve) in enumerate(zip(result.factors, result.profile.curves, strict=True)):
         axes = figure.add_subplot(blocks, columns, k + 1)
-        x = factor.values(curve.at)
+        x = factor.scale * factor.values(curve.at)
         axes.scatter(at[:, k], seen, s=14, color=FAINT, alpha=0.6, linewidths=0)
         axes.fill_between(x, curve.lower, curve.upper, color=COLOURS[0], alpha=0.25, linewidth=0)
         axes.plot(x, curve.values, color=COLOURS[0], linewidth=1.8)
-        best = float(factor.values(result.profile.best[k : k + 1])[0])
+        best = factor.scale * float(factor.values(result.profile.best[k : k + 1])[0])
         axes.axvline(best, color=TEXT, linewidth=1, linestyle='--')
         plain_axes(axes, 'y')
         factor_axis(axes, factor)
@@ -132,12 +128,17 @@ def map_figure(result: Optimum) -> 'Figure':
     figure = new_figure(PANEL_WIDTH * 2, 1.6 * PANEL_HEIGHT)
     axes = figure.add_subplot()
     filled = axes.contourf(
-        columns.values(found.at), rows.values(found.at), found.values, 12, cmap='cividis'
+        columns.scale * columns.values(found.at),
+        rows.scale * rows.values(found.at),
+        found.values,
+        12,
+        cmap='cividis',
     )
-    best = [
-        float(result.factors[k].values(result.profile.best[k : k + 1])[0]) for k in found.factors
-    ]
-    axes.plot(best[1], best[0], 'o', color='white', markeredgecolor=TEXT, ms=9, clip_on=False)
+    row, column = (
+        each.scale * float(each.values(result.profile.best[k : k + 1])[0])
+        for each, k in zip((rows, columns), found.factors, strict=True)
+    )
+    axes.plot(column, row, 'o', color='white', markeredgecolor=TEXT, ms=9, clip_on=False)
     factor_axis(axes, columns, 'x')
     factor_axis(axes, rows, 'y')
     bar = figure.colorbar(filled)

@@ -1,6 +1,7 @@
 """The result of a search for the best conditions, with its document, page and table."""
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.objectives import Objective
 from resting_aspects_ros.studies.optimise_text import optimise_notes
-from resting_aspects_ros.studies.optimum import Candidate, Optimum
+from resting_aspects_ros.studies.optimum import Candidate, OptimisePoint, Optimum
 from resting_aspects_ros.studies.optimum_facts import FactorFacts
 
 PAGE = 'report.html'
@@ -61,6 +63,8 @@ class OptimiseResult(Optimum):
             'budget': plain(self.amounts),
             'drops': self.drops,
             'certain': self.certain,
+            'certainty': plain(self.certainty),
+            'winner': self.winner,
             'complete': self.complete,
             'confidence': self.confidence,
             'seed': self.seed,
@@ -90,18 +94,21 @@ class OptimiseResult(Optimum):
 
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the design and of the search as CSV, in SI units."""
-        outcomes = ['+'.join(map(str, ids)) for ids in self.objective.groups]
-        if self.objective.contacts:
-            outcomes = ['wanted']
-        header = [*(f.name for f in self.factors), 'round', *outcomes, 'other']
-        with (
-            whole_file(Path(path)) as file,
-            file.open('w', newline='', encoding='utf-8') as stream,
-        ):
-            writer = csv.writer(stream)
-            writer.writerow(header)
-            for point in self.points:
-                writer.writerow([*point.values.values(), point.round, *point.counts.tolist()])
+        save_points(Path(path), self.factors, self.objective, self.points)
+
+
+def save_points(
+    path: Path, factors: Sequence[Factor], objective: Objective, points: Sequence[OptimisePoint]
+) -> None:
+    """Write the points of a search as CSV, in SI units."""
+    outcomes = ['+'.join(map(str, ids)) for ids in objective.groups]
+    if objective.contacts:
+        outcomes = ['wanted']
+    with whole_file(path) as file, file.open('w', newline='', encoding='utf-8') as stream:
+        writer = csv.writer(stream)
+        writer.writerow([*(f.name for f in factors), 'round', *outcomes, 'other'])
+        for point in points:
+            writer.writerow([*point.values.values(), point.round, *point.counts.tolist()])
 
 
 def _facts(factor: Factor, facts: FactorFacts) -> dict[str, Any]:
@@ -109,9 +116,9 @@ def _facts(factor: Factor, facts: FactorFacts) -> dict[str, Any]:
     return {
         'flat': [low, high],
         'at_bound': facts.at_bound,
-        'effect': facts.effect,
-        'effect_upper': facts.effect_upper,
-        'p_value': facts.p_value,
+        'effect': plain(facts.effect),
+        'effect_upper': plain(facts.effect_upper),
+        'p_value': plain(facts.p_value),
     }
 
 

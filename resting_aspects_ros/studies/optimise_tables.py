@@ -25,7 +25,7 @@ def candidate_table(result: 'Optimum') -> Table:
     table.add_column(f'{100 * result.confidence:g} % interval', justify='right')
     table.add_column('fresh drops', justify='right')
     for name, candidate in (
-        ('best', result.best),
+        ('best' if result.winner else 'best, no winner', result.best),
         ('second', result.second),
         ('yours', result.start),
     ):
@@ -47,7 +47,9 @@ def factor_table(result: 'Optimum') -> Table:
             factor.label or factor.name,
             _span(factor, factor.low, factor.high),
             _span(factor, *factor.values(np.array(facts.flat)).tolist()),
-            result.objective.difference(facts.effect_upper),
+            ''
+            if np.isnan(facts.effect_upper)
+            else result.objective.difference(facts.effect_upper),
         )
     return table
 

@@ -36,10 +36,15 @@ def certainty_text(certainty: float) -> str:
 
 
 def _comparisons(result: 'Optimum') -> Iterator[str]:
+    if result.complete and not result.winner:
+        yield (
+            'No winner: the probability that the best conditions are better than all others that '
+            f'were compared is {certainty_text(result.certainty)}.'
+        )
+    if result.best is result.start:
+        yield 'Your conditions have the best value of those that were compared.'
     if result.over_second is not None:
         yield _against(result.over_second, result.objective, 'the second conditions')
-        if result.over_second.certainty < 1 - SHOWN:
-            yield 'The search chose the wrong one of the two: use the second, or a larger budget.'
     if result.over_start is not None:
         yield _against(result.over_start, result.objective, 'your conditions')
     if result.over_second is not None or result.over_start is not None:
@@ -62,7 +67,9 @@ def _against(found: Advantage, objective: Objective, other: str) -> str:
         )
     if found.certainty < 1 - SHOWN and high < 0:
         span = f'{objective.difference(-high).split()[0]} to {objective.difference(-low)}'
-        return f'In fresh drops, {other} are better than the best ones of the search by {span}.'
+        return (
+            f'{other[0].upper()}{other[1:]} are better than the best ones in the ranges by {span}.'
+        )
     return (
         f'No difference is shown between the best conditions and {other}: it is at most '
         f'{objective.difference(max(high, -low))}, and the probability that the best ones are '

@@ -13,6 +13,9 @@ from resting_aspects_ros.studies.optimum_problem import Amounts
 from resting_aspects_ros.studies.optimum_profile import Profile
 from resting_aspects_ros.studies.setting import Setting
 
+# Probability with which the best conditions are the winner.
+WINNER = 0.95
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -65,6 +68,8 @@ class Optimum:
     facts : tuple of FactorFacts
         For each factor, how flat the optimum is and whether the factor matters.
     best : Candidate
+        Of the compared conditions within the ranges, those with the best value in the fresh
+        drops; these can be those of the start.
     second : Candidate or None
         The best of the conditions that are not nearly the same: at least one factor differs by a
         fifth of its range. None if there are none.
@@ -72,6 +77,9 @@ class Optimum:
         The conditions from which the search started; None if they are impossible.
     over_second, over_start : Advantage or None
         By how much the best conditions are better, by fresh drops; None without them.
+    certainty : float
+        Posterior probability, by the fresh drops, that the best conditions are better than all
+        others that are compared; NaN without them.
     points : tuple of OptimisePoint
     skipped : tuple of (dict of str to float, str)
         Impossible points, and why.
@@ -102,6 +110,7 @@ class Optimum:
     start: Candidate | None
     over_second: Advantage | None
     over_start: Advantage | None
+    certainty: float
     points: tuple[OptimisePoint, ...]
     skipped: tuple[tuple[Mapping[str, float], str], ...]
     amounts: Amounts
@@ -113,6 +122,11 @@ class Optimum:
     surrogate: str
     surrogate_error: float
     profile: Profile
+
+    @property
+    def winner(self) -> bool:
+        """Whether the fresh drops show that the best conditions are better than the others."""
+        return self.certainty >= WINNER
 
     @property
     def aim(self) -> str:

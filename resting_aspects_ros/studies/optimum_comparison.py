@@ -1,9 +1,11 @@
 """Compare conditions by fresh drops, which did not take part in their selection."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
 
 DRAWS = 20_000
@@ -36,7 +38,9 @@ def estimated(draws: Array, confidence: float) -> Estimated:
     """Return the mean and the central interval of draws."""
     tail = (1 - confidence) / 2
     lower, upper = np.quantile(draws, [tail, 1 - tail])
-    return Estimated(float(draws.mean()), float(lower), float(upper))
+    mean = float(draws.mean())
+    lower, upper = containing(mean, lower, upper)
+    return Estimated(mean, float(lower), float(upper))
 
 
 def posterior_values(
@@ -44,6 +48,19 @@ def posterior_values(
 ) -> Estimated:
     """Return the value of an objective at conditions with these fresh counts (c,)."""
     return estimated(objective.posterior(counts, rng, DRAWS), confidence)
+
+
+def certainty_of_best(
+    objective: Objective, best: Counts, others: Sequence[Counts], rng: np.random.Generator
+) -> float:
+    """Return the posterior probability that conditions are better than all others.
+
+    All have fresh counts (c,).
+    """
+    first, *rest = (
+        objective.sign * objective.posterior(each, rng, DRAWS) for each in (best, *others)
+    )
+    return float((first > np.max(rest, axis=0)).mean()) if rest else 1.0
 
 
 def advantage(

@@ -59,6 +59,10 @@ class FactorFacts:
         return self.matters and self.bound != 0
 
 
+# Facts of a factor if they could not be computed.
+UNKNOWN = FactorFacts((0.0, 1.0), 0, np.nan, np.nan, np.nan)
+
+
 def factor_facts(search: OptimumSearch, best: Array) -> list[FactorFacts]:
     """Return the facts of each factor; the search must have a surrogate."""
     effects = _effects(search, best)

@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.optimum_problem import Array
 from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
 
@@ -62,7 +63,8 @@ def profile_of(search: OptimumSearch, best: Array, sign: float, confidence: floa
         points = search.problem.snapped(points)
         drawn = sign * search.drawn(points, DRAWS)
         lower, upper = np.quantile(drawn, tails, axis=0)
-        curves.append(Curve(points[:, k], drawn.mean(axis=0), lower, upper))
+        mean = drawn.mean(axis=0)
+        curves.append(Curve(points[:, k], mean, *containing(mean, lower, upper)))
     return Profile(best, tuple(curves), _map_of(search, best, sign, curves))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.optimum_problem import Amounts, Array, Counts, Problem
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
@@ -139,12 +139,14 @@ class OptimumSearch:
                 self.rounds.append(number)
 
     def _fit(self, number: int) -> bool:
-        """Fit the surrogate; returns False if there are too few points."""
+        """Fit the surrogate; returns False if there are too few points, or if it fails."""
         if len(self.points) < 2:
             return False
         rng = np.random.default_rng((self.seed, 1, number))
-        self.surrogate = ShareSurrogate.fit(np.array(self.points), np.array(self.counts), rng)
-        return True
+        points, counts, fitted = np.array(self.points), np.array(self.counts), None
+        with analysis(f'the surrogate of round {number}'):
+            fitted = self.surrogate = ShareSurrogate.fit(points, counts, rng)
+        return fitted is not None
 
     def _expected_gain(self, number: int) -> float:
         """Return by how much the best point of a draw is better than the best one, on average."""

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.page_template import picture_uri
 from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
+from resting_aspects_ros.report.rounding import shown_difference
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_comparison import CaseComparison
 from resting_aspects_ros.studies.study_figures import case_colours
@@ -14,11 +16,15 @@ PIXELS = 176
 
 
 def case_pictures(case: StudyCase) -> list[str]:
-    """Return a picture of each symmetry class as a data URI."""
+    """Return a picture of each symmetry class as a data URI; empty if they cannot be made."""
     members = [alike[0] for alike in case.aspects.classes()]
-    part = picture_part(case.part, case.aspects.aspects)
-    colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
-    return [picture_uri(image) for image in draw_parts(pose_parts(part, members), colours, PIXELS)]
+    found = [''] * len(members)
+    with analysis(f'the pictures of {case.part.name}'):
+        part = picture_part(case.part, case.aspects.aspects)
+        colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
+        images = draw_parts(pose_parts(part, members), colours, PIXELS)
+        found[:] = [picture_uri(image) for image in images]
+    return found
 
 
 def comparison_texts(found: CaseComparison, pictures: dict[int, list[str]]) -> dict[str, Any]:
@@ -37,7 +43,9 @@ def comparison_texts(found: CaseComparison, pictures: dict[int, list[str]]) -> d
                     pictures[id(second)][e.second - 1],
                 ),
                 'shares': (f'{100 * e.first_share:.1f} %', f'{100 * e.second_share:.1f} %'),
-                'difference': f'{100 * e.difference:+.1f} points',
+                'difference': (
+                    f'{100 * shown_difference(e.second_share, e.first_share, 1):+.1f} points'
+                ),
                 'interval': points.format(100 * e.lower, 100 * e.upper),
                 'largest': f'{100 * e.largest:+.1f} points',
                 'largest_interval': points.format(100 * e.largest_lower, 100 * e.largest_upper),

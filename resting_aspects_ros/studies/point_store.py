@@ -11,8 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.output_files import OutputError
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, OutputError, shown
 
 Counts = npt.NDArray[np.int64]
 

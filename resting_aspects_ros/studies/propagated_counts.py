@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -110,7 +111,7 @@ class PropagatedCounts:
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
         members = [[a.id for a in alike] for alike in self.aspects.classes()]
-        return {
+        document: dict[str, Any] = {
             'schema_version': SCHEMA_VERSION,
             'part': self.part.name,
             'part_sha256': self.part.part_sha256,
@@ -120,19 +121,21 @@ class PropagatedCounts:
             'seed': self.seed,
             'confidence': self.confidence,
             'complete': self.complete,
-            'aspects': [{'id': k, **row} for k, row in enumerate(_rows(self.by_aspect), 1)],
-            'classes': [
-                {'aspects': ids, **row}
-                for ids, row in zip(members, _rows(self.by_class), strict=True)
-            ],
-            'p_value': self.by_class.p_value,
             'other': self.other_ends(),
             'samples': [
                 {'conditions': sample, 'counts': row.tolist(), 'other': other.tolist()}
                 for sample, row, other in zip(self.samples, self.counts, self.other, strict=True)
             ],
-            'summary': self.sentence(),
         }
+        with analysis('the uncertainty of the shares'):
+            by_class = zip(members, _rows(self.by_class), strict=True)
+            document |= {
+                'aspects': [{'id': k, **row} for k, row in enumerate(_rows(self.by_aspect), 1)],
+                'classes': [{'aspects': ids, **row} for ids, row in by_class],
+                'p_value': self.by_class.p_value,
+                'summary': self.sentence(),
+            }
+        return document
 
     def to_json(self) -> str:
         """Return the document as JSON."""

@@ -1,17 +1,16 @@
 """The page of a distribution on a surface that is not known exactly."""
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     TEXT,
-    inline_svg,
     percent_axis,
-    svg_text,
 )
 from resting_aspects_ros.report.page_table import PageTable, text_table
-from resting_aspects_ros.report.page_template import render_page
+from resting_aspects_ros.report.page_template import chart, render_page
 from resting_aspects_ros.report.row_axes import WIDE, RowAxes
 from resting_aspects_ros.report.rows import Row
 from resting_aspects_ros.simulation.conditions import QUANTITIES
@@ -22,7 +21,6 @@ from resting_aspects_ros.studies.study_figures import case_colours
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CSS_PIXELS_PER_INCH = 96
 _LABEL = 'Bars of the probability of each aspect class with two intervals'
 LEGEND = (
     'bar: mean probability; black: sampling interval; grey, wide: interval with the unknown '
@@ -34,12 +32,12 @@ def propagated_page(result: PropagatedCounts) -> str:
     """Return the page as HTML."""
     found, names = result.by_class, result.case.class_names
     colours, pictures = case_colours(result.case), case_pictures(result.case)
-    figure = propagated_figure(result)
     other = sum(result.other_ends().values())
     notes = [] if result.complete else ['The run was interrupted: some samples are missing.']
     if other:
         ends = ', '.join(f'{n} {name}' for name, n in result.other_ends().items() if n)
         notes.append(f'{other} of {result.drops} drops ended in no aspect: {ends}.')
+    shown = chart(partial(propagated_figure, result), 'shares', _LABEL, LEGEND, notes)
     return render_page(
         'propagated.html',
         report={
@@ -56,12 +54,7 @@ def propagated_page(result: PropagatedCounts) -> str:
                 names, colours, pictures, found.means.tolist(), strict=False
             )
         ],
-        chart={
-            'svg': inline_svg(svg_text(figure), 'shares', _LABEL),
-            'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
-            'label': _LABEL,
-            'caption': LEGEND,
-        },
+        chart=shown,
         numbers=_table(result),
         confidence=f'{100 * result.confidence:g}',
     )

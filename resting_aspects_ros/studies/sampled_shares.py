@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2, norm
 
-from resting_aspects_ros.core.statistics.intervals import Interval, intervals
+from resting_aspects_ros.core.statistics.intervals import Interval, containing, intervals
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -110,8 +110,7 @@ class SampledShares:
         z2 = norm.ppf((1 + self.confidence) / 2) ** 2
         middle = (p + z2 / (2 * size)) / (1 + z2 / size)
         half = np.sqrt(z2 * (p * (1 - p) / size + z2 / (4 * size**2))) / (1 + z2 / size)
-        low = np.where(p == 0, 0, np.maximum(middle - half, 0))
-        high = np.where(p == 1, 1, np.minimum(middle + half, 1))
+        low, high = containing(p, np.maximum(middle - half, 0), np.minimum(middle + half, 1))
         rows = zip(p.tolist(), low.tolist(), high.tolist(), strict=True)
         return [Interval(*row) for row in rows]
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import sobol_indices
 
 from resting_aspects_ros.studies.designs import sobol
 
@@ -100,25 +99,20 @@ def _drawn(draws: Callable[[Array], Array], d: int, seed: tuple[int, ...]) -> tu
 
 
 def _saltelli(outputs: Array) -> tuple[Array, Array, Array]:
-    """Return first and total indices (c + 1, d), and the variances (c,), of (d + 2, c, n)."""
+    """Return first and total indices (c + 1, d), and the variances (c,), of (d + 2, c, n).
+
+    These are the estimators of Saltelli et al. 2010 (Computer Physics Communications 181:259).
+    `scipy.stats.sobol_indices` has the same ones, but fails for one output of one factor.
+    """
     a, b, mixed = outputs[0], outputs[1], outputs[2:]
     both = np.concatenate([a, b], axis=1)
     variance = both.var(axis=1)
     varies = variance > CONSTANT * np.maximum((both**2).mean(axis=1), 1e-300)
-    first, total = np.zeros((len(a), len(mixed))), np.zeros((len(a), len(mixed)))
-    if varies.any():
-        # The outputs are centred, which makes the estimate of the first indices more precise.
-        middle = both.mean(axis=1, keepdims=True)
-        found = sobol_indices(
-            func={
-                'f_A': (a - middle)[varies],
-                'f_B': (b - middle)[varies],
-                'f_AB': (mixed - middle)[:, varies],
-            },
-            n=a.shape[1],
-        )
-        first[varies] = np.reshape(found.first_order, (varies.sum(), -1))
-        total[varies] = np.reshape(found.total_order, (varies.sum(), -1))
+    scale = np.where(varies, variance, np.inf)
+    # The outputs are centred, which makes the estimate of the first indices more precise.
+    centred = b - both.mean(axis=1, keepdims=True)
+    first = (centred * (mixed - a)).mean(axis=2).T / scale[:, None]
+    total = ((mixed - a) ** 2).mean(axis=2).T / 2 / scale[:, None]
     variance = np.where(varies, variance, 0.0)
     weights = variance / variance.sum() if varies.any() else variance
     return (

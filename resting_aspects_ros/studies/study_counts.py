@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.core.errors import warn
+from resting_aspects_ros.core.errors import analysis, warn
 from resting_aspects_ros.core.statistics.intervals import bounds
 from resting_aspects_ros.studies.effects import Effects, effects_of, entropy
 from resting_aspects_ros.studies.factors import point_values
@@ -55,10 +55,12 @@ class StudyCounts:
     @cached_property
     def effects(self) -> list[Effects | None]:
         """Main effects, Sobol indices and largest changes of each case; None without counts."""
-        return [
-            effects_of(case, self.points, self.spec.seed, self.spec.confidence)
-            for case in self.cases
-        ]
+        spec = self.spec
+        found: list[Effects | None] = [None] * len(self.cases)
+        for k, case in enumerate(self.cases):
+            with analysis(f'what the shares of {case.name} depend on'):
+                found[k] = effects_of(case, self.points, spec.seed, spec.confidence)
+        return found
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -75,7 +77,10 @@ class StudyCounts:
     @cached_property
     def comparisons(self) -> list[CaseComparison]:
         """The parts side by side, in pairs."""
-        return list(compare_cases(self.cases, self.spec.confidence))
+        found: list[CaseComparison] = []
+        with analysis('the comparison of the parts'):
+            found += compare_cases(self.cases, self.spec.confidence)
+        return found
 
     @property
     def rows(self) -> Iterator[dict[str, Any]]:

@@ -15,6 +15,7 @@ from resting_aspects_ros.report.figure_style import (
 )
 from resting_aspects_ros.studies.effects import Array, Effects, entropy
 from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.sensitivity import Indices
 from resting_aspects_ros.studies.study_cases import StudyCase
 
 if TYPE_CHECKING:
@@ -53,8 +54,8 @@ def effects_figure(
         block, column = divmod(k, columns)
         upper = figure.add_subplot(grid[2 * block, column])
         lower = figure.add_subplot(grid[2 * block + 1, column])
-        x = factor.values(curve.shares)
-        at = factor.values(points[some, k])
+        x = factor.scale * factor.values(curve.shares)
+        at = factor.scale * factor.values(points[some, k])
         size = 14 if len(at) <= MANY_POINTS else 5
         for j, colour in enumerate(case_colours(case)):
             upper.scatter(at, shares[:, j], s=size, color=colour, alpha=0.3, linewidths=0)
@@ -83,16 +84,17 @@ def effects_figure(
     return figure
 
 
-def indices_figure(case: StudyCase, effects: Effects, factors: Sequence[Factor]) -> 'Figure':
+def indices_figure(
+    case: StudyCase, found: Indices, shares: Sequence[str], factors: Sequence[Factor]
+) -> 'Figure':
     """Return the first and total Sobol indices of each column, with their errors."""
-    names = [*effects.columns, 'all shares']
+    names = [*shares, 'all shares']
     colours = [*case_colours(case), FAINT]
     columns = min(len(factors), MAX_COLUMNS)
     blocks = -(-len(factors) // columns)
     height = ROW_HEIGHT * len(names) + 0.75
     figure = new_figure(PANEL_WIDTH * max(columns, 2), height * blocks)
     rows = np.arange(len(names))[::-1]
-    found = effects.indices
     for k, factor in enumerate(factors):
         axes = figure.add_subplot(blocks, columns, k + 1)
         plain_axes(axes, 'x')
@@ -119,7 +121,10 @@ def indices_figure(case: StudyCase, effects: Effects, factors: Sequence[Factor])
 
 
 def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> None:
-    """Set the label, the scale, the limits and the ticks of an axis, 'x' or 'y', of a factor."""
+    """Set the label, the scale, the limits and the ticks of an axis, 'x' or 'y', of a factor.
+
+    The values are in the unit in which the factor is shown, such as mm.
+    """
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
     axis = getattr(axes, f'{name}axis')
@@ -133,5 +138,5 @@ def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> 
     else:
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
     axis.set_major_formatter(lambda value, _: f'{value:g}')
-    getattr(axes, f'set_{name}lim')(factor.low, factor.high)
+    getattr(axes, f'set_{name}lim')(factor.scale * factor.low, factor.scale * factor.high)
     getattr(axes, f'set_{name}label')(factor.title, size=8.5, color=TEXT, labelpad=4)

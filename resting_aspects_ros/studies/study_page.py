@@ -1,15 +1,16 @@
 """The page of a study."""
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.report.figure_style import inline_svg, svg_text
 from resting_aspects_ros.report.page_table import PageTable, text_table
-from resting_aspects_ros.report.page_template import render_page
+from resting_aspects_ros.report.page_template import chart, render_page
 from resting_aspects_ros.studies.effects import Effects
 from resting_aspects_ros.studies.findings import NOT_WORTH, WORTH, points_text
 from resting_aspects_ros.studies.page_parts import case_pictures, comparison_texts
+from resting_aspects_ros.studies.sensitivity import Indices
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_counts import StudyCounts
 from resting_aspects_ros.studies.study_figures import (
@@ -18,7 +19,6 @@ from resting_aspects_ros.studies.study_figures import (
     indices_figure,
 )
 
-_CSS_PIXELS_PER_INCH = 96
 _CURVES = 'Line charts of the probability of each aspect class and of the entropy over each factor'
 _INDICES = 'Bar charts of the first and total Sobol indices'
 
@@ -29,12 +29,17 @@ def study_page(result: StudyCounts) -> str:
     names = ', '.join(part.name for part in spec.parts)
     pictures = {id(case): case_pictures(case) for case in result.cases}
     drops = sum(int(case.drops.sum()) for case in result.cases)
+    notes = list(_notes(result))
+    cases = [
+        _case(result, k, case, effects, pictures[id(case)], notes)
+        for k, (case, effects) in enumerate(zip(result.cases, result.effects, strict=True))
+    ]
     return render_page(
         'study.html',
         report={
             'title': names,
             'subtitle': f'{len(result.points)} points, {drops} drops, seed {spec.seed}',
-            'notes': list(_notes(result)),
+            'notes': notes,
             'facts': _facts(result),
         },
         findings=[
@@ -46,10 +51,7 @@ def study_page(result: StudyCounts) -> str:
             }
             for finding in result.findings
         ],
-        cases=[
-            _case(result, k, case, effects, pictures[id(case)])
-            for k, (case, effects) in enumerate(zip(result.cases, result.effects, strict=True))
-        ],
+        cases=cases,
         comparisons=[comparison_texts(each, pictures) for each in result.comparisons],
         confidence=f'{100 * spec.confidence:g}',
         tolerance=points_text(spec.tolerance),
@@ -57,7 +59,12 @@ def study_page(result: StudyCounts) -> str:
 
 
 def _case(
-    result: StudyCounts, k: int, case: StudyCase, effects: Effects | None, pictures: list[str]
+    result: StudyCounts,
+    k: int,
+    case: StudyCase,
+    effects: Effects | None,
+    pictures: list[str],
+    notes: list[str],
 ) -> dict[str, Any]:
     colours = case_colours(case)
     some = case.drops > 0
@@ -77,21 +84,12 @@ def _case(
     found: dict[str, Any] = {'name': case.name, 'classes': classes, 'figures': None}
     if effects is None:
         return found
-    factors = result.spec.factors
-    charts = []
-    for kind, label, figure in (
-        ('curves', _CURVES, effects_figure(case, effects, factors, result.points)),
-        ('indices', _INDICES, indices_figure(case, effects, factors)),
-    ):
-        charts.append(
-            {
-                'svg': inline_svg(svg_text(figure), f'{kind}-{chr(97 + k % 26)}{k}', label),
-                'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
-                'label': label,
-                'caption': '',
-            }
-        )
-    found['figures'] = charts
+    factors, place = result.spec.factors, f'{chr(97 + k % 26)}{k}'
+    draw = partial(effects_figure, case, effects, factors, result.points)
+    found['figures'] = [chart(draw, f'curves-{place}', _CURVES, notes=notes)]
+    if effects.indices is not None:
+        draw = partial(indices_figure, case, effects.indices, effects.columns, factors)
+        found['figures'].append(chart(draw, f'indices-{place}', _INDICES, notes=notes))
     found['surrogate'] = (
         f'The curves and indices are those of a surrogate: {effects.form}. Its cross-validated '
         f'error is {points_text(effects.cross_validated_error)} points, and it explains '
@@ -99,17 +97,17 @@ def _case(
         'irregular changes, which no smooth curve describes.'
     )
     found['reliable'] = effects.reliable(result.spec.tolerance)
-    found['numbers'] = _indices_table(effects, result)
+    if effects.indices is not None:
+        found['numbers'] = _indices_table(effects, effects.indices, result)
     return found
 
 
-def _indices_table(effects: Effects, result: StudyCounts) -> PageTable:
+def _indices_table(effects: Effects, found: Indices, result: StudyCounts) -> PageTable:
     headings = ['share of']
     for factor in result.spec.factors:
         name = factor.label or factor.name
         headings += [f'{name}: first', f'{name}: total', f'{name}: change of the mean']
     rows = []
-    found = effects.indices
     for j, name in enumerate([*effects.columns, 'all shares']):
         row = [name]
         for k, curve in enumerate(effects.curves):

@@ -6,8 +6,8 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.api.graphml import save_graphml
-from resting_aspects_ros.api.output_files import OutputError
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.core.reorientation.markov import long_run
 from resting_aspects_ros.core.reorientation.transition_matrix import (
     TransitionMatrix,

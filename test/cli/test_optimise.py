@@ -6,8 +6,7 @@ import json
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.output_files import OutputError
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.errors import EngineError, OutputError
 from resting_aspects_ros.studies import optimisation, optimise_result
 from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
 

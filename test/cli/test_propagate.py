@@ -6,8 +6,8 @@ import json
 import pytest
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.output_files import OutputError
 from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
+from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.studies import propagated_result, propagation

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.errors import MAX_SHOWN, one_line, shown
+from resting_aspects_ros.core.errors import (
+    MAX_SHOWN,
+    EngineError,
+    OutputError,
+    RestingAspectsWarning,
+    analysis,
+    one_line,
+    shown,
+)
 
 
 class Broken:
@@ -78,3 +86,18 @@ def test_repr_time_does_not_grow_with_the_value():
         return time.perf_counter() - start
 
     assert seconds('x' * 10_000_000) < 100 * max(seconds('x' * 10_000), 1e-3)
+
+
+def test_analysis_that_fails_is_a_warning_and_other_failures_pass():
+    notes = []
+    with (
+        pytest.warns(RestingAspectsWarning, match='the G test .*ZeroDivisionError'),
+        analysis('the G test', notes),
+    ):
+        raise ZeroDivisionError
+    assert len(notes) == 1
+    assert notes[0].startswith('The G test')
+    for error in (EngineError('died'), OutputError('full'), OSError('full'), KeyboardInterrupt()):
+        with pytest.raises(type(error)), analysis('the G test', notes):
+            raise error
+    assert len(notes) == 1

@@ -2,9 +2,12 @@
 
 import json
 import re
+from decimal import Decimal
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
@@ -47,9 +50,9 @@ def test_table_has_a_row_for_each_aspect_and_outcome():
     wilson = [binomtest(k, 100).proportion_ci(method='wilson') for k in (50, 30, 20)]
     texts = [f'{100 * each.low:.0f} to {100 * each.high:.0f}' for each in wilson]
     assert [row[:5] for row in shown[5:8]] == [
-        ['1', '0.00', '0.00 -1.00', '50', texts[0]],
-        ['3', '+0.60 -0.80', '0.00', '30', texts[1]],
-        ['7', 'rolls', '20', texts[2], '40'],
+        ['1', '0.00', '0.00 -1.00', '50.0', texts[0]],
+        ['3', '+0.60 -0.80', '0.00', '30.0', texts[1]],
+        ['7', 'rolls', '20.0', texts[2], '40.0'],
     ]
     assert [row[-2] for row in shown[5:8]] == ['+10.0', '+10.0', '-20.0']
     assert [row[:2] for row in shown[9:12]] == [
@@ -82,6 +85,17 @@ def test_method_of_the_p_value_is_stated():
     assert 'of all drops' not in measures_text(*few)
     far = compared(DropCounts(np.array([900, 100])), DropCounts(np.array([100, 900])))
     assert re.search(r'^p value +less than 0.0001 by chi-square$', measures_text(*far), re.M)
+
+
+@given(st.data(), st.sampled_from([30, 1000, 10**6]))
+def test_shown_difference_is_that_of_the_shown_shares(data, most):
+    row = st.lists(st.integers(0, most), min_size=3, max_size=3).filter(any).map(np.array)
+    shown = lines(*compared(DropCounts(data.draw(row)), DropCounts(data.draw(row)), DOWN))
+    pattern = r'^ +\d .*? ([\d.]+)  +[\d.]+ to [\d.]+ +([\d.]+) +([+-][\d.]+) +[+-]'
+    found = [match.groups() for line in shown if (match := re.match(pattern, line))]
+    assert len(found) == 3
+    for first, second, difference in found:
+        assert Decimal(first) - Decimal(second) == Decimal(difference)
 
 
 def test_equal_counts_have_no_deviation():
@@ -118,7 +132,7 @@ def test_share_of_100_percent_fits_80_columns():
     down = np.tile([-0.55, -0.83, -0.1], (2, 1))
     shown = lines(*compared(one, other, down))
     assert max(map(len, shown)) <= 80
-    assert '100.0  100.0 to 100.0  50.00  +50.0' in re.sub(r' {2,}', '  ', shown[4])
+    assert '100.00  100.0 to 100.0  50.00  +50.00' in re.sub(r' {2,}', '  ', shown[4])
 
 
 def test_document_is_complete_and_not_rounded():

@@ -4,13 +4,14 @@ import re
 
 import numpy as np
 import pytest
+from scipy.stats import sobol_indices
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.effects import effects_of, entropy
 from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.findings import NOT_WORTH, OPEN, WORTH, findings_of
-from resting_aspects_ros.studies.sensitivity import indices_of
+from resting_aspects_ros.studies.sensitivity import _saltelli, indices_of
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 from resting_aspects_ros.studies.study_cases import StudyCase
 
@@ -148,3 +149,27 @@ def test_part_with_one_class_has_no_effects():
     assert effects is None
     assert found['friction'].verdict == NOT_WORTH
     assert 'cannot move the shares' in found['friction'].text
+
+
+@pytest.mark.parametrize('factors', [1, 2])
+@pytest.mark.parametrize('constant', [0, 1, 2])
+def test_indices_of_one_output_beside_constant_ones(factors, constant):
+    # The only output that varies is linear in the first factor, so its indices are 1 and 0.
+    def function(points):
+        return np.column_stack([points[:, 0], *[np.ones(len(points))] * constant])
+
+    found = indices_of(function, factors, 1)
+    expected = np.zeros((constant + 2, factors))
+    expected[[0, -1], 0] = 1
+    for indices in (found.first, found.total):
+        np.testing.assert_allclose(indices, expected, atol=1e-3)
+
+
+def test_indices_are_those_of_scipy():
+    tables = np.random.default_rng(1).random((5, 4, 64))
+    function = {'f_A': tables[0], 'f_B': tables[1], 'f_AB': tables[2:]}
+    middle = np.concatenate([tables[0], tables[1]], axis=1).mean(axis=1)[:, None]
+    theirs = sobol_indices(func={k: each - middle for k, each in function.items()}, n=64)
+    first, total, _ = _saltelli(tables)
+    np.testing.assert_allclose(first[:-1], theirs.first_order, atol=1e-12)
+    np.testing.assert_allclose(total[:-1], theirs.total_order, atol=1e-12)

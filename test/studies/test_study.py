@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.output_files import OutputError
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError, OutputError
 from resting_aspects_ros.studies import point_store
 from resting_aspects_ros.studies.point_store import STORE, PointStore
 from resting_aspects_ros.studies.study_run import run_study

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.cli.options import add_workers
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -195,16 +195,20 @@ def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
 def _write(result: 'CalibrationResult', folder: Path | None, *, quiet: bool) -> None:
     """Save and print a result."""
     if not quiet:
-        print(result)
-        print(f'\n{result.surface_entry(uncertainty=False)}', end='')
+        with analysis('the tables of the result'):
+            print(result)
+            print(f'\n{result.surface_entry(uncertainty=False)}', end='')
     if folder is None:
         return
     from resting_aspects_ros.api.output_files import whole_file
 
-    for name, text in ((DOCUMENT, result.to_json()), (ENTRY, result.surface_entry())):
-        with whole_file(folder / name) as file:
-            file.write_text(text, encoding='utf-8')
-    result.save_picture(folder / PICTURE)
+    written = []
+    for name, text in ((DOCUMENT, result.to_json), (ENTRY, result.surface_entry)):
+        with analysis(f'the file {name}'), whole_file(folder / name) as file:
+            file.write_text(text(), encoding='utf-8')
+            written.append(folder / name)
+    with analysis('the picture'):
+        result.save_picture(folder / PICTURE)
+        written.append(folder / PICTURE)
     if not quiet:
-        paths = ', '.join(str(folder / name) for name in (DOCUMENT, ENTRY, PICTURE))
-        print(f'Written: {paths}', flush=True)
+        print(f'Written: {", ".join(map(str, written))}', flush=True)

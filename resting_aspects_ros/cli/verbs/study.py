@@ -13,7 +13,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.interruption import Interruption
 
 if TYPE_CHECKING:
@@ -180,9 +180,12 @@ def _show(result: 'StudyResult', folder: Path) -> int:
     if not any(case.drops.any() for case in result.cases):
         print('No point has drops.')
     else:
-        result.save_tables(folder)
-        _show_findings(result)
-        print(f'Report: {result.report(folder)}')
+        with analysis('the tables of the results'):
+            result.save_tables(folder)
+        with analysis('the findings'):
+            _show_findings(result)
+        with analysis('the report'):
+            print(f'Report: {result.report(folder)}')
     if not result.complete:
         drops = sum(int(case.drops.sum()) for case in result.cases)
         print(f'interrupted after {drops} drops; the same command continues the study')

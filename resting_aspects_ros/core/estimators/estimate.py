@@ -22,7 +22,7 @@ from resting_aspects_ros.core.estimators.learned import learned
 from resting_aspects_ros.core.estimators.release import TYPICAL, Release
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval, containing
 
 LEARNED = 'learned'
 
@@ -161,7 +161,8 @@ def share_interval(share: float, weight: float, confidence: float = CONFIDENCE) 
     if a <= 0 or b <= 0:
         return Interval(share, share, share)
     tail = (1 - confidence) / 2
-    return Interval(share, float(betaincinv(a, b, tail)), float(betaincinv(a, b, 1 - tail)))
+    lower, upper = containing(share, betaincinv(a, b, tail), betaincinv(a, b, 1 - tail))
+    return Interval(share, float(lower), float(upper))
 
 
 def check_method(method: str) -> None:

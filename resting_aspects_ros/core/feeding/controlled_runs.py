@@ -28,7 +28,12 @@ from resting_aspects_ros.core.feeding.model import SteadyStates
 from resting_aspects_ros.core.feeding.steady_state import Moves, drawn_moves
 from resting_aspects_ros.core.feeding.tray_places import Places
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, check_confidence
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    Array,
+    check_confidence,
+    containing,
+)
 
 # Simulated runs, and how many cycles of the forecast each lasts if the requested run is longer.
 SIMULATED, CYCLES = 32, 60
@@ -104,6 +109,7 @@ def forecast_controller(
         np.maximum(np.quantile(each, [tail, 1 - tail]), 0.0).tolist() for each in (means, found)
     )
     at_counts = max(rate + slope * (runs.point - 1), 0.0)
+    lower, upper = (float(each) for each in containing(at_counts, lower, upper))
     return ControlledRuns(at_counts, lower, upper, (low, high), float(minutes))
 
 

@@ -36,6 +36,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     Array,
     Counts,
     check_confidence,
+    containing,
 )
 
 DRAWS = 200
@@ -160,9 +161,8 @@ def forecast(
     tail = (1 - confidence) / 2
     points = _points(len(rates), chosen, best or chosen)
     draws = np.array([drawn_rates(model, drawn, table, n) for n in points])
-    lower, upper = np.quantile(draws, [tail, 1 - tail], axis=1)
     shown_rates = rates[points - 1]
-    lower, upper = np.minimum(lower, shown_rates), np.maximum(upper, shown_rates)
+    lower, upper = containing(shown_rates, *np.quantile(draws, [tail, 1 - tail], axis=1))
     here = int(np.flatnonzero(points == chosen)[0])
     rate = float(rates[chosen - 1])
     runs = _runs(draws[here], spread, rate, model.times.feeder, minutes, generator)

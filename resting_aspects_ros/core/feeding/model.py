@@ -146,8 +146,9 @@ def tray_state(
     places = refilled_later(moves)
 
     def state(shares: Array) -> SteadyState:
-        # Where no part is ever free, the mix is that of a tray whose parts are hardly ever picked.
-        free = np.where(pickable, np.maximum(shares, _HARDLY), 0.0)[..., which]
+        # Where no part is ever free, the mix is that of a tray whose parts are hardly ever picked,
+        # and where all are, that of one whose parts are hardly ever left.
+        free = np.where(pickable, np.clip(shares, _HARDLY, 1 - _HARDLY), 0.0)[..., which]
         free = np.concatenate([free, np.zeros((*free.shape[:-1], 1))], axis=-1)
         return steady_state(places, free, number, max_picks)
 

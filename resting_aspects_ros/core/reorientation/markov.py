@@ -13,7 +13,12 @@ from resting_aspects_ros.core.reorientation.state_reduction import (
     expected_total,
     stationary_shares,
 )
-from resting_aspects_ros.core.statistics.intervals import Array, Counts, check_confidence
+from resting_aspects_ros.core.statistics.intervals import (
+    Array,
+    Counts,
+    check_confidence,
+    containing,
+)
 
 Mask = npt.NDArray[np.bool_]
 
@@ -167,13 +172,12 @@ def long_run_bounds(
     # In blocks that fit the cache of the processor.
     blocks = np.array_split(chains, -(-samples // BLOCK))
     shares = np.concatenate([stationary_shares(block) for block in blocks])
-    tail = (1 - confidence) / 2
-    lower, upper = np.quantile(shares, [tail, 1 - tail], axis=0)
+    lower, upper = np.quantile(shares, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     actions = counts.sum(axis=1, keepdims=True)
     if (actions > 0).all():
         share = counts / actions
         found = long_run(share[:, :k], share[:, k:].sum(axis=1), drop).shares
-        lower, upper = np.minimum(lower, found), np.maximum(upper, found)
+        lower, upper = containing(found, lower, upper)
     return lower, upper
 
 

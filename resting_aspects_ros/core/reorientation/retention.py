@@ -62,14 +62,17 @@ class RetentionCurve:
         """Return the interval of `lift_at`, m.
 
         Its ends are the heights at which the upper and the lower bound of the probability first
-        reach the level; the lower end is at least the barrier. An end that is not reached up to
-        the maximum height is NaN.
+        reach the level. The lower end is at least the barrier, unless `lift_at` is below it: the
+        counts then contradict the barrier. An end that is not reached up to the maximum height is
+        NaN.
         """
         lower, upper = self.bounds()
-        lowest = self._first_crossing(upper, level)
-        if np.isfinite(self.barrier):
+        lift = self.lift_at(level)
+        lowest, highest = (self._first_crossing(curve, level) for curve in (upper, lower))
+        if lowest < self.barrier < np.inf and not lift < self.barrier:
             lowest = max(lowest, min(self.barrier, float(self.lift[-1])))
-        return lowest, self._first_crossing(lower, level)
+        # A rounding error in the interpolation must not separate the interval from the lift.
+        return float(np.fmin(lowest, lift)), float(np.maximum(highest, lift))
 
     def _first_crossing(self, curve: Array, level: float) -> float:
         if not 0 < level < 1:

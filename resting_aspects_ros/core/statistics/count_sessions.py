@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.statistics.batch_scatter import Units
 from resting_aspects_ros.core.statistics.intervals import Counts
 
 # Tolerance between the clocks of a counter and of the program that adds its totals, ns.
@@ -161,17 +162,21 @@ class CountWindows:
         Minimum number of parts in a window; 0 while it is not known.
     windows : list of Batch
         Full windows, each with the time of its first batch.
+    units : Units
+        Successive batches, from which their scatter is estimated.
     """
 
     def __init__(self) -> None:
         self.size = 0
         self.windows: list[Batch] = []
+        self.units = Units()
         self._open: list[Batch] = []
 
     def add(self, counts: Counts, time: int) -> None:
         """Add a batch, unless it is empty."""
         if counts.any():
             self._open.append(Batch(counts, time))
+            self.units.add(counts)
             self._fill()
             if len(self._open) > MAX_BATCHES:
                 self._open = _joined(self._open)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.statistics.batch_scatter import BatchScatter
 from resting_aspects_ros.core.statistics.comparison import square_and_add
 from resting_aspects_ros.core.statistics.g_test import g_statistic, p_of_window
 from resting_aspects_ros.core.statistics.intervals import (
@@ -65,6 +66,9 @@ class DriftTest:
     drifted : range
         Indices of the windows that deviate, empty without an alarm; see `drifted_windows`. If the
         windows recovered, it ends before the last one.
+    scatter : BatchScatter or None
+        By how much batches differ more than by chance; None if it is not known, and chance alone
+        is assumed.
     """
 
     simulated: Counts
@@ -73,6 +77,7 @@ class DriftTest:
     p_values: Array
     level: float
     drifted: range
+    scatter: BatchScatter | None = None
 
     @property
     def alarms(self) -> Counts:
@@ -82,7 +87,7 @@ class DriftTest:
     def deviation(self, windows: range, confidence: float = CONFIDENCE) -> Deviation:
         """Return the largest deviation of the parts of some windows together."""
         parts = self.windows[windows.start : windows.stop].sum(axis=0)
-        return largest_deviation(parts, self.simulated, confidence)
+        return largest_deviation(parts, self.simulated, confidence, self.scatter)
 
 
 def find_drift(
@@ -90,6 +95,7 @@ def find_drift(
     simulated: Counts,
     generator: np.random.Generator,
     level: float = LEVEL,
+    scatter: BatchScatter | None = None,
 ) -> DriftTest:
     """Test each window of counted parts against the simulated drops.
 
@@ -107,6 +113,8 @@ def find_drift(
         Draws the random tables.
     level : float
         MIN_LEVEL to MAX_LEVEL.
+    scatter : BatchScatter, optional
+        Of the batches of which the windows consist.
 
     Raises
     ------
@@ -121,12 +129,16 @@ def find_drift(
             f'invalid windows {shown(given.tolist())}: expected counts of {len(simulated)} '
             'classes, 0 or more, with at least one part in each window'
         )
-    p_values = np.array([p_of_window(row, simulated, generator, level) for row in given])
-    drifted = drifted_windows(given, simulated, p_values, level)
-    return DriftTest(simulated, given, g_statistic(given, simulated), p_values, level, drifted)
+    p_values = np.array([p_of_window(row, simulated, generator, level, scatter) for row in given])
+    factor = 1.0 if scatter is None else max(scatter.factor, 1.0)
+    drifted = drifted_windows(given, simulated, p_values, level, factor)
+    g = g_statistic(given, simulated)
+    return DriftTest(simulated, given, g, p_values, level, drifted, scatter)
 
 
-def drifted_windows(windows: Counts, simulated: Counts, p_values: Array, level: float) -> range:
+def drifted_windows(
+    windows: Counts, simulated: Counts, p_values: Array, level: float, factor: float = 1.0
+) -> range:
     """Return the latest successive windows that most likely deviate; empty without an alarm.
 
     All windows are divided into those with the simulated shares and runs of windows with other
@@ -141,6 +153,7 @@ def drifted_windows(windows: Counts, simulated: Counts, p_values: Array, level: 
 
     windows, simulated : (w, c) and (c,) int
     p_values : (w,) float
+    factor : by which the scatter of batches increases the statistics
     """
     alarms = np.flatnonzero(p_values <= level)
     if not len(alarms):
@@ -151,7 +164,7 @@ def drifted_windows(windows: Counts, simulated: Counts, p_values: Array, level: 
     penalty = 2 * np.log((end - begin) / level) + windows.shape[1] - 1
     best, runs = np.zeros(len(totals)), [range(0)] * len(totals)
     for k in range(1, len(totals)):
-        scores = best[:k] + g_statistic(totals[k] - totals[:k], simulated) - penalty
+        scores = best[:k] + g_statistic(totals[k] - totals[:k], simulated) / factor - penalty
         first = int(scores.argmax())
         best[k], runs[k] = best[k - 1], runs[k - 1]
         if scores[first] > best[k]:
@@ -164,19 +177,22 @@ def drifted_windows(windows: Counts, simulated: Counts, p_values: Array, level: 
         lowest = int(p_values.argmin())
         return range(lowest, lowest + 1)
     ends = totals[[run.stop, -1]] - totals[run.start]
-    recovered, lasting = g_statistic(ends, simulated)
+    recovered, lasting = g_statistic(ends, simulated) / factor
     stop = run.stop if recovered - lasting > -2 * np.log(level) else count - begin
     return range(begin + run.start, begin + stop)
 
 
 def largest_deviation(
-    parts: Counts, simulated: Counts, confidence: float = CONFIDENCE
+    parts: Counts,
+    simulated: Counts,
+    confidence: float = CONFIDENCE,
+    scatter: BatchScatter | None = None,
 ) -> Deviation:
     """Return the class whose share deviates most; both arguments (c,) with at least one count.
 
     The residual is the adjusted residual of the table with both rows (Agresti 2002, Categorical
     Data Analysis, section 3.3.1); of equal ones the lowest class is returned. The bounds are as
-    in `comparison.compare`.
+    in `comparison.compare`, wider by the scatter of batches.
     """
     n, m = int(parts.sum()), int(simulated.sum())
     share, expected = parts / n, simulated / m
@@ -190,10 +206,12 @@ def largest_deviation(
         expected,
         bounds(simulated, m, SIMULTANEOUS, confidence),
     )
-    low, high = float(lower[k]), float(upper[k])
-    return Deviation(
-        k, float(share[k]), float(expected[k]), low, high, float(residual[k]), confidence
-    )
+    wider = 1.0 if scatter is None else float(np.sqrt(scatter.inflation(n, m)))
+    difference = float(share[k] - expected[k])
+    low = max(difference - wider * (difference - float(lower[k])), -1.0)
+    high = min(difference + wider * (float(upper[k]) - difference), 1.0)
+    found = float(share[k]), float(expected[k])
+    return Deviation(k, *found, low, high, float(residual[k]) / wider, confidence)
 
 
 def check_level(level: float) -> None:

@@ -11,9 +11,10 @@ that of the statistic, by which the power is corrected.
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import chdtri, chndtr, ndtr, ndtri
+from scipy.special import chdtrc, chdtri, chndtr, ndtr, ndtri
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.statistics.batch_scatter import BatchScatter
 from resting_aspects_ros.core.statistics.drift import (
     LEVEL,
     MAX_LEVEL,
@@ -32,13 +33,21 @@ MAX_SHIFT = 0.4
 MAX_PARTS = 100_000_000
 # Noncentrality above which the power is 1 in any case.
 _CERTAIN = 1e4
+# Values of the error of the scatter over which is averaged.
+_QUANTILES = 200
 
 
 class TooFewDropsError(InvalidValueError):
     """No number of parts finds a deviation, because the simulation has too few drops."""
 
 
-def power_of(simulated: Counts, parts: int, shift: float, level: float = LEVEL) -> float:
+def power_of(
+    simulated: Counts,
+    parts: int,
+    shift: float,
+    level: float = LEVEL,
+    scatter: BatchScatter | None = None,
+) -> float:
     """Return the probability that a window with a drifted class raises an alarm.
 
     It is the lowest for any class that deviates by ``shift`` in either direction, if the other
@@ -54,6 +63,8 @@ def power_of(simulated: Counts, parts: int, shift: float, level: float = LEVEL) 
         Change of the share of one class; above 0, at most MAX_SHIFT.
     level : float
         Probability of an alarm without drift.
+    scatter : BatchScatter, optional
+        Of the batches of which the window consists; its estimate is taken as the truth.
     """
     counts = check_simulated(simulated)
     check_shift(shift)
@@ -61,13 +72,38 @@ def power_of(simulated: Counts, parts: int, shift: float, level: float = LEVEL) 
     # Jeffreys' estimate also defines what becomes of the others if only one class was seen.
     expected = (counts + 0.5) / (counts.sum() + len(counts) / 2)
     drifted, which = _drifted_shares(expected, shift)
-    mean = np.minimum(g_statistic(parts * drifted, counts.sum() * expected), _CERTAIN)
+    drops = int(counts.sum())
+    mean = np.minimum(g_statistic(parts * drifted, drops * expected), _CERTAIN)
+    factor = 1.0 if scatter is None else float(scatter.inflation(parts, drops))
     # A class without a drop does not contribute, unless it is the one that drifts.
     freedom = np.maximum((counts > 0).sum() - 1 + (counts[which] == 0), 1)
-    power = 1 - chndtr(chdtri(freedom, level), freedom, mean)
-    variance = _variance(parts, drifted, int(counts.sum()), expected)
+    variance = _variance(parts, drifted, drops, expected) / factor
+    mean = mean / factor
+    power = 1 - chndtr(_critical(scatter, parts, drops, freedom, level), freedom, mean)
     scale = np.sqrt((variance + 2 * freedom) / (4 * mean + 2 * freedom))
     return float(ndtr(ndtri(power) / scale).min())
+
+
+def _critical(
+    scatter: BatchScatter | None, parts: int, drops: int, freedom: Counts, level: float
+) -> Array:
+    """Return the statistic, divided by its factor, from which there is an alarm; like freedom.
+
+    The factor is not known exactly, which makes the critical value larger.
+    """
+    found: Array = np.asarray(chdtri(freedom, level), dtype=np.float64)
+    if scatter is None:
+        return found
+    every = scatter.reference[:: len(scatter.reference) // _QUANTILES]
+    ratio = scatter.inflation(parts, drops, every) / scatter.inflation(parts, drops)
+    for k in np.unique(freedom).tolist():
+        low, high = 0.0, float(chdtri(k, level / 2)) * float(ratio.max()) * 2
+        while high - low > 1e-3 * high:
+            middle = (low + high) / 2
+            beyond = float(chdtrc(k, middle / ratio).mean())
+            low, high = (middle, high) if beyond > level else (low, middle)
+        found[freedom == k] = high
+    return found
 
 
 def _variance(parts: int, drifted: Array, drops: int, expected: Array) -> Array:
@@ -81,7 +117,11 @@ def _variance(parts: int, drifted: Array, drops: int, expected: Array) -> Array:
 
 
 def parts_needed(
-    simulated: Counts, shift: float = SHIFT, level: float = LEVEL, power: float = POWER
+    simulated: Counts,
+    shift: float = SHIFT,
+    level: float = LEVEL,
+    power: float = POWER,
+    scatter: BatchScatter | None = None,
 ) -> int:
     """Return the smallest window in which a class that deviates by ``shift`` is found.
 
@@ -90,11 +130,17 @@ def parts_needed(
     the shift with any number of parts.
     """
     check_power(power)
-    return _smallest(lambda n: power_of(simulated, n, shift, level), power, simulated, shift)
+    return _smallest(
+        lambda n: power_of(simulated, n, shift, level, scatter), power, simulated, shift
+    )
 
 
 def parts_for_run_length(
-    simulated: Counts, run_length: int, shift: float = SHIFT, power: float = POWER
+    simulated: Counts,
+    run_length: int,
+    shift: float = SHIFT,
+    power: float = POWER,
+    scatter: BatchScatter | None = None,
 ) -> int:
     """Return the smallest window that finds a shift, for a mean distance of false alarms.
 
@@ -103,7 +149,9 @@ def parts_for_run_length(
     """
     check_power(power)
     return _smallest(
-        lambda n: power_of(simulated, n, shift, min(max(n / run_length, MIN_LEVEL), MAX_LEVEL)),
+        lambda n: power_of(
+            simulated, n, shift, min(max(n / run_length, MIN_LEVEL), MAX_LEVEL), scatter
+        ),
         power,
         simulated,
         shift,
@@ -111,16 +159,20 @@ def parts_for_run_length(
 
 
 def detectable_shift(
-    simulated: Counts, parts: int, level: float = LEVEL, power: float = POWER
+    simulated: Counts,
+    parts: int,
+    level: float = LEVEL,
+    power: float = POWER,
+    scatter: BatchScatter | None = None,
 ) -> float:
     """Return the smallest shift that a window of ``parts`` finds; nan above MAX_SHIFT."""
     check_power(power)
     low, high = 0.0, MAX_SHIFT
-    if power_of(simulated, parts, high, level) < power:
+    if power_of(simulated, parts, high, level, scatter) < power:
         return float('nan')
     while high - low > 1e-6:
         middle = (low + high) / 2
-        found = power_of(simulated, parts, middle, level) >= power
+        found = power_of(simulated, parts, middle, level, scatter) >= power
         low, high = (low, middle) if found else (middle, high)
     return high
 

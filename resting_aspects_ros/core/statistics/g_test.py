@@ -12,6 +12,7 @@ import math
 import numpy as np
 from scipy.special import xlogy
 
+from resting_aspects_ros.core.statistics.batch_scatter import BatchScatter
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
 # Tables are drawn until this number deviates at least as much as the window. The relative standard
@@ -34,7 +35,11 @@ def g_statistic(window: Array | Counts, simulated: Array | Counts) -> Array:
 
 
 def p_of_window(
-    window: Counts, simulated: Counts, generator: np.random.Generator, level: float
+    window: Counts,
+    simulated: Counts,
+    generator: np.random.Generator,
+    level: float,
+    scatter: BatchScatter | None = None,
 ) -> float:
     """Return the probability of a G statistic at least as large, without drift.
 
@@ -47,6 +52,11 @@ def p_of_window(
     Tables are drawn until EXCEEDANCES of them are as extreme, at most EXCEEDANCES / level tables
     (Besag, Clifford 1991, Biometrika 78:301). This needs few tables unless the p value is small.
     The smallest p value is level / EXCEEDANCES.
+
+    If batches scatter, the statistic of each table is multiplied by a factor that the scatter
+    allows for: the estimate divided by a draw of its error. For a known factor this is the scaled
+    chi-square test, and for an estimate with a chi-square distribution the F test of
+    quasi-likelihood.
 
     window, simulated : (c,) int
         Counts, at least one in each.
@@ -65,6 +75,9 @@ def p_of_window(
             columns, int(window.sum()), size=size, method='marginals'
         )
         g = g_statistic(table, columns - table)
+        if scatter is not None:
+            ratio = generator.choice(scatter.reference, size)
+            g = g * scatter.inflation(int(window.sum()), int(simulated.sum()), ratio)
         tied = (np.abs(g - found) <= margin) & (generator.random(size) < coin)
         extreme = np.flatnonzero((g > found + margin) | tied)
         lower += int((g < found - margin).sum())

@@ -88,7 +88,19 @@ def bounds(
         lower, upper = _clopper_pearson(c, divisor, (1 - confidence) / 2 / max(c.shape[-1], 1))
     else:
         lower, upper = _wilson(c, divisor, (1 - confidence) / 2)
+    lower, upper = containing(c / divisor, lower.clip(0.0, 1.0), upper.clip(0.0, 1.0))
     return np.where(c == 0, 0.0, lower), np.where(c == n, 1.0, upper)
+
+
+def containing(
+    value: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Return bounds that are extended to the value that they belong to, so that they contain it.
+
+    The mean of a skewed distribution can be outside its quantiles, an estimate at the border of
+    what is possible outside those of draws, and bounds can miss a share by a rounding error.
+    """
+    return np.minimum(lower, value), np.maximum(upper, value)
 
 
 def check_interval_method(method: str) -> None:

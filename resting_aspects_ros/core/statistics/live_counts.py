@@ -19,6 +19,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     Counts,
     Interval,
     check_confidence,
+    containing,
 )
 
 # The weight of the simulation in drops. In the comparison with measurements of
@@ -72,13 +73,17 @@ class LiveCounts:
         return np.asarray(prior / prior.sum() * self.prior_weight + self.observed)
 
     def intervals(self, confidence: float = CONFIDENCE) -> list[Interval]:
-        """Return the mean share of each class, with its equal-tailed credible interval."""
+        """Return the mean share of each class, with its equal-tailed credible interval.
+
+        That of a class that was never seen is extended to the mean, which is above it.
+        """
         check_confidence(confidence)
         a = self.concentration
         b = a.sum() - a
         tail = (1 - confidence) / 2
-        columns = a / a.sum(), betaincinv(a, b, tail), betaincinv(a, b, 1 - tail)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
+        mean = a / a.sum()
+        lower, upper = containing(mean, betaincinv(a, b, tail), betaincinv(a, b, 1 - tail))
+        rows = zip(mean.tolist(), lower.tolist(), upper.tolist(), strict=True)
         return [Interval(*row) for row in rows]
 
     def counted(self, totals: Mapping[int, int]) -> 'LiveCounts':

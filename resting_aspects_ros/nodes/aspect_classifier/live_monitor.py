@@ -199,7 +199,10 @@ class LiveMonitor:
             if live.can_drift and not live.is_tested:
                 windows = live.windows_to_test()
                 counts = np.array([each.counts for each in windows])
-                test = await self._worker.run(drift_test, counts, live.simulated, self._level)
+                units = list(live.windows.units.counts)
+                test = await self._worker.run(
+                    drift_test, counts, live.simulated, self._level, units
+                )
                 live.add_test(test, windows, self._weight)
         except RestingAspectsError as error:  # the posterior is published in any case
             live.test_problem = f'drift is not tested: {error}'

@@ -7,6 +7,7 @@ import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.batch_scatter import batch_scatter
 from resting_aspects_ros.core.statistics.count_sessions import (
     Batch,
     CountSessions,
@@ -124,6 +125,13 @@ def default_window(simulated: Counts, level: float) -> int:
         return int(simulated.sum())
 
 
-def drift_test(windows: Counts, simulated: Counts, level: float) -> DriftTest:
-    """Return the tests of windows (w, c) against simulated drops (c,); runs in a FileWorker."""
-    return find_drift(windows, simulated, np.random.default_rng(SEED), level)
+def drift_test(
+    windows: Counts, simulated: Counts, level: float, units: Sequence[Counts] = ()
+) -> DriftTest:
+    """Return the tests of windows (w, c) against simulated drops (c,); runs in a FileWorker.
+
+    units : (c,) int
+        Successive batches, from which their scatter is estimated.
+    """
+    scatter = batch_scatter(np.array(units, dtype=np.int64).reshape(-1, len(simulated)))
+    return find_drift(windows, simulated, np.random.default_rng(SEED), level, scatter)

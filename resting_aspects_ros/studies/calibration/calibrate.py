@@ -1,5 +1,6 @@
 """Calibrate a surface to counts, for the Python interface and the command line."""
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,16 @@ import numpy as np
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.output_files import make_folder
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, analysis, shown
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
-from resting_aspects_ros.studies.calibration.checks import g_test, leave_one_out, predict
+from resting_aspects_ros.studies.calibration.checks import (
+    GTest,
+    Prediction,
+    g_test,
+    leave_one_out,
+    predict,
+)
 from resting_aspects_ros.studies.calibration.counts_file import (
     SurfaceCounts,
     make_surface_counts,
@@ -129,14 +136,14 @@ def calibrate(
 def summarise(fit: Fit, seed: int) -> CalibrationResult:
     """Return the result of a fit, with its checks."""
     rng = np.random.default_rng((seed, 1))
-    return CalibrationResult(
-        fit,
-        tuple(estimates(fit)),
-        tuple(predict(fit, rng)),
-        tuple(leave_one_out(fit, rng)),
-        g_test(fit, rng),
-        seed,
-    )
+    predicted = tuple(predict(fit, rng))
+    left_out: tuple[Prediction, ...] = ()
+    tested = GTest(math.nan, math.nan)
+    with analysis('the check without each of the parts'):
+        left_out = tuple(leave_one_out(fit, rng))
+    with analysis('the G test'):
+        tested = g_test(fit, rng)
+    return CalibrationResult(fit, tuple(estimates(fit)), predicted, left_out, tested, seed)
 
 
 def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import xlogy
 
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.fit import Fit
 from resting_aspects_ros.studies.calibration.likelihood import surrogate_rho
 from resting_aspects_ros.studies.calibration.posterior import Posterior
@@ -132,9 +133,9 @@ def _predictions(fit: Fit, weights: Sequence[Array], rng: np.random.Generator) -
         observed = _beta_like(model, _own_discrepancies(posterior, row, rng) ** 2, rng)
         observed = rng.multinomial(part.drops, observed) / part.drops
         tail = (1 - CONFIDENCE) / 2
-        low, high = np.quantile(model, [tail, 1 - tail], axis=0)
-        wide_low, wide_high = np.quantile(observed, [tail, 1 - tail], axis=0)
-        found.append(Prediction(part.shares, mean, low, high, wide_low, wide_high))
+        low, high = containing(mean, *np.quantile(model, [tail, 1 - tail], axis=0))
+        wide = containing(mean, *np.quantile(observed, [tail, 1 - tail], axis=0))
+        found.append(Prediction(part.shares, mean, low, high, *wide))
     return found
 
 

@@ -97,10 +97,12 @@ def _draw_region(axes: 'Axes', result: 'FittedSurface', i: int, j: int) -> None:
     if one.logarithmic:
         axes.set_xscale('log')
         _plain_ticks(axes.xaxis)
-    axes.set_xlim(one.low, one.high)
+    axes.set_xlim(one.scale * one.low, one.scale * one.high)
     if i == j:
         density = np.histogram(posterior.points[:, i], cells, (0, 1), weights=weights)[0]
-        axes.fill_between(one.values(centres), gaussian_filter(density, 1.0), color=FILL[1])
+        axes.fill_between(
+            one.scale * one.values(centres), gaussian_filter(density, 1.0), color=FILL[1]
+        )
         axes.set_yticks([])
         return
     mass = np.histogram2d(
@@ -108,13 +110,14 @@ def _draw_region(axes: 'Axes', result: 'FittedSurface', i: int, j: int) -> None:
     )[0]
     mass = gaussian_filter(mass, SMOOTHING[scattered], mode='nearest')
     levels = sorted(_level(mass, region) for region in REGIONS)
-    x, y = one.values(centres), other.values(centres)
+    x, y = one.scale * one.values(centres), other.scale * other.values(centres)
     axes.contourf(x, y, mass.T, [*levels, max(mass.max(), levels[-1]) * 1.01], colors=FILL)
-    axes.plot(result.estimates[i].best, result.estimates[j].best, '+', color=TEXT, markersize=9)
+    best = one.scale * result.estimates[i].best, other.scale * result.estimates[j].best
+    axes.plot(*best, '+', color=TEXT, markersize=9)
     if other.logarithmic:
         axes.set_yscale('log')
         _plain_ticks(axes.yaxis)
-    axes.set_ylim(other.low, other.high)
+    axes.set_ylim(other.scale * other.low, other.scale * other.high)
     axes.set_ylabel(other.title, fontsize=8, color=FAINT, labelpad=2)
 
 

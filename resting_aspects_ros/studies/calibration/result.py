@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ class CalibrationResult(FittedSurface):
             'conditions': _values(self.conditions),
             'estimates': [_estimate(each) for each in self.estimates],
             'discrepancy': {'mean': mean, 'low': low, 'high': high} if fit.discrepancy else None,
-            'g_test': dataclasses.asdict(self.g_test),
+            'g_test': None if math.isnan(self.g_test.p) else dataclasses.asdict(self.g_test),
             'contradicted': self.contradicted,
             'parts': [
                 {

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.fit import Fit
 from resting_aspects_ros.studies.factors import Factor
 
@@ -25,7 +26,7 @@ class Estimate:
     mean, deviation : float
         Of the posterior.
     low, high : float
-        The shortest interval with 90 % of the posterior.
+        The shortest interval with 90 % of the posterior, extended to ``best`` and ``mean``.
     determined : bool
         Whether the interval is at most half of the range.
     """
@@ -49,15 +50,18 @@ def estimates(fit: Fit) -> list[Estimate]:
         values = factor.values(unit)
         mean = float(weights @ values)
         start, end = shortest_interval(unit, weights)
-        low, high = factor.values(np.array([start, end])).tolist()
+        best_value = float(factor.values(best[k : k + 1])[0])
+        low, high = factor.values(np.array([start, end]))
+        for value in (best_value, mean):
+            low, high = containing(value, low, high)
         found.append(
             Estimate(
                 factor,
-                float(factor.values(best[k : k + 1])[0]),
+                best_value,
                 mean,
                 float(np.sqrt(weights @ (values - mean) ** 2)),
-                low,
-                high,
+                float(low),
+                float(high),
                 end - start <= WIDE,
             )
         )
@@ -94,7 +98,9 @@ def discrepancy(fit: Fit) -> tuple[float, float, float]:
     values = fit.posterior.discrepancies
     sums = np.cumsum(weights)
     low, high = (values[min(int(np.searchsorted(sums, q)), len(values) - 1)] for q in (0.05, 0.95))
-    return float(weights @ values), float(low), float(high)
+    mean = float(weights @ values)
+    low, high = containing(mean, low, high)
+    return mean, float(low), float(high)
 
 
 def correlation(fit: Fit, one: int, other: int) -> float:

@@ -90,7 +90,9 @@ def comparison_text(found: 'SurfaceComparison') -> str:
 def _on_agreement(result: 'FittedSurface') -> Iterator[str]:
     fitted = _listed([each.factor.label for each in result.estimates])
     p = result.g_test.p
-    if not result.contradicted:
+    if math.isnan(p):
+        yield 'Whether the simulation can explain these counts could not be tested.'
+    elif not result.contradicted:
         yield f'The simulation can explain these counts within sampling (G test, p = {p:.2g}).'
     else:
         yield (
@@ -179,11 +181,17 @@ def _on_error(result: 'FittedSurface') -> Iterator[str]:
 def _estimate_table(found: Sequence[Estimate]) -> Iterator[str]:
     yield f'{"condition":<26}{"best":>9}{"mean":>9}{"sd":>8}  {"90 % interval":<20}{"range"}'
     for each in found:
-        interval = f'{_number(each.low)} to {_number(each.high)}'
-        limits = f'{_number(each.factor.low)} to {_number(each.factor.high)}'
+        factor = each.factor
+        best, mean, deviation, low, high, least, most = (
+            _number(factor.scale * value)
+            for value in (
+                *(each.best, each.mean, each.deviation, each.low, each.high),
+                *(factor.low, factor.high),
+            )
+        )
         yield (
-            f'{each.factor.title[:25]:<26}{_number(each.best):>9}{_number(each.mean):>9}'
-            f'{_number(each.deviation):>8}  {interval:<20}{limits}'
+            f'{factor.title[:25]:<26}{best:>9}{mean:>9}{deviation:>8}  '
+            f'{f"{low} to {high}":<20}{least} to {most}'
         )
 
 

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 from feeder_events import simulated_picks
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding import density
 from resting_aspects_ros.core.feeding import forecast as forecast_module
-from resting_aspects_ros.core.feeding.cycle import CycleTimes, parts_per_minute
+from resting_aspects_ros.core.feeding.cycle import CycleTimes, parts_per_minute, picks
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast
 from resting_aspects_ros.core.feeding.model import FeederModel
@@ -267,3 +267,31 @@ def test_model_needs_counts_and_a_pickable_aspect():
         changed(drop=np.zeros(3, dtype=np.int64))
     with pytest.raises(InvalidValueError, match='picks'):
         changed(max_picks=0)
+
+
+def test_forecast_is_finite_if_a_single_part_is_always_picked():
+    # Parts fall into a pickable class, and are in the other one only after a flip.
+    moves = np.zeros((3, 7), dtype=np.int64)
+    moves[0, 6] = moves[1, 0] = moves[2, 6] = 1
+    found = forecast(dataclasses.replace(MODEL, drop=np.array([0, 9, 0]), transitions=moves))
+    assert np.isfinite(found.curve.rate).all()
+    # One cycle with an image and the pick of the only part.
+    assert found.curve.number[0] == 1
+    assert found.curve.rate[0] == pytest.approx(
+        parts_per_minute(TIMES, picks(1, np.array(1.0)), np.array(1.0))
+    )
+
+
+@settings(max_examples=8)
+@given(st.data())
+def test_interval_of_the_rate_contains_it_at_the_border(data):
+    row = st.lists(st.integers(0, 2), min_size=7, max_size=7).filter(any)
+    drop = np.array(data.draw(st.lists(st.integers(0, 2), min_size=3, max_size=3).filter(any)))
+    model = dataclasses.replace(
+        MODEL, drop=drop, transitions=np.array([data.draw(row) for _ in range(3)])
+    )
+    found = forecast(model, 3)
+    assert found.lower <= found.rate <= found.upper
+    assert found.prediction[0] <= found.prediction[1]
+    assert (found.curve.lower <= found.curve.rate).all()
+    assert (found.curve.rate <= found.curve.upper).all()

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.output_files import OutputError
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.studies.calibration import simulated_drops
 from resting_aspects_ros.studies.calibration.simulated_drops import BATCH, SimulatedDrops
 from resting_aspects_ros.studies.point_runs import PointCounts

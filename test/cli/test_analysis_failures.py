@@ -1,0 +1,83 @@
+"""An analysis that fails after the drops is named in a sentence, and costs only itself."""
+
+import importlib
+import json
+
+import pytest
+
+STUDY = ('study', 'cylinder_d20_h20', '--vary', 'restitution=0.2:0.6', '--points', 4)
+FEW = ('--drops', 20, '--workers', 1, '--out', 'out')
+OPTIMISE = ('optimise', 'cylinder_d20_h20', '--vary', 'height=2cm:6cm', '--wanted', 1)
+SEARCH = ('--points', 3, '--drops', 10, '--budget', 60, '--workers', 1, '--out', 'out')
+REORIENT = ('reorient', 'tetrahedron', '--action', 'tap', '--per-aspect', 5, '--report')
+DROP = ('drop', 'tetrahedron', '--report')
+DROPPED = ['distribution.json', 'poses.csv']
+OPTIMISED = ['optimum.json', 'points.csv']
+COMMANDS = {
+    # The function that fails: the command, what is named, and what is still written.
+    'studies.effects:indices_of': (STUDY + FEW, 'Sobol indices', ['results.csv', 'page.html']),
+    'studies.study_page:effects_figure': (STUDY + FEW, 'figure', ['results.csv', 'page.html']),
+    'studies.study_counts:effects_of': (STUDY + FEW, 'depend on', ['results.csv', 'page.html']),
+    'studies.page_parts:draw_parts': (STUDY + FEW, 'pictures', ['results.csv', 'page.html']),
+    'studies.study_page:render_page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
+    'report.page:convergence_figure': (DROP + FEW, 'figure', [*DROPPED, 'report.html', 'pie.png']),
+    'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
+    'api.report_files:report_files': (DROP + FEW, 'report', DROPPED),
+    'report.reorientation_page:flow_figure': (
+        (*REORIENT, *FEW),
+        'figure',
+        ['transitions.json', 'reorientation.html', 'transitions.png'],
+    ),
+    'api.counted_actions:long_run': (
+        (*REORIENT, *FEW),
+        'long-run shares',
+        ['transitions.json', 'reorientation.html'],
+    ),
+    'studies.optimisation:factor_facts': (
+        OPTIMISE + SEARCH,
+        'effects',
+        [*OPTIMISED, 'report.html'],
+    ),
+    'studies.optimisation:profile_of': (OPTIMISE + SEARCH, 'around', [*OPTIMISED, 'report.html']),
+    'studies.optimise_page:curves_figure': (
+        OPTIMISE + SEARCH,
+        'figure',
+        [*OPTIMISED, 'report.html'],
+    ),
+    'studies.batch:_write_index': (
+        ('drop', 'tetrahedron', 'washer', *FEW),
+        'index',
+        ['tetrahedron/distribution.json', 'washer/report.html'],
+    ),
+}
+
+
+def broken(*_, **__):
+    return 1 / 0
+
+
+@pytest.mark.parametrize('place', COMMANDS)
+def test_failure_is_named_and_everything_else_is_written(place, run, tmp_path, monkeypatch):
+    words, named, files = COMMANDS[place]
+    module, function = place.split(':')
+    monkeypatch.setattr(importlib.import_module(f'resting_aspects_ros.{module}'), function, broken)
+    ended = run(*words)
+    assert ended.returncode == 0, ended.stderr
+    assert 'Traceback' not in ended.stderr
+    warning = next(line for line in ended.stderr.splitlines() if 'ZeroDivisionError' in line)
+    assert named in warning
+    assert {str(name) for name in files} <= {
+        str(path.relative_to(tmp_path / 'out')) for path in (tmp_path / 'out').rglob('*')
+    }
+    for document in (tmp_path / 'out').rglob('*.json'):
+        json.loads(document.read_text())
+
+
+def test_points_of_a_search_without_a_surrogate_are_saved(run, tmp_path, monkeypatch):
+    from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
+
+    monkeypatch.setattr(ShareSurrogate, 'fit', broken)
+    ended = run(*OPTIMISE, *SEARCH)
+    assert ended.returncode == 1
+    assert 'surrogate' in ended.stderr
+    assert len((tmp_path / 'out/points.csv').read_text().splitlines()) == 1 + 3
