@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import FILE_FORMATS
 from resting_aspects_ros.core.part_loading import load_part as load_mesh
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -101,7 +101,7 @@ def _mesh_here(stem: str) -> str:
     with suppress(OSError):
         for file in sorted(Path().iterdir()):
             ending = file.suffix.lower().removeprefix('.')
-            if file.stem == stem and ending in FORMATS and file.is_file():
+            if file.stem == stem and ending in FILE_FORMATS and file.is_file():
                 return file.name
     return ''
 

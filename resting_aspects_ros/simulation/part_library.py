@@ -13,10 +13,9 @@ from resting_aspects_ros.core.errors import (
     did_you_mean,
     shown,
 )
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
-from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.part_loading import FILE_FORMATS, load_part
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.core.yaml_file import read_yaml
 
@@ -129,7 +128,7 @@ class PartLibrary:
     def _by_stem(self) -> dict[str, list[Path]]:
         found: dict[str, list[Path]] = {}
         for file in self._files():
-            if file.suffix.lower().removeprefix('.') in FORMATS:
+            if file.suffix.lower().removeprefix('.') in FILE_FORMATS:
                 found.setdefault(file.stem, []).append(file)
         return found
 

@@ -34,7 +34,7 @@ def test_unit_is_that_of_the_file(tmp_path):
     path = tmp_path / 'box.stp'
     path.write_text(step_text(BOX, FACES, '.CENTI.'))
     assert load_part(path).volume == pytest.approx(10 * 20 * 30e-6, rel=1e-5)
-    with pytest.raises(InvalidValueError, match='expected none, because a STEP file has its own'):
+    with pytest.raises(InvalidValueError, match='expected none, because the file has its own'):
         load_part(path, unit='cm')
 
 

@@ -1,0 +1,180 @@
+"""Read the bodies of a GLB or 3MF file, which have names and places, with trimesh."""
+
+import io
+import warnings
+import zipfile
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.core.errors import InvalidValueError, PartError, one_line, shown
+from resting_aspects_ros.core.geometry.closed_surface import closed_surface
+from resting_aspects_ros.core.geometry.coordinate_steps import MAX_ROWS, coordinate_steps
+from resting_aspects_ros.core.geometry.mesh_file import Triangles, check_count, checked_triangles
+from resting_aspects_ros.core.units import UNITS, box_text
+
+SCENE_FORMATS = ('glb', '3mf')
+UNPACKED = 256 << 20  # maximum size of the files in a 3MF, bytes
+MAX_LISTED = 5
+# The words of the unit in a 3MF, as trimesh returns them. Lengths in a GLB are in metres.
+_UNITS = {
+    'micron': 'um',
+    'millimeter': 'mm',
+    'millimeters': 'mm',
+    'centimeter': 'cm',
+    'meter': 'm',
+    'inch': 'in',
+    'foot': 'ft',
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SceneBody:
+    """A body with its name, which is unique in its file, and its triangles."""
+
+    name: str
+    triangles: Triangles
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The bodies of a file, the largest first, and the names of what is left out."""
+
+    bodies: list[SceneBody]
+    unit: str
+    left_out: list[str]
+
+    def number(self, chosen: int | str, label: str) -> int:
+        """Return the number of a body, from 1, that is given as its number or its name."""
+        names = [body.name for body in self.bodies]
+        if type(chosen) is int and 1 <= chosen <= len(names):
+            return chosen
+        if type(chosen) in (int, str) and str(chosen) in names:
+            return names.index(str(chosen)) + 1
+        expected = ', '.join(map(shown, names[:MAX_LISTED]))
+        more = ', ...' if len(names) > MAX_LISTED else ''
+        raise InvalidValueError(
+            f'invalid body {shown(chosen)} of {label}: expected 1 to {len(names)}, or one of '
+            f'{expected}{more}'
+        )
+
+    def triangles(self, number: int) -> Triangles:
+        """Return the triangles of a body, or of all bodies for 0."""
+        if number:
+            return self.bodies[number - 1].triangles
+        meshes = [body.triangles for body in self.bodies]
+        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+        return Triangles(
+            np.concatenate([mesh.vertices for mesh in meshes]),
+            np.concatenate([m.faces + k for m, k in zip(meshes, starts, strict=True)]),
+            np.max([mesh.steps for mesh in meshes], axis=0),
+        )
+
+    def listed(self) -> str:
+        """Return the numbers, names and sizes of the bodies."""
+        texts = [
+            f'{k}: {shown(body.name)} '
+            f'{box_text(np.ptp(body.triangles.vertices, axis=0), self.unit)}'
+            for k, body in enumerate(self.bodies[:MAX_LISTED], 1)
+        ]
+        return ', '.join(texts) + (', ...' if len(self.bodies) > MAX_LISTED else '')
+
+
+def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
+    """Return the bodies in the bytes of a GLB or 3MF file, in the unit and frame of the file.
+
+    A mesh of the file that is not closed is left out if another one is closed.
+
+    Raises
+    ------
+    PartError
+        If the bytes are not a complete file in that format with a mesh.
+    """
+    try:
+        with np.errstate(all='ignore'):
+            loaded = _load(data, mesh_format, label)
+            text = mesh_format == '3mf'
+            names = sorted(loaded.graph.nodes_geometry)
+            found = [_placed(loaded, name, label, text=text) for name in names]
+    except PartError:
+        raise
+    except Exception as error:  # noqa: BLE001 its parsers raise exceptions of any type
+        raise PartError(
+            f'{label} is not a readable {mesh_format.upper()} '
+            f'({type(error).__name__}: {one_line(str(error), 200)})'
+        ) from None
+    bodies = [body for body in found if isinstance(body, SceneBody)]
+    if not bodies:
+        raise PartError(f'{label} has no triangles: expected at least 4, to enclose a volume')
+    check_count(sum(len(body.triangles.faces) for body in bodies), label)
+    unit = 'm' if mesh_format == 'glb' else _UNITS.get(str(loaded.metadata.get('units')), '')
+    if unit not in UNITS:
+        raise PartError(
+            f'invalid unit {shown(loaded.metadata.get("units"))} in {label}: expected micron, '
+            'millimeter, centimeter, inch, foot or meter'
+        )
+    left_out = [shown(body) for body in found if isinstance(body, str)]
+    if len(bodies) > 1:
+        volumes = {body.name: _volume(body.triangles) for body in bodies}
+        if any(volumes.values()):
+            left_out += [shown(body.name) for body in bodies if not volumes[body.name]]
+            bodies = [body for body in bodies if volumes[body.name]]
+        largest = max(volumes.values()) or 1.0
+        bodies.sort(key=lambda body: (-round(volumes[body.name] / largest, 6), body.name))
+    return Scene(bodies, unit, left_out)
+
+
+def _load(data: bytes, mesh_format: str, label: str) -> Any:
+    """Return the trimesh scene."""
+    import trimesh
+
+    if mesh_format == '3mf':
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > UNPACKED:
+            raise PartError(
+                f'{label} has {unpacked} bytes after unpacking: expected at most {UNPACKED}'
+            )
+        with warnings.catch_warnings():
+            # It would ignore everything after the first word that is not a number.
+            warnings.filterwarnings('error', 'string or file could not be read')
+            return trimesh.load_scene(io.BytesIO(data), file_type='3mf', process=False)
+    return trimesh.load_scene(
+        io.BytesIO(data),
+        file_type='glb',
+        process=False,
+        merge_primitives=True,
+        skip_materials=True,
+    )
+
+
+def _placed(loaded: Any, name: str, label: str, *, text: bool) -> SceneBody | str:
+    """Return a body of a trimesh scene where its node places it; its name if it is no mesh.
+
+    text : whether the file has the coordinates as text, not as float32.
+    """
+    matrix, geometry = loaded.graph[name]
+    mesh = loaded.geometry[geometry]
+    if not len(getattr(mesh, 'faces', ())):
+        return name
+    raw, faces = checked_triangles(
+        np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, np.int64), label
+    )
+    linear = np.asarray(matrix, dtype=np.float64)[:3, :3]
+    every = raw[:: max(len(raw) // MAX_ROWS, 1)].tolist()
+    words = [[repr(x).encode() for x in row] for row in every] if text else []
+    steps = np.abs(linear) @ coordinate_steps(raw, words)
+    if np.linalg.det(linear) < 0:
+        faces = faces[:, ::-1]
+    vertices, faces = checked_triangles(raw @ linear.T + matrix[:3, 3], faces, label)
+    return SceneBody(name, Triangles(vertices, faces, steps))
+
+
+def _volume(mesh: Triangles) -> float:
+    """Return the volume, or 0 if the surface is not closed."""
+    surface = closed_surface(mesh.vertices, mesh.faces)
+    if surface.defect:
+        return 0.0
+    corners = surface.vertices[surface.faces] - surface.vertices[0]
+    return abs(float(np.linalg.det(corners).sum())) / 6
