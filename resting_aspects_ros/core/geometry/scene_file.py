@@ -10,7 +10,11 @@ import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, one_line, shown
 from resting_aspects_ros.core.geometry.closed_surface import closed_surface
-from resting_aspects_ros.core.geometry.coordinate_steps import MAX_ROWS, coordinate_steps
+from resting_aspects_ros.core.geometry.coordinate_steps import (
+    MAX_ROWS,
+    Array,
+    coordinate_steps,
+)
 from resting_aspects_ros.core.geometry.mesh_file import Triangles, check_count, checked_triangles
 from resting_aspects_ros.core.units import UNITS, box_text
 
@@ -63,13 +67,7 @@ class Scene:
         """Return the triangles of a body, or of all bodies for 0."""
         if number:
             return self.bodies[number - 1].triangles
-        meshes = [body.triangles for body in self.bodies]
-        starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-        return Triangles(
-            np.concatenate([mesh.vertices for mesh in meshes]),
-            np.concatenate([m.faces + k for m, k in zip(meshes, starts, strict=True)]),
-            np.max([mesh.steps for mesh in meshes], axis=0),
-        )
+        return _joined([body.triangles for body in self.bodies])
 
     def listed(self) -> str:
         """Return the numbers, names and sizes of the bodies."""
@@ -94,9 +92,7 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
     try:
         with np.errstate(all='ignore'):
             loaded = _load(data, mesh_format, label)
-            text = mesh_format == '3mf'
-            names = sorted(loaded.graph.nodes_geometry)
-            found = [_placed(loaded, name, label, text=text) for name in names]
+            found, left_out = _bodies(loaded, label, text=mesh_format == '3mf')
     except PartError:
         raise
     except Exception as error:  # noqa: BLE001 its parsers raise exceptions of any type
@@ -104,7 +100,7 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
             f'{label} is not a readable {mesh_format.upper()} '
             f'({type(error).__name__}: {one_line(str(error), 200)})'
         ) from None
-    bodies = [body for body in found if isinstance(body, SceneBody)]
+    bodies = [SceneBody(name, _joined(meshes)) for name, meshes in sorted(found.items())]
     if not bodies:
         raise PartError(f'{label} has no triangles: expected at least 4, to enclose a volume')
     check_count(sum(len(body.triangles.faces) for body in bodies), label)
@@ -114,7 +110,6 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
             f'invalid unit {shown(loaded.metadata.get("units"))} in {label}: expected micron, '
             'millimeter, centimeter, inch, foot or meter'
         )
-    left_out = [shown(body) for body in found if isinstance(body, str)]
     if len(bodies) > 1:
         volumes = {body.name: _volume(body.triangles) for body in bodies}
         if any(volumes.values()):
@@ -141,23 +136,37 @@ def _load(data: bytes, mesh_format: str, label: str) -> Any:
             warnings.filterwarnings('error', 'string or file could not be read')
             return trimesh.load_scene(io.BytesIO(data), file_type='3mf', process=False)
     return trimesh.load_scene(
-        io.BytesIO(data),
-        file_type='glb',
-        process=False,
-        merge_primitives=True,
-        skip_materials=True,
+        io.BytesIO(data), file_type='glb', process=False, skip_materials=True
     )
 
 
-def _placed(loaded: Any, name: str, label: str, *, text: bool) -> SceneBody | str:
-    """Return a body of a trimesh scene where its node places it; its name if it is no mesh.
+def _bodies(
+    loaded: Any, label: str, *, text: bool
+) -> tuple[dict[str, list[Triangles]], list[str]]:
+    """Return the meshes of each body of a trimesh scene, and the names of what has no triangles.
+
+    A node of a GLB has a mesh for each material, which trimesh makes children of the node.
+    """
+    found: dict[str, list[Triangles]] = {}
+    left_out = []
+    graph = loaded.graph
+    for node in sorted(graph.nodes_geometry, key=lambda node: str(graph[node][1])):
+        matrix, geometry = graph[node]
+        mesh = loaded.geometry[geometry]
+        several = mesh.metadata.get('from_gltf_primitive')
+        name = str(graph.transforms.parents[node] if several else node)
+        if len(getattr(mesh, 'faces', ())):
+            found.setdefault(name, []).append(_placed(mesh, matrix, label, text=text))
+        else:
+            left_out.append(shown(name))
+    return found, sorted(left_out)
+
+
+def _placed(mesh: Any, matrix: Array, label: str, *, text: bool) -> Triangles:
+    """Return the triangles of a mesh where its node places it.
 
     text : whether the file has the coordinates as text, not as float32.
     """
-    matrix, geometry = loaded.graph[name]
-    mesh = loaded.geometry[geometry]
-    if not len(getattr(mesh, 'faces', ())):
-        return name
     raw, faces = checked_triangles(
         np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, np.int64), label
     )
@@ -168,7 +177,16 @@ def _placed(loaded: Any, name: str, label: str, *, text: bool) -> SceneBody | st
     if np.linalg.det(linear) < 0:
         faces = faces[:, ::-1]
     vertices, faces = checked_triangles(raw @ linear.T + matrix[:3, 3], faces, label)
-    return SceneBody(name, Triangles(vertices, faces, steps))
+    return Triangles(vertices, faces, steps)
+
+
+def _joined(meshes: list[Triangles]) -> Triangles:
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return Triangles(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + k for mesh, k in zip(meshes, starts, strict=True)]),
+        np.max([mesh.steps for mesh in meshes], axis=0),
+    )
 
 
 def _volume(mesh: Triangles) -> float:
