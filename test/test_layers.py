@@ -69,6 +69,7 @@ CORE_ONLY_IN = {
     'manifold3d': 'core/geometry/bodies.py',
     'coacd': 'core/geometry/decomposition.py',
     'cascadio': 'core/geometry/step_file.py',
+    'lxml': 'core/geometry/scene_file.py',
     'contourpy': 'core/vision/sampled_union.py',
 }
 # Clocks, global randomness and the machine are passed in (rule 6).

@@ -24,7 +24,7 @@ UNIT_NAMES = {
     'in': 'inches',
     'ft': 'feet',
 }
-DEFAULT_UNIT = 'mm'  # STL, OBJ and PLY files do not contain a unit; most parts are designed in mm
+DEFAULT_UNIT = 'mm'  # of STL, OBJ, PLY and OFF files; most parts are designed in mm
 
 # Ranges of the longest side, m. Outside POSSIBLE_SIZE the unit is probably wrong, even if it was
 # given; outside USUAL_SIZE it may be wrong if it is only the default. LIKELY_SIZE is the range of

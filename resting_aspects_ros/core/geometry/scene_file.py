@@ -96,10 +96,10 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
     except PartError:
         raise
     except Exception as error:  # noqa: BLE001 its parsers raise exceptions of any type
-        raise PartError(
-            f'{label} is not a readable {mesh_format.upper()} '
-            f'({type(error).__name__}: {one_line(str(error), 200)})'
-        ) from None
+        # trimesh would guess the encoding of text that is not UTF-8, with a further package.
+        why = f'{type(error).__name__}: {one_line(str(error), 200)}'
+        why = 'its text is not UTF-8' if isinstance(error, ImportError) else why
+        raise PartError(f'{label} is not a readable {mesh_format.upper()} ({why})') from None
     bodies = [SceneBody(name, _joined(meshes)) for name, meshes in sorted(found.items())]
     if not bodies:
         raise PartError(f'{label} has no triangles: expected at least 4, to enclose a volume')
@@ -125,6 +125,10 @@ def _load(data: bytes, mesh_format: str, label: str) -> Any:
     import trimesh
 
     if mesh_format == '3mf':
+        try:
+            import lxml  # noqa: F401 trimesh reads XML with it
+        except ImportError:
+            raise PartError(f'{label} is a 3MF, which needs lxml: pip install lxml') from None
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > UNPACKED:

@@ -118,7 +118,7 @@ class MeshSurface:
     """A mesh whose triangles point outward, with its pose in the tray frame.
 
     mesh : str
-        Path of an STL, OBJ or PLY file; it becomes the name of the file.
+        Path of an STL, OBJ, PLY or OFF file; it becomes the name of the file.
     unit : str
         Unit of its coordinates.
     x, y, z, rx, ry, rz : float

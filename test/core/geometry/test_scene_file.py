@@ -4,6 +4,7 @@ import io
 import json
 import re
 import struct
+import sys
 import zipfile
 
 import numpy as np
@@ -237,6 +238,11 @@ GLB = in_metres(bracket()).export(file_type='glb')
 BROKEN = {
     'empty GLB': (b'', 'glb', ['not a readable GLB']),
     'empty 3MF': (b'', '3mf', ['not a readable 3MF']),
+    'GLB, text not in UTF-8': (
+        GLB.replace(b'"scenes"', b'"\xff\xfeenes"'),
+        'glb',
+        ['not a readable GLB', 'not UTF-8'],
+    ),
     'GLB cut': (GLB[:-100], 'glb', ['not a readable GLB']),
     '3MF cut': (THREE[:-100], '3mf', ['not a readable 3MF']),
     'zip that is no 3MF': (changed(THREE, lambda text: b''), '3mf', ['not a readable 3MF']),
@@ -279,6 +285,12 @@ def test_error_for_a_broken_file(kind, capfd):
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 500
     assert capfd.readouterr() == ('', '')
+
+
+def test_missing_package_is_named_with_its_installation(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'lxml', None)
+    with pytest.raises(PartError, match='needs lxml: pip install lxml'):
+        part_from_bytes(THREE, '3mf', 'p')
 
 
 def test_zip_that_would_fill_the_memory_is_refused():
