@@ -1,6 +1,7 @@
 """STEP files: their bodies are their solids, with their names, in the unit that they state."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -247,6 +248,18 @@ def test_missing_package_is_named_with_its_installation(save, monkeypatch):
 @pytest.mark.parametrize('text', ['solid x', 'ISO-10303-21;\nHEADER;\n'])
 def test_damaged_file_is_refused(save, text):
     with pytest.raises(PartError, match='STEP file'):
+        load_part(save(text))
+
+
+@pytest.mark.parametrize(
+    ('entity', 'damaged'),
+    [(r"VECTOR\('',#\d+", "VECTOR('',$"), (r"N_POINT\('',\([^)]*\)", "N_POINT('',()")],
+)
+def test_file_that_crashes_the_reader_gives_an_error(save, entity, damaged):
+    """Open CASCADE accesses memory that it must not access."""
+    text, count = re.subn(entity, damaged, step_text(*BOX), count=1)
+    assert count
+    with pytest.raises(PartError, match=r'cannot be read .* signal 11'):
         load_part(save(text))
 
 
