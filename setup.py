@@ -38,7 +38,6 @@ setup(
     install_requires=['setuptools'],
     extras_require={
         'dask': ['distributed'],
-        'step': ['cascadio'],
         'bodies': ['manifold3d'],
         'pieces': ['coacd'],
         'curved': ['fast-simplification'],

@@ -25,6 +25,7 @@ DEPENDENCIES = {
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
+    'cascadio': ('cascadio', None),  # rosdep has no key for it
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'coacd': ('coacd', None),  # rosdep has no key for it
     'fast_simplification': ('fast-simplification', None),  # rosdep has no key for it
@@ -38,6 +39,7 @@ DEPENDENCIES = {
     'jinja2': ('jinja2', 'python3-jinja2'),
     'launch': (None, 'launch'),  # with a ROS, where the launch file is used
     'launch_ros': (None, 'launch_ros'),
+    'lxml': ('lxml', 'python3-lxml'),
     'lz4': ('mcap', 'mcap-ros2-support'),  # what mcap reads chunks with
     'manifold3d': ('manifold3d', None),  # rosdep has no key for it
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
@@ -69,7 +71,7 @@ DEPENDENCIES = {
 }
 # What the suite can do without, by the extra of setup.py that asks for it; package.xml has no such
 # thing.
-OPTIONAL = {'dask': {'distributed'}, 'step': {'cascadio'}}
+OPTIONAL = {'dask': {'distributed'}}
 # What make setup installs and rosdep cannot, so that it is an extra too.
 NO_ROSDEP_KEY = {
     'bodies': {'manifold3d'},

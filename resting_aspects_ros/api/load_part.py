@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import FILE_FORMATS
 from resting_aspects_ros.core.part_loading import load_part as load_mesh
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -18,7 +18,7 @@ def load_part(
     part: str | Path,
     unit: str | None = None,
     folder: str | Path | None = None,
-    body: int | None = None,
+    body: int | str | None = None,
 ) -> Part:
     """Load a part from a mesh file, with the YAML file beside it, or by name from a folder.
 
@@ -28,11 +28,12 @@ def load_part(
         A path with a directory or an ending is a mesh file; anything else is the name of a part.
     unit : str, optional
         Unit of the mesh file: 'um', 'mm', 'cm', 'm', 'in' or 'ft'; by default that of the YAML
-        file, else mm.
+        file, else mm. STEP, GLB and 3MF files have their own unit.
     folder : str or Path, optional
         Folder of named parts; by default the example parts.
-    body : int, optional
-        Body of a mesh file to use, if it has several that do not touch: 1 is the largest.
+    body : int or str, optional
+        Body of a mesh file to use, if it has several: its number, 1 is the largest, or its name
+        in a STEP, GLB or 3MF file.
 
     Raises
     ------
@@ -53,7 +54,7 @@ def load_part(
     text = str(part)
     mesh = part if isinstance(part, Path) else mesh_file(text)
     if mesh:
-        return load_mesh(mesh, **_yaml_values(mesh.parent / f'{mesh.stem}.yaml', unit, body))
+        return load_mesh(mesh, **_yaml_values(mesh, unit, body))
     if unit is not None:
         raise InvalidValueError(
             f'invalid unit {shown(unit)}: expected only with a mesh file; {shown(text)} is '
@@ -101,14 +102,15 @@ def _mesh_here(stem: str) -> str:
     with suppress(OSError):
         for file in sorted(Path().iterdir()):
             ending = file.suffix.lower().removeprefix('.')
-            if file.stem == stem and ending in FORMATS and file.is_file():
+            if file.stem == stem and ending in FILE_FORMATS and file.is_file():
                 return file.name
     return ''
 
 
-def _yaml_values(yaml_file: Path, unit: str | None, body: int | None) -> dict[str, Any]:
-    """Return the values of a part's YAML file, with the requested unit and body."""
-    values = read_part_yaml(yaml_file) if yaml_file.exists() else {}
+def _yaml_values(mesh: Path, unit: str | None, body: int | str | None) -> dict[str, Any]:
+    """Return the values of the YAML file of a mesh, with the requested unit and body."""
+    yaml_file = mesh.parent / f'{mesh.stem}.yaml'
+    values = read_part_yaml(yaml_file, mesh) if yaml_file.exists() else {}
     if body is not None:
         if values.get('body') not in (None, body):
             raise InvalidValueError(

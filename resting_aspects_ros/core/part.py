@@ -35,7 +35,7 @@ class Part:
     mesh_bytes : bytes
         The unchanged content of the mesh file.
     mesh_format : str
-        'stl', 'obj' or 'ply'.
+        'stl', 'obj', 'ply', 'off', 'glb' or '3mf'.
     unit : str
         Unit of the coordinates in ``mesh_bytes``; a key of UNITS.
     mass : float

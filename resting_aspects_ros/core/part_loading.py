@@ -1,30 +1,25 @@
-"""Make a part from a mesh file: read, weld, unite its bodies, compute hull and mass."""
+"""Load a part from a mesh file, or make it from the bytes of one."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
-from resting_aspects_ros.core.geometry.bodies import unite_bodies
-from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface
-from resting_aspects_ros.core.geometry.hull import convex_hull
-from resting_aspects_ros.core.geometry.mass_properties import GivenMassValues, mass_properties
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS, read_triangles
-from resting_aspects_ros.core.geometry.simplified_hull import simplify_hull
-from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS, stl_from_step
+from resting_aspects_ros.core.errors import InvalidValueError, PartError, one_line, shown
+from resting_aspects_ros.core.geometry.bodies import SeparateBodiesError
+from resting_aspects_ros.core.geometry.mass_properties import GivenMassValues
+from resting_aspects_ros.core.geometry.mesh_file import MESH_FORMATS, read_triangles
+from resting_aspects_ros.core.geometry.scene_file import SCENE_FORMATS, Scene, read_scene
+from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS, glb_from_step
 from resting_aspects_ros.core.input_file import named, read_input
+from resting_aspects_ros.core.mesh_part import mesh_part
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name, valid_name
-from resting_aspects_ros.core.units import (
-    DEFAULT_UNIT,
-    UNITS,
-    check_size,
-    coarse_text,
-    size_warnings,
-)
+from resting_aspects_ros.core.units import UNITS
 
+# Formats of a part, and those of the files from which a part can be loaded.
+FORMATS = (*MESH_FORMATS, *SCENE_FORMATS)
+FILE_FORMATS = (*FORMATS, *STEP_FORMATS)
 MAX_BYTES = 256 << 20  # maximum mesh file size; MAX_TRIANGLES need less in any format
+MAX_LISTED = 5
 # File formats of CAD programs. They contain curved surfaces, which must be exported as triangles.
 CAD_FORMATS = (
     *('stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
@@ -42,9 +37,9 @@ def load_part(
     mass: float | None = None,
     centre_of_mass: Any = None,
     inertia: Any = None,
-    body: int | None = None,
+    body: int | str | None = None,
 ) -> Part:
-    """Read a part from an STL, OBJ, PLY or STEP file; a STEP file is converted to an STL in mm.
+    """Read a part from a file in one of FILE_FORMATS; a STEP file is converted to a GLB.
 
     The default name is the stem of the file, converted to a valid name. For the other parameters
     see part_from_bytes. PartError is also raised if the file is missing, is not a regular file, is
@@ -53,17 +48,15 @@ def load_part(
     path = Path(path)
     label = named('mesh', path)
     mesh_format = path.suffix.lower().removeprefix('.')
-    if mesh_format not in (*FORMATS, *STEP_FORMATS) and not path.is_dir():
+    if mesh_format not in FILE_FORMATS and not path.is_dir():
         raise PartError(f'{label} has {_wrong_format(path.suffix)}')
     data = read_input(path, MAX_BYTES, 'mesh', PartError)
+    notes: tuple[str, ...] = ()
     if mesh_format in STEP_FORMATS:
-        if unit not in (None, 'mm'):
-            raise InvalidValueError(
-                f'invalid unit {shown(unit)} of {label}: expected none, because a STEP file has '
-                'its own, which is converted to mm'
-            )
-        data, mesh_format, unit = stl_from_step(data, label), 'stl', 'mm'
-    return _part(
+        data, left_out = glb_from_step(data, label)
+        mesh_format, unit = 'glb', None if unit == 'mm' else unit
+        notes = _left_out(label, left_out)
+    part = _part(
         label,
         data,
         mesh_format,
@@ -72,6 +65,7 @@ def load_part(
         body,
         GivenMassValues(density, mass, centre_of_mass, inertia),
     )
+    return replace(part, warnings=(*notes, *part.warnings))
 
 
 def part_from_bytes(
@@ -84,7 +78,7 @@ def part_from_bytes(
     mass: float | None = None,
     centre_of_mass: Any = None,
     inertia: Any = None,
-    body: int | None = None,
+    body: int | str | None = None,
 ) -> Part:
     """Make a part from the bytes of a mesh file.
 
@@ -96,11 +90,12 @@ def part_from_bytes(
     ----------
     data : bytes
     mesh_format : str
-        'stl', 'obj' or 'ply'.
+        'stl', 'obj', 'ply', 'off', 'glb' or '3mf'.
     name : str
         [a-z][a-z0-9_]*, at most 64 characters.
     unit : str, optional
-        Unit of the coordinates in the file, a key of UNITS; the default is mm.
+        Unit of the coordinates in the file, a key of UNITS; the default is mm. A GLB is in m, and
+        a 3MF states its unit.
     density : float, optional
         kg/m^3; the default is 1000 if neither density nor mass is given.
     mass : float, optional
@@ -110,9 +105,9 @@ def part_from_bytes(
         centroid of the solid is used as the inertia about this point.
     inertia : (6,) or (3, 3) array_like, optional
         kg m^2 about the centre of mass, part axes; six numbers are ixx ixy ixz iyy iyz izz.
-    body : int, optional
-        Number of the body of the mesh, from 1, largest first; required if the mesh has several
-        bodies that do not touch each other.
+    body : int or str, optional
+        Number of the body of the mesh, from 1, largest first, or its name in a GLB or 3MF;
+        required if the mesh has several bodies that do not touch each other.
 
     Raises
     ------
@@ -134,7 +129,7 @@ def part_from_bytes(
 
 
 def _wrong_format(suffix: str) -> str:
-    expected = ', '.join(f'.{ending}' for ending in (*FORMATS, *STEP_FORMATS))
+    expected = ', '.join(f'.{ending}' for ending in FILE_FORMATS)
     text = f'the extension {shown(suffix)}: expected one of {expected}'
     if suffix.lower().removeprefix('.') in CAD_FORMATS:
         return f'{text}. It is a CAD file: export an STL from your CAD program'
@@ -147,7 +142,7 @@ def _part(
     mesh_format: str,
     name: str,
     unit: str | None,
-    chosen_body: int | None,
+    chosen_body: int | str | None,
     given: GivenMassValues,
 ) -> Part:
     if not isinstance(name, str) or not is_valid_name(name):
@@ -159,61 +154,63 @@ def _part(
         raise InvalidValueError(
             f'invalid unit {shown(unit)} of {label}: expected one of {", ".join(UNITS)}'
         )
-    vertices, faces = read_triangles(data, mesh_format, label)
-    check_size(vertices, unit or DEFAULT_UNIT, label)
-    try:
-        surface, body = unite_bodies(
-            closed_surface(vertices, faces), chosen_body, unit or DEFAULT_UNIT, label
+    file = (name, data, mesh_format)
+    if mesh_format not in SCENE_FORMATS:
+        mesh = read_triangles(data, mesh_format, label)
+        return mesh_part(label, mesh, unit, chosen_body, given, file)
+    scene = read_scene(data, mesh_format, label)
+    if unit not in (None, scene.unit):
+        raise InvalidValueError(
+            f'invalid unit {shown(unit)} of {label}: expected none, because the file has its own, '
+            f'which is {scene.unit}'
         )
-        part = _solid_part(label, surface, unit, body, given, (name, data, mesh_format))
-    except PartError as error:
-        coarse = coarse_text(vertices, faces, unit or DEFAULT_UNIT)
-        raise PartError(f'{error}; {coarse}' if coarse else str(error)) from None
-    if coarse := coarse_text(surface.vertices, surface.faces, unit or DEFAULT_UNIT):
-        part = replace(part, warnings=(*part.warnings, f'{label}: {coarse}'))
-    return part
+    part = _scene_part(label, scene, chosen_body, given, file)
+    return replace(part, warnings=(*_left_out(label, scene.left_out), *part.warnings))
 
 
-def _solid_part(
+def _left_out(label: str, names: list[str]) -> tuple[str, ...]:
+    """Return a warning that names what is not a solid, if anything."""
+    if not names:
+        return ()
+    listed = ', '.join(names[:MAX_LISTED]) + (', ...' if len(names) > MAX_LISTED else '')
+    return (f'{label}: what is not a solid is left out: {one_line(listed)}',)
+
+
+def _scene_part(
     label: str,
-    surface: Surface,
-    unit: str | None,
-    body: int,
+    scene: Scene,
+    chosen: int | str | None,
     given: GivenMassValues,
     file: tuple[str, bytes, str],
 ) -> Part:
-    if not len(surface.faces):
-        raise PartError(f'{label} has no volume: all its triangles have zero area')
-    warnings = [
-        *surface.warnings,
-        *size_warnings(surface.vertices, unit or DEFAULT_UNIT, given=unit is not None),
-    ]
-    vertices = surface.vertices * UNITS[unit or DEFAULT_UNIT]
-    corners, triangles, normals = convex_hull(vertices, label)
-    hull_vertices, hull_error = simplify_hull(corners, triangles, normals)
-    found, defect = mass_properties(
-        label, vertices, surface.faces, hull_vertices, surface.defect, given
-    )
-    if defect:
-        warnings.append(f'the mesh {defect}; the given mass properties are used')
-    if len(hull_vertices) < len(corners):
-        radius = np.linalg.norm(hull_vertices - found.centre_of_mass, axis=1).max()
-        warnings.append(
-            f'its convex hull was simplified from {len(corners)} to {len(hull_vertices)} corners; '
-            f'the omitted corners are outside the hull by at most {1e3 * hull_error:.2g} mm '
-            f'({hull_error / radius:.1g} R)'
+    """Return the part that is a body of a scene, or all its bodies if none is chosen."""
+    several = len(scene.bodies) > 1
+    if isinstance(chosen, str) or (several and chosen is not None):
+        number = scene.number(chosen, label)
+        chosen = None
+    else:
+        number = 0
+    try:
+        part = mesh_part(label, scene.triangles(number), scene.unit, chosen, given, file)
+    except SeparateBodiesError as error:
+        if number:
+            name = shown(scene.bodies[number - 1].name)
+            raise PartError(
+                f'body {name} of {label} has pieces that do not touch each other: expected one'
+            ) from None
+        if not several:
+            raise
+        raise PartError(
+            f'{label} has {len(scene.bodies)} bodies, which do not all touch each other '
+            f'({scene.listed()}): choose one with --body NUMBER or --body NAME, or with "body" in '
+            'the YAML file beside the mesh'
+        ) from error
+    if not several:
+        return part
+    if not number:
+        note = (
+            f'{label}: its {len(scene.bodies)} bodies ({scene.listed()}) are treated as one part; '
+            'choose one with --body NUMBER or --body NAME'
         )
-    return Part(
-        *file,
-        unit or DEFAULT_UNIT,
-        found.mass,
-        found.centre_of_mass,
-        found.inertia,
-        vertices,
-        surface.faces,
-        hull_vertices,
-        hull_error,
-        found.volume,
-        tuple(f'{label}: {warning}' for warning in warnings),
-        body,
-    )
+        part = replace(part, warnings=(note, *part.warnings))
+    return replace(part, body=number)

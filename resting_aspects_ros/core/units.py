@@ -24,7 +24,7 @@ UNIT_NAMES = {
     'in': 'inches',
     'ft': 'feet',
 }
-DEFAULT_UNIT = 'mm'  # STL, OBJ and PLY files do not contain a unit; most parts are designed in mm
+DEFAULT_UNIT = 'mm'  # of STL, OBJ, PLY and OFF files; most parts are designed in mm
 
 # Ranges of the longest side, m. Outside POSSIBLE_SIZE the unit is probably wrong, even if it was
 # given; outside USUAL_SIZE it may be wrong if it is only the default. LIKELY_SIZE is the range of
@@ -34,6 +34,8 @@ USUAL_SIZE = (3e-3, 2.0)
 LIKELY_SIZE = (5e-3, 0.3)
 # Change of the volume by rounding in the file, as a share, up to which there is no warning.
 MAX_VOLUME_CHANGE = 1e-4
+# Change from which the aspects cannot be right: the steps are as large as the part is thick.
+REFUSED_VOLUME_CHANGE = 0.5
 MAX_SIZE = 1e6  # m, any coordinate: far above any part, far below overflow in the integrals
 MIN_SIZE = 1e-9  # m
 
@@ -79,35 +81,40 @@ def size_warnings(vertices: Array, unit: str, *, given: bool) -> list[str]:
     return [f'{sizes}. Is the unit correct?']
 
 
-def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str | None:
-    """Return a warning if the coordinates in the file are too coarse for the part, else None.
+def coarseness(
+    vertices: Array, faces: npt.NDArray[np.int64], unit: str, steps: Array
+) -> tuple[float, str]:
+    """Return the relative error of the volume by coarse coordinates, and a warning; 0, '' if fine.
 
-    STL and most other files store float32, whose resolution decreases with the distance from the
-    origin. Its effect on the volume is estimated by moving each side of the part by half a step.
+    The effect of the steps on the volume is estimated by moving each side of the part by half a
+    step.
 
     Parameters
     ----------
     vertices : (n, 3) float64
         In the unit.
     faces : (m, 3) int64
+    steps : (3,) float64
+        Steps in which the file stores the coordinates of each axis, in the unit. STL and many
+        other files store float32, whose steps grow with the distance from the origin.
     """
-    largest = np.abs(vertices).max(axis=0)
-    single = vertices.astype(np.float32)
-    exact = (single == vertices).all()
-    steps = np.spacing(largest.astype(np.float32) if exact else largest).astype(np.float64)
+    sides = np.ptp(vertices, axis=0)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     a, b, c = np.moveaxis((vertices - middle)[faces], 1, 0)
     areas = np.cross(b - a, c - a) / 2
     volume = abs(float(np.einsum('ij,ij->', a, areas))) / 3
     change = float(np.abs(areas).sum(axis=0) @ steps) / 2
-    size = float(np.ptp(vertices, axis=0).max())
-    if change <= MAX_VOLUME_CHANGE * volume and (volume or steps.max() < MAX_VOLUME_CHANGE * size):
-        return None
+    # A surface without volume is not coarse, unless its sides are.
+    fine = change <= MAX_VOLUME_CHANGE * volume
+    if fine or (volume <= change and steps.max() < MAX_VOLUME_CHANGE * sides.max()):
+        return 0.0, ''
     millimetres = 1e3 * UNITS[unit]
     share = f'{100 * change / volume:.2g} %' if change < volume else '100 % or more'
-    return (
-        f'its coordinates of up to {largest.max() * millimetres:.4g} mm are stored in steps of '
-        f'{steps.max() * millimetres:.2g} mm, which is coarse for a part of '
-        f'{box_text(np.ptp(vertices, axis=0), unit)}: its volume may be wrong by {share}. Move '
-        'the part to the origin before it is exported'
+    text = (
+        f'its coordinates of up to {np.abs(vertices).max() * millimetres:.4g} mm are stored in '
+        f'steps of {steps.max() * millimetres:.2g} mm, which is coarse for a part of '
+        f'{box_text(sides, unit)}: its volume may be wrong by {share}, and it may have aspects '
+        'that it should not have. Move the part to the origin before it is exported, or export '
+        'it with more digits'
     )
+    return change / max(volume, change), text

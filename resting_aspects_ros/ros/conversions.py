@@ -17,9 +17,8 @@ from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part, is_valid_name
-from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.core.part_loading import FORMATS, part_from_bytes
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions

@@ -13,10 +13,10 @@ from resting_aspects_ros.core.errors import (
     did_you_mean,
     shown,
 )
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
+from resting_aspects_ros.core.geometry.scene_file import SCENE_FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
-from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.part_loading import FILE_FORMATS, load_part
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.core.yaml_file import read_yaml
 
@@ -39,10 +39,10 @@ class PartLibrary:
     Parameters
     ----------
     folder : Path
-        Contains <name>.stl, .obj or .ply, and an optional <name>.yaml with unit, density (kg/m^3)
-        or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia (six numbers,
-        kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), and body (number of the body in
-        a mesh with several, starting at 1).
+        Contains <name>.<format>, with one of FILE_FORMATS, and an optional <name>.yaml with unit,
+        density (kg/m^3) or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia
+        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), and body (number,
+        from 1, or name of the body in a mesh with several).
     """
 
     def __init__(self, folder: Path) -> None:
@@ -129,7 +129,7 @@ class PartLibrary:
     def _by_stem(self) -> dict[str, list[Path]]:
         found: dict[str, list[Path]] = {}
         for file in self._files():
-            if file.suffix.lower().removeprefix('.') in FORMATS:
+            if file.suffix.lower().removeprefix('.') in FILE_FORMATS:
                 found.setdefault(file.stem, []).append(file)
         return found
 
@@ -156,18 +156,19 @@ def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
 def _read(mesh: Path, yaml_file: Path | None) -> Part | RestingAspectsError:
     """Return the part or the error, so that an invalid file is not read again either."""
     try:
-        return load_part(mesh, mesh.stem, **(read_part_yaml(yaml_file) if yaml_file else {}))
+        return load_part(mesh, mesh.stem, **(read_part_yaml(yaml_file, mesh) if yaml_file else {}))
     except RestingAspectsError as error:
         return error
 
 
-def read_part_yaml(path: Path) -> dict[str, Any]:
-    """Return the values of a part's YAML file as arguments of load_part, in SI units.
+def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
+    """Return the values of the YAML file of a mesh as arguments of load_part, in SI units.
 
     Raises
     ------
     PartError
-        If the file cannot be read, has an unknown key, or a value of the wrong kind.
+        If the file cannot be read, has an unknown key, a value of the wrong kind, or a centre of
+        mass without a unit beside a mesh that has its own.
     """
     label = named('part file', path)
     content = read_yaml(path, 'part file', error=PartError)
@@ -185,6 +186,11 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
             )
     given = {key: _checked(value, key, label) for key, value in content.items()}
     if 'centre_of_mass' in given:
+        if 'unit' not in given and mesh.suffix.lower().removeprefix('.') in SCENE_FORMATS:
+            raise PartError(
+                f'missing unit in {label}: expected the unit of {named("mesh", mesh)}, in which '
+                'the centre_of_mass is given'
+            )
         metres = UNITS[given.get('unit', DEFAULT_UNIT)]
         given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
     return given
@@ -195,7 +201,8 @@ def _checked(value: Any, key: str, label: str) -> Any:
     if takes == 'unit':
         good, expected = isinstance(value, str) and value in UNITS, f'one of {", ".join(UNITS)}'
     elif takes == 'body':
-        good, expected = type(value) is int and value > 0, 'an integer of at least 1'
+        good = (type(value) is int and value > 0) or (isinstance(value, str) and value != '')
+        expected = 'an integer of at least 1, or the name of a body'
     elif takes == 1:
         value, given = _number(value), value
         good, expected = value is not None and value > 0, 'a finite number above 0'

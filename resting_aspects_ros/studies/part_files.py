@@ -10,9 +10,8 @@ import yaml
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown, warn
-from resting_aspects_ros.core.geometry.mesh_file import FORMATS
-from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import FILE_FORMATS
 from resting_aspects_ros.core.units import UNITS
 from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.part_library import PartLibrary
@@ -22,7 +21,7 @@ PARTS = 'parts'
 
 def mesh_files(folder: Path) -> list[Path]:
     """Return the mesh files of a folder, sorted; raises InvalidValueError if it has none."""
-    endings = {f'.{ending}' for ending in (*FORMATS, *STEP_FORMATS)}
+    endings = {f'.{ending}' for ending in FILE_FORMATS}
     found = sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and p.is_file())
     if not found:
         raise InvalidValueError(

@@ -52,6 +52,23 @@ def test_every_command_that_takes_a_mesh_takes_a_body(two, ended):
     assert code == 0
 
 
+@pytest.mark.parametrize('body', ['small box', '2'])
+def test_body_is_chosen_by_its_name_or_number(two, ended, body):
+    meshes = trimesh.load_mesh('two.stl').split()
+    meshes = sorted(meshes, key=lambda mesh: mesh.volume)
+    names = ('small box', 'large box')
+    trimesh.Scene(dict(zip(names, meshes, strict=True))).export('two.3mf')
+    code, _, error = ended('aspects', 'two.3mf')
+    assert code == 2
+    assert "1: 'large box' 20 x 30 x 40 mm, 2: 'small box' 10 x 12 x 14 mm" in error
+    code, out, _ = ended('aspects', 'two.3mf', '--body', body)
+    assert code == 0
+    assert '10 x 12 x 14 mm' in out
+    code, _, error = ended('aspects', 'two.stl', '--body', 'small box')
+    assert code == 2
+    assert "invalid body 'small box' of mesh 'two.stl': expected 1 to 2" in error
+
+
 @pytest.mark.parametrize(
     ('words', 'sheet', 'message'),
     [

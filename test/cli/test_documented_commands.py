@@ -247,6 +247,6 @@ def test_the_part_file_can_be_used(tmp_path):
     (text,) = code('docs/how_to/add_a_part.md', 'yaml')
     path = tmp_path / 'my_part.yaml'
     path.write_text(text)
-    values = read_part_yaml(path)
+    values = read_part_yaml(path, path.with_suffix('.stl'))
     assert set(values) == set(yaml.safe_load(text))
     assert load_part(PARTS / 'l_bracket.stl', **values).unit == 'mm'

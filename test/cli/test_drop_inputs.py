@@ -137,7 +137,7 @@ endsolid a
         (
             'model.sldprt',
             'x',
-            '.ply, .step, .stp. It is a CAD file: export an STL',
+            '.ply, .off, .glb, .3mf, .step, .stp. It is a CAD file: export an STL',
         ),
         ('.', None, 'is a folder'),
         ('..', None, 'is a folder'),

@@ -364,7 +364,7 @@ def test_default_name_is_the_file_stem(tmp_path, stem, name):
     [
         (lambda path: None, ['does not exist']),
         (lambda path: path.mkdir(), ['is a folder']),
-        (lambda path: path.write_bytes(b''), ['empty', 'stl, obj or ply']),
+        (lambda path: path.write_bytes(b''), ['empty', 'stl, obj, ply or off']),
     ],
 )
 def test_error_for_a_path_without_a_mesh(tmp_path, make, expected):

@@ -34,6 +34,10 @@ MAX_NEAR_PAIRS = 2_000  # bodies whose boxes touch are compared triangle by tria
 MAX_LISTED = 5
 
 
+class SeparateBodiesError(PartError):
+    """A mesh has several bodies that do not touch each other, and none is chosen."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Body:
     """A shell that faces outward, with its cavities; lengths are relative to the mesh size."""
@@ -64,7 +68,7 @@ class _Body:
 
 
 def unite_bodies(
-    surface: Surface, chosen: int | None, unit: str, label: str
+    surface: Surface, chosen: int | str | None, unit: str, label: str
 ) -> tuple[Surface, int]:
     """Return the surface of one solid and the number of the chosen body, 0 if none was chosen.
 
@@ -82,9 +86,10 @@ def unite_bodies(
 
     Raises
     ------
+    SeparateBodiesError
+        If there are several bodies that do not touch each other, and none is chosen.
     PartError
-        If there are several bodies and none is chosen, if they cannot be united, or if there are
-        too many.
+        If bodies cannot be united, or if there are too many.
     InvalidValueError
         If there is no body with the chosen number.
     """
@@ -103,7 +108,7 @@ def unite_bodies(
             f'invalid body {shown(chosen)} of {label}: expected 1 to {len(groups)}'
         )
     if len(groups) > 1 and chosen is None:
-        raise PartError(
+        raise SeparateBodiesError(
             f'{label} has {len(groups)} bodies that do not touch each other '
             f'({_list(groups, size, unit)}): choose one with --body N, or with "body: N" in the '
             'YAML file beside the mesh'

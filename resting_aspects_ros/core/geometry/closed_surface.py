@@ -97,6 +97,8 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
             defect = (
                 'has triangles that cannot be flipped to face the same way as their neighbours'
             )
+    if not defect and _is_folded(faces):
+        defect = 'encloses no volume: it has each triangle twice, with opposite orientations'
     body = np.zeros(len(faces), dtype=np.int64)
     if not defect:
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
@@ -107,9 +109,18 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
 
 
 def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices, Faces]:
-    """Merge vertices within the tolerance; remove triangles with fewer than three corners left.
+    """Merge vertices within the tolerance; remove triangles with fewer than three corners left."""
+    vertices, group = weld_groups(vertices, tolerance)
+    faces = group[faces]
+    a, b, c = faces.T
+    return vertices, faces[(a != b) & (b != c) & (c != a)]
 
-    Each group is replaced by its lexicographically first vertex, in any order of the file.
+
+def weld_groups(vertices: Vertices, tolerance: float) -> tuple[Vertices, Faces]:
+    """Return the vertices that remain if those within the tolerance are merged, and their rows.
+
+    Each group is replaced by its lexicographically first vertex, in any order of the file. The
+    second result, (n,), has the row of the remaining vertex for each vertex.
     """
     vertices = vertices + 0.0  # -0 is 0
     order = np.lexsort(vertices.T[::-1])
@@ -130,9 +141,7 @@ def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices,
         _, first, label = np.unique(label, return_index=True, return_inverse=True)
         rank = np.argsort(np.argsort(first))
         vertices, group = vertices[np.sort(first)], rank[label][group]
-    faces = group[faces]
-    a, b, c = faces.T
-    return vertices, faces[(a != b) & (b != c) & (c != a)]
+    return vertices, group
 
 
 def _without_copies(faces: Faces) -> tuple[Faces, int]:
@@ -148,6 +157,15 @@ def _without_copies(faces: Faces) -> tuple[Faces, int]:
     order = np.lexsort(turned.T)
     new = np.r_[True, (np.diff(turned[order], axis=0) != 0).any(axis=1)]
     return faces[np.sort(order[new])], int(np.count_nonzero(~new))
+
+
+def _is_folded(faces: Faces) -> bool:
+    """Return whether each triangle occurs equally often in both orientations."""
+    order = np.argsort(faces, axis=1)
+    sense = np.where((order[:, 1] - order[:, 0]) % 3 == 1, 1, -1)
+    rows = np.take_along_axis(faces, order, axis=1)
+    _, number = np.unique(rows, axis=0, return_inverse=True)
+    return not np.bincount(number.ravel(), weights=sense).any()
 
 
 def _defect(edges: TriangleEdges) -> str | None:

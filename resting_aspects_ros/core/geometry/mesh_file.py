@@ -1,4 +1,4 @@
-"""Read the triangles of a mesh file (STL, OBJ, PLY); errors state how the file is broken.
+"""Read the triangles of a mesh file (STL, OBJ, PLY, OFF); errors state how the file is broken.
 
 STL is parsed here, not by trimesh: the binary form is a single array, and in ASCII files trimesh
 drops a solid without ``endsolid`` and fails if a solid's name contains one of its keywords. The
@@ -8,13 +8,27 @@ regular expressions read each character only a few times for any input.
 import itertools
 import re
 import struct
+from typing import NamedTuple
 
 import numpy as np
 
-from resting_aspects_ros.core.errors import PartError, one_line, shown
-from resting_aspects_ros.core.geometry.obj_ply_file import Faces, Vertices, read_obj, read_ply
+from resting_aspects_ros.core.errors import PartError, shown
+from resting_aspects_ros.core.geometry.coordinate_steps import (
+    Array,
+    Words,
+    coordinate_steps,
+)
+from resting_aspects_ros.core.geometry.polygon_file import (
+    Faces,
+    Vertices,
+    check_encoding,
+    read_obj,
+    read_off,
+    read_ply,
+)
 
-FORMATS = ('stl', 'obj', 'ply')
+# Formats of a single mesh without a unit.
+MESH_FORMATS = ('stl', 'obj', 'ply', 'off')
 # More triangles take minutes and gigabytes and do not change the aspects.
 MAX_TRIANGLES = 1_000_000
 
@@ -27,7 +41,23 @@ _STL_VERTEX = re.compile(
 )
 
 
-def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
+class Triangles(NamedTuple):
+    """The triangles of a mesh, in the unit of the file.
+
+    vertices : (n, 3) float64
+        All finite, and each is a corner of a triangle.
+    faces : (m, 3) int64
+        Rows of ``vertices``; at least one triangle.
+    steps : (3,) float64
+        Steps in which the file stores the coordinates of each axis.
+    """
+
+    vertices: Vertices
+    faces: Faces
+    steps: Array
+
+
+def read_triangles(data: bytes, mesh_format: str, label: str) -> Triangles:
     """Return the triangles in the bytes of a mesh file, as they are in the file.
 
     Parameters
@@ -35,35 +65,33 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
     data : bytes
         All bytes of the file.
     mesh_format : str
-        One of FORMATS.
+        One of MESH_FORMATS.
     label : str
         Name of the file in errors.
-
-    Returns
-    -------
-    vertices : (n, 3) float64
-        In the unit of the file; all finite, and each is a corner of a triangle.
-    faces : (m, 3) int64
-        Rows of ``vertices``; at least one triangle.
 
     Raises
     ------
     PartError
         If the bytes are not a complete mesh in that format with finite vertices.
     """
+    if mesh_format not in _READERS:
+        raise PartError(
+            f'invalid format {shown(mesh_format)} of {label}: expected {_or(MESH_FORMATS)}'
+        )
     if not data:
-        raise PartError(f'{label} is empty (0 bytes): expected a mesh in {_or(FORMATS)} format')
-    if mesh_format == 'stl':
-        vertices, faces = _read_stl(data, label)
-    elif mesh_format == 'obj':
-        vertices, faces = read_obj(data, label)
-    elif mesh_format == 'ply':
-        vertices, faces = read_ply(data, label)
-    else:
-        raise PartError(f'invalid format {shown(mesh_format)} of {label}: expected {_or(FORMATS)}')
+        raise PartError(
+            f'{label} is empty (0 bytes): expected a mesh in {_or(MESH_FORMATS)} format'
+        )
+    vertices, faces, words = _READERS[mesh_format](data, label)
+    vertices, faces = checked_triangles(vertices, faces, label)
+    return Triangles(vertices, faces, coordinate_steps(vertices, words))
+
+
+def checked_triangles(vertices: Vertices, faces: Faces, label: str) -> tuple[Vertices, Faces]:
+    """Return the vertices that are used, all finite, and the faces; raise PartError if invalid."""
     if not len(faces):
         raise PartError(f'{label} has no triangles: expected at least 4, to enclose a volume')
-    _check_count(len(faces), label)
+    check_count(len(faces), label)
     invalid = faces[(faces < 0) | (faces >= len(vertices))]
     if len(invalid):
         raise PartError(
@@ -81,7 +109,8 @@ def without_unused(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
-def _check_count(triangles: int, label: str) -> None:
+def check_count(triangles: int, label: str) -> None:
+    """Raise PartError if there are too many triangles."""
     if triangles > MAX_TRIANGLES:
         raise PartError(
             f'{label} has {triangles} triangles: expected at most {MAX_TRIANGLES}; simplify the '
@@ -89,15 +118,16 @@ def _check_count(triangles: int, label: str) -> None:
         )
 
 
-def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces]:
+def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     """Read an STL; a file with the length of a binary STL is one, even if it begins 'solid'."""
     declared = struct.unpack_from('<I', data, 80)[0] if len(data) >= _STL_HEADER else -1
     available = (len(data) - _STL_HEADER) // _STL_TRIANGLE
     if declared > 0 and len(data) == _STL_HEADER + declared * _STL_TRIANGLE:
         return _read_binary_stl(data, declared, label)
-    text = data.removeprefix(b'\xef\xbb\xbf').lstrip()
+    check_encoding(data, label)
+    text = data.removeprefix(b'\xef\xbb\xbf')
     if b'\0' not in data:
-        if text[:5].lower() == b'solid':
+        if text.lstrip()[:5].lower() == b'solid':
             return _read_ascii_stl(text, label)
         raise PartError(
             f'{label} is not an STL: it is neither binary nor text that begins with '
@@ -117,21 +147,21 @@ def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces]:
     return _read_binary_stl(data, declared, label)
 
 
-def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Vertices, Faces]:
-    _check_count(count, label)
+def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Vertices, Faces, Words]:
+    check_count(count, label)
     rows = np.frombuffer(data, dtype=_STL_ROW, count=count, offset=_STL_HEADER)
     with np.errstate(invalid='ignore'):  # a signalling NaN becomes a quiet NaN
         vertices = rows['corners'].reshape(-1, 3).astype(np.float64)
-    return vertices, np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
+    return vertices, np.arange(3 * count, dtype=np.int64).reshape(-1, 3), []
 
 
-def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
+def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     text = text.replace(b'\r\n', b'\n').replace(b'\r', b'\n')
     lines = {
         word: _count_lines(word, text)
         for word in (b'solid', b'endsolid', b'facet', b'endfacet', b'vertex')
     }
-    _check_count(lines[b'facet'], label)
+    check_count(lines[b'facet'], label)
     corners = _STL_VERTEX.findall(text)
     if lines[b'solid'] != lines[b'endsolid']:
         raise PartError(
@@ -145,15 +175,31 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
             "numbers, expected one 'endfacet' and three corners for each facet"
         )
     try:
+        if b'_' in b''.join(itertools.chain.from_iterable(corners)):
+            raise ValueError  # Python reads 1_0 as 10
         words = map(float, itertools.chain.from_iterable(corners))
         vertices = np.fromiter(words, dtype=np.float64, count=3 * len(corners)).reshape(-1, 3)
-    except ValueError as error:
-        word = str(error).rpartition(': b')[2]
+    except ValueError:
+        number, word = _not_a_number(text)
         raise PartError(
-            f'{label} is a broken ASCII STL: it has the coordinate {one_line(word, 80)}, expected '
-            'a number'
+            f'{label} is a broken ASCII STL: it has the coordinate {shown(word)} in line {number},'
+            ' expected a number'
         ) from None
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    return vertices, faces, corners
+
+
+def _not_a_number(text: bytes) -> tuple[int, str]:
+    """Return the first coordinate that is not a number, and the number of its line."""
+    for match in _STL_VERTEX.finditer(text):
+        for word in match.groups():
+            try:
+                valid = b'_' not in word and float(word) is not None
+            except ValueError:
+                valid = False
+            if not valid:
+                return text.count(b'\n', 0, match.start()) + 1, word.decode(errors='replace')
+    raise AssertionError
 
 
 def _count_lines(word: bytes, text: bytes) -> int:
@@ -168,6 +214,9 @@ def _finite(vertices: Vertices, label: str) -> Vertices:
             f'number {bad[0]}: {vertices[bad[0]].tolist()}; all must be finite'
         )
     return vertices
+
+
+_READERS = {'stl': _read_stl, 'obj': read_obj, 'ply': read_ply, 'off': read_off}
 
 
 def _or(words: tuple[str, ...]) -> str:

@@ -63,13 +63,14 @@ _KNOWN: dict[str, MeshFile] = {}  # by hash
 
 
 def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
-    """Return the mesh in the bytes of an STL, OBJ or PLY file; ``label`` is for errors.
+    """Return the mesh in the bytes of an STL, OBJ, PLY or OFF file; ``label`` is for errors.
 
     Raises InvalidValueError or PartError. It parses untrusted data: a node calls it in a
     FileWorker.
     """
     name = Path(name).name
-    vertices, triangles = read_triangles(data, Path(name).suffix.lower().lstrip('.'), label)
+    mesh_format = Path(name).suffix.lower().lstrip('.')
+    vertices, triangles, _ = read_triangles(data, mesh_format, label)
     if len(triangles) > MAX_TRIANGLES:
         raise InvalidValueError(
             f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
@@ -117,7 +118,7 @@ class MeshSurface:
     """A mesh whose triangles point outward, with its pose in the tray frame.
 
     mesh : str
-        Path of an STL, OBJ or PLY file; it becomes the name of the file.
+        Path of an STL, OBJ, PLY or OFF file; it becomes the name of the file.
     unit : str
         Unit of its coordinates.
     x, y, z, rx, ry, rz : float

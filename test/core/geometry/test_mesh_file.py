@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.geometry.obj_ply_file import _checked_obj
+from resting_aspects_ros.core.geometry.polygon_file import _checked_obj
 from resting_aspects_ros.core.part_loading import part_from_bytes
 
 CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0), (0, 0, 2), (4, 0, 2), (4, 3, 2), (0, 3, 2)]
@@ -19,6 +19,7 @@ BOX = trimesh.Trimesh(CORNERS, TRIANGLES, process=False)
 
 STL = BOX.export(file_type='stl')
 TEXT_STL = trimesh.exchange.stl.export_stl_ascii(BOX).replace('solid ', 'solid box', 1).encode()
+LINE = TEXT_STL[: TEXT_STL.find(b'vertex 4.0 0.0')].count(b'\n') + 1
 V_LINES = ''.join(f'v {x} {y} {z}\n' for x, y, z in CORNERS)
 
 
@@ -46,6 +47,13 @@ def ply(encoding: str, faces, comment: bytes = b'', more: str = '') -> tuple[byt
     return data + b''.join(
         struct.pack(f'{end}B{len(face)}i', len(face), *face) for face in faces
     ), 'ply'
+
+
+def off(faces, kind='OFF', more='', colour='') -> tuple[bytes, str]:
+    lines = [kind, f'8 {len(faces)} 12']
+    lines += [f'{x} {y} {z}{more}' for x, y, z in CORNERS]
+    lines += [' '.join(map(str, (len(face), *face))) + colour for face in faces]
+    return ('\n'.join(lines) + '\n').encode(), 'off'
 
 
 WHOLE = {
@@ -82,6 +90,9 @@ WHOLE = {
     ),
     'OBJ with normals': obj(V_LINES + 'vn 0 0 1\n' + f_lines(QUADS, after='//1')),
     'OBJ with colours': obj(V_LINES.replace('\n', ' 1 0 0\n') + f_lines(QUADS)),
+    'OBJ with colours that are no numbers': obj(
+        V_LINES.replace('\n', ' nan NaN -inf\n') + f_lines(QUADS)
+    ),
     'OBJ with comments': obj('# Gr\xf6\xdfe\n' + V_LINES.replace('\n', ' # a\n') + f_lines(QUADS)),
     'OBJ with tabs and indents': obj(
         (V_LINES + f_lines(QUADS)).replace(' ', '\t').replace('\n', '\n  ')
@@ -95,6 +106,18 @@ WHOLE = {
     'ASCII PLY of quads': ply('ascii', QUADS),
     'ASCII PLY of both': ply('ascii', QUADS[:3] + TRIANGLES[6:]),
     'ASCII PLY with colours': ply('ascii', TRIANGLES, more=' 7'),
+    'ASCII PLY with colours that are no numbers': (
+        ply('ascii', TRIANGLES, more=' nan')[0].replace(b'uchar red', b'float red'),
+        'ply',
+    ),
+    'OFF of triangles': off(TRIANGLES),
+    'OFF of both': off(QUADS[:3] + TRIANGLES[6:]),
+    'OFF with colours of vertices': off(QUADS, 'COFF', ' 255 0 0 nan'),
+    'OFF with normals': off(QUADS, 'NOFF', ' 0 0 1'),
+    'OFF with colours of faces': off(QUADS, colour=' 0.5 0.5 0.5'),
+    'OFF of Windows': (off(QUADS)[0].replace(b'\n', b'\r\n'), 'off'),
+    'OFF with comments': (off(QUADS)[0].replace(b'\n', b' # 1 x\n'), 'off'),
+    'OFF with counts in its first line': (off(QUADS)[0].replace(b'OFF\n', b'OFF '), 'off'),
     'binary PLY of triangles': ply('binary_little_endian', TRIANGLES),
     'binary PLY of quads': ply('binary_little_endian', QUADS),
     'binary PLY, big end first': ply('binary_big_endian', TRIANGLES),
@@ -134,7 +157,7 @@ def test_edges_of_a_ply_are_ignored():
 
 
 BROKEN = {
-    'nothing': (b'', 'stl', ['empty', '0 bytes', 'stl, obj or ply']),
+    'nothing': (b'', 'stl', ['empty', '0 bytes', 'stl, obj, ply or off']),
     'a word': (b'hello', 'stl', ['not an STL', "'solid'", "b'hello'"]),
     'a page of text': (b'hello\n' * 99, 'stl', ['not an STL', "'solid'"]),
     'a picture': (
@@ -143,7 +166,7 @@ BROKEN = {
         ['truncated or not an STL', 'header declares'],
     ),
     'a few bytes': (b'\0' * 20, 'stl', ['not an STL', '20 bytes', '84']),
-    'unknown format': (STL, 'step', ["'step'", 'stl, obj or ply']),
+    'unknown format': (STL, 'step', ["'step'", 'stl, obj, ply or off']),
     'binary STL cut': (STL[:-1], 'stl', ['declares 12 triangles', 'there are 11']),
     'binary STL cut, begins with solid': (
         b'solid ' + STL[6:-120],
@@ -174,6 +197,11 @@ BROKEN = {
         ['35 corners with three numbers'],
     ),
     'ASCII STL, comma': (TEXT_STL.replace(b'4.0', b'4,0'), 'stl', ["'4,0'", 'expected a number']),
+    'ASCII STL, underscore': (
+        TEXT_STL.replace(b'vertex 4.0 0.0', b'vertex 1_0 0.0', 1),
+        'stl',
+        ["'1_0'", f'line {LINE}', 'expected a number'],
+    ),
     'ASCII STL, nan': (TEXT_STL.replace(b'vertex 4.0', b'vertex nan'), 'stl', ['nan', 'finite']),
     'ASCII STL, 1e400': (
         TEXT_STL.replace(b'vertex 4.0', b'vertex 1e400'),
@@ -215,6 +243,43 @@ BROKEN = {
         *obj(V_LINES + 'f -1 -2 -3\nv 9 9 9\n'),
         ['relative', "'f -1 -2", 'expected absolute'],
     ),
+    'STL in UTF-16': (TEXT_STL.decode().encode('utf-16'), 'stl', ['encoding UTF-16', 'UTF-8']),
+    'STL in UTF-16 without a mark': (
+        TEXT_STL.decode().encode('utf-16-be'),
+        'stl',
+        ['encoding UTF-16'],
+    ),
+    'STL in UTF-32': (TEXT_STL.decode().encode('utf-32'), 'stl', ['encoding UTF-32']),
+    'OBJ in UTF-16': (V_LINES.encode('utf-16'), 'obj', ['encoding UTF-16']),
+    'PLY in UTF-16': (
+        ply('ascii', QUADS)[0].decode().encode('utf-16-le'),
+        'ply',
+        ['encoding UTF-16'],
+    ),
+    'OFF in UTF-16': (off(QUADS)[0].decode().encode('utf-16'), 'off', ['encoding UTF-16']),
+    'OFF, other header': (off(QUADS, '4OFF')[0], 'off', ['not an OFF', "'OFF'"]),
+    'OFF of nothing': (off([])[0], 'off', ['no triangles']),
+    'OFF cut': (off(QUADS)[0][:-20], 'off', ['truncated', '8 vertices', '6 faces', '12 rows']),
+    'OFF that would fill the memory': (
+        off(QUADS)[0].replace(b'8 6 12', b'8 4294967295 12'),
+        'off',
+        ['truncated', '4294967295 faces'],
+    ),
+    'OFF, no counts': (off(QUADS)[0].replace(b'8 6 12', b'8'), 'off', ['numbers of vertices']),
+    'OFF, underscore': (off(QUADS)[0].replace(b'4 0 0', b'4_0 0 0'), 'off', ["'4_0'", 'finite']),
+    'OFF, nan': (off(QUADS)[0].replace(b'4 0 0', b'nan 0 0'), 'off', ['nan', 'finite']),
+    'OFF, two numbers': (
+        off(QUADS)[0].replace(b'4 0 0', b'4 0'),
+        'off',
+        ['three numbers for a vertex'],
+    ),
+    'OFF, corner lost': (
+        off(QUADS)[0].replace(b'4 0 3 2 1', b'4 0 3 2'),
+        'off',
+        ['number of its corners'],
+    ),
+    'OFF, corner 8': (off([*TRIANGLES, (0, 1, 8)])[0], 'off', ['not a readable OFF']),
+    'STL called OFF': (STL, 'off', ['not an OFF']),
     'STL called PLY': (STL, 'ply', ['not a PLY', 'end_header']),
     'PLY header cut': (ply('ascii', QUADS)[0][:60], 'ply', ['not a PLY', 'end_header']),
     'ASCII PLY cut': (
@@ -232,7 +297,11 @@ BROKEN = {
         'ply',
         ["'x'", 'finite'],
     ),
-    'ASCII PLY, nan': (ply('ascii', QUADS)[0].replace(b'4 3 2', b'4 nan 2'), 'ply', ["'nan'"]),
+    'ASCII PLY, nan': (
+        ply('ascii', QUADS)[0].replace(b'4 3 2', b'4 nan 2'),
+        'ply',
+        ['nan', 'finite'],
+    ),
     'binary PLY cut': (
         ply('binary_little_endian', QUADS)[0][:-1],
         'ply',

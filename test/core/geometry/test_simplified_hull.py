@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core import part_loading
+from resting_aspects_ros.core import mesh_part
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Sweep
 from resting_aspects_ros.core.aspects.joining import join_minima
@@ -55,7 +55,7 @@ def whole(monkeypatch, solid):
 
     def make(mesh):
         with monkeypatch.context() as patch:
-            patch.setattr(part_loading, 'simplify_hull', lambda corners, *_: (corners, 0.0))
+            patch.setattr(mesh_part, 'simplify_hull', lambda corners, *_: (corners, 0.0))
             return solid(mesh)
 
     return make
