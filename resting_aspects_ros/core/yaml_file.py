@@ -1,11 +1,17 @@
 """Read YAML files; any defect in them raises a single error with a message of one line."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    RestingAspectsError,
+    one_line,
+    shown,
+)
 from resting_aspects_ros.core.input_file import named, read_input
 
 MAX_BYTES = 1 << 16  # a part description has less than 1000 bytes, the surfaces less than 10000
@@ -13,6 +19,17 @@ MAX_BYTES = 1 << 16  # a part description has less than 1000 bytes, the surfaces
 # more values than fit into any memory.
 MAX_VALUES = 100_000
 MAX_DEPTH = 50
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-6 as a number, as YAML 1.2 does; in YAML 1.1 it is text."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+'),
+    list('-+.0123456789'),
+)
 
 
 def read_yaml(
@@ -40,12 +57,13 @@ def parse_yaml(
 
     Raises ``error``, with a single line that begins with the label, if the text is not valid YAML
     or too long (it would take minutes to read), a value does not fit its tag, the nesting is too
-    deep, or aliases contain themselves or expand to more than MAX_VALUES values.
+    deep, a key occurs twice in a mapping, or aliases contain themselves or expand to more than
+    MAX_VALUES values.
     """
     try:
         if len(data) > max_length:
             raise ValueError(f'it has more than {max_length} characters')
-        loader = yaml.SafeLoader(data)
+        loader = _Loader(data)
         try:
             node = loader.get_single_node()
             if node is None:
@@ -73,8 +91,20 @@ def _count(node: yaml.Node, known: dict[yaml.Node, int], depth: int = 0) -> int:
         )
         children: list[Any] = node.value if isinstance(node, yaml.CollectionNode) else []
         if isinstance(node, yaml.MappingNode):
+            _check_keys([key for key, _ in children])
             children = [child for pair in children for child in pair]
         known[node] = 1 + sum(_count(child, known, depth + 1) for child in children)
     if known[node] >= MAX_VALUES:
         raise ValueError(f'it has more than {MAX_VALUES} values, or an alias that contains itself')
     return known[node]
+
+
+def _check_keys(keys: list[yaml.Node]) -> None:
+    """Raise ValueError if a key occurs twice, of which the last would be used."""
+    seen = set()
+    for key in keys:
+        if isinstance(key, yaml.ScalarNode):
+            if (key.tag, key.value) in seen:
+                line = key.start_mark.line + 1
+                raise ValueError(f'the key {shown(key.value)} occurs twice, again in line {line}')
+            seen.add((key.tag, key.value))

@@ -1,10 +1,11 @@
 """The registered parts: a folder of meshes, each with an optional YAML file."""
 
-import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel
 
 from resting_aspects_ros.core.errors import (
     PartError,
@@ -17,17 +18,29 @@ from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.schema import FromOne, Number, Positive, Unit, validated
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.core.yaml_file import read_yaml
 
-# The keys of a part's YAML file with the kind of their value; an integer is a count of numbers.
-KEYS: dict[str, int | str] = {
-    'unit': 'unit',
-    'density': 1,
-    'mass': 1,
-    'centre_of_mass': 3,
-    'inertia': 6,
-    'body': 'body',
+
+class PartFile(BaseModel, extra='forbid'):
+    """A part's YAML file; see PartLibrary."""
+
+    unit: Unit = DEFAULT_UNIT
+    density: Positive = 0
+    mass: Positive = 0
+    centre_of_mass: tuple[Number, Number, Number] = (0, 0, 0)
+    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0, 0, 0, 0, 0, 0)
+    body: FromOne = 0
+
+
+EXPECTED = {
+    'unit': f'one of {", ".join(UNITS)}',
+    'density': 'a finite number above 0',
+    'mass': 'a finite number above 0',
+    'centre_of_mass': '3 finite numbers',
+    'inertia': '6 finite numbers',
+    'body': 'an integer of at least 1',
 }
 
 Stamp = tuple[tuple[int, int] | None, ...]
@@ -173,51 +186,13 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
     content = read_yaml(path, 'part file', error=PartError)
     if content is None:
         return {}
-    if not isinstance(content, Mapping):
-        raise PartError(
-            f'invalid content of {label}: expected a mapping with the keys {", ".join(KEYS)}, '
-            f'not a {type(content).__name__}'
-        )
-    for key in content:
-        if key not in KEYS:
-            raise PartError(
-                f'invalid key {shown(key)} in {label}: expected one of {", ".join(KEYS)}'
-            )
-    given = {key: _checked(value, key, label) for key, value in content.items()}
+    checked = dict(validated(PartFile, content, label, EXPECTED, PartError))
+    numbers = ('density', 'mass')
+    given = {key: float(checked[key]) if key in numbers else checked[key] for key in content}
     if 'centre_of_mass' in given:
         metres = UNITS[given.get('unit', DEFAULT_UNIT)]
         given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
     return given
-
-
-def _checked(value: Any, key: str, label: str) -> Any:
-    takes = KEYS[key]
-    if takes == 'unit':
-        good, expected = isinstance(value, str) and value in UNITS, f'one of {", ".join(UNITS)}'
-    elif takes == 'body':
-        good, expected = type(value) is int and value > 0, 'an integer of at least 1'
-    elif takes == 1:
-        value, given = _number(value), value
-        good, expected = value is not None and value > 0, 'a finite number above 0'
-        value = value if good else given
-    else:
-        numbers = [_number(x) for x in value] if isinstance(value, list) else []
-        good, expected = len(numbers) == takes and None not in numbers, f'{takes} finite numbers'
-        value = numbers if good else value
-    if not good:
-        raise PartError(f'invalid {key} {shown(value)} in {label}: expected {expected}')
-    return value
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite number, or None. Accepts text, because YAML 1.1 reads 1e-6 as text."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
-    try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import (
     BaseModel,
     StrictBool,
-    StrictFloat,
     StrictInt,
     StrictStr,
     conint,
@@ -24,11 +23,11 @@ from resting_aspects_ros.api.inputs.json_document import (
     file_text,
     invalid_field,
     parse_json,
-    validated,
 )
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.core.schema import Number, validated
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
@@ -45,7 +44,6 @@ else:
     Count = conint(strict=True, ge=0, le=MAX_COUNTED)
     Seed = conint(strict=True, ge=0, le=MAX_SEED)
     Numbering = Literal[ASPECT_NUMBERING]
-Number: TypeAlias = StrictFloat | StrictInt
 Pair: TypeAlias = tuple[Number, Number]
 Vector: TypeAlias = tuple[Number, Number, Number]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
@@ -153,7 +151,8 @@ def read_document(path: Path, text: str) -> CountsDocument:
         raise InvalidValueError(
             f'{file_text(path)} is of {kind}: expected a JSON document of one run of drops'
         )
-    return validated(path, document, RunDocument if 'run_id' in document else CountsDocument)
+    model = RunDocument if 'run_id' in document else CountsDocument
+    return validated(model, document, file_text(path))
 
 
 def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
