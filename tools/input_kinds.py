@@ -37,7 +37,10 @@ def read_polygon(path):
     from resting_aspects_ros.api.inputs.json_document import parse_json
     from resting_aspects_ros.core.input_file import read_input
     from resting_aspects_ros.core.vision.observation import observed_polygon
-    return observed_polygon(parse_json(path, read_input(path, 1<<24, 'polygon').decode('utf-8-sig', 'replace')))
+
+    return observed_polygon(
+        parse_json(path, read_input(path, 1 << 24, 'polygon').decode('utf-8-sig', 'replace'))
+    )
 
 
 @dataclass(frozen=True)
@@ -179,8 +182,8 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     counted['aspects'] = [{'id': 1, 'count': 6, 'down_in_part': [0, 0, -1], 'rolls': False}]
     store = folder / 'seed.jsonl'
     with PointStore(store, {'numpy': '2'}) as points:
-        points.add('a', 0, 10, np.array([4, 6]))
-        points.add('a', 10, 20, np.array([5, 5]))
+        points.add('a', 0, 10, np.array([[4, 6]]))
+        points.add('a', 10, 20, np.array([[5, 5]]))
     label = SimulatedDrops(None, 1)._label  # type: ignore[arg-type]  # noqa: SLF001
 
     def stored(path: Path) -> None:
@@ -194,15 +197,15 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             lambda path: document_result(path, None, None, None, None),
             (result.to_json().encode(), slope.to_json().encode()),
         ),
-        'counted': Kind(
-            'counted.json', read_counts, (result.to_json().encode(), _json(counted))
-        ),
+        'counted': Kind('counted.json', read_counts, (result.to_json().encode(), _json(counted))),
         'roadmap': Kind(
             'roadmap.json',
             read_roadmap,
             (_json(ROADMAP),),
         ),
-        'polygon': Kind('polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))),
+        'polygon': Kind(
+            'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
+        ),
         'points': Kind('points.jsonl', stored, (store.read_bytes(),)),
         'simulated': Kind(
             'drops.json',

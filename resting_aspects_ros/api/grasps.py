@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from pydantic import BaseModel
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.footprint import Footprint, Grip
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.schema import FromOne, Number, Unit, validated
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
+from resting_aspects_ros.core.schema import FileModel, FromOne, Number, validated
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.core.vision.grasp import (
     Grasp,
     approach_angle,
@@ -37,12 +36,12 @@ EXPECTED = {
 }
 
 
-class _GraspsFile(BaseModel, extra='forbid'):
+class _GraspsFile(FileModel):
     unit: Unit = DEFAULT_UNIT
     grasps: list[Any]
 
 
-class _Grasp(BaseModel, extra='forbid'):
+class _Grasp(FileModel):
     aspect: FromOne
     position: tuple[Number, Number, Number]
     orientation: tuple[Number, Number, Number, Number]

@@ -7,7 +7,8 @@ any input it is a single short line without control characters.
 import difflib
 import reprlib
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 MAX_SHOWN = 80
@@ -43,6 +44,15 @@ class LogError(RestingAspectsError):
 
 class NoLogError(LogError):
     """The given file or folder is not a log."""
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Put the file, or the entry in it, in front of the message of an error in the `with`."""
+    try:
+        yield
+    except RestingAspectsError as error:
+        raise type(error)(f'{where}: {error}') from None
 
 
 def warn(text: str) -> None:

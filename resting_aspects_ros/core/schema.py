@@ -5,7 +5,7 @@ Only features that pydantic 1.10, in Ubuntu 24.04, and 2 have in common are used
 
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ValidationError, confloat, conint
 
@@ -15,15 +15,16 @@ from resting_aspects_ros.core.errors import (
     did_you_mean,
     shown,
 )
-from resting_aspects_ros.core.units import UNITS
 
 Model = TypeVar('Model', bound=BaseModel)
+# More than MAX_DROPS of a run, and less than the 1e9 that numpy accepts for random tables.
+MAX_COUNTED = 100_000_000
 
 if TYPE_CHECKING:
     Number: TypeAlias = float
     Positive: TypeAlias = float
     FromOne: TypeAlias = int
-    Unit: TypeAlias = str
+    Count: TypeAlias = int
 else:
     # Finite numbers; an integer can be converted to a float.
     _LARGEST = int(sys.float_info.max)
@@ -34,13 +35,17 @@ else:
         strict=True, gt=0, le=_LARGEST
     )
     FromOne = conint(strict=True, ge=1)
-    Unit = Literal[tuple(UNITS)]
+    Count = conint(strict=True, ge=0, le=MAX_COUNTED)
+
+
+class FileModel(BaseModel, extra='forbid'):
+    """Base of the models of files in which an unknown key is an error."""
 
 
 def validated(
     model: type[Model],
     document: Any,
-    label: str,
+    label: str = '',
     expected: Mapping[str, str] | None = None,
     error: type[RestingAspectsError] = InvalidValueError,
 ) -> Model:
@@ -52,17 +57,18 @@ def validated(
         A model of pydantic.
     document : mapping
     label : str
-        The file, or the entry in it, for messages.
+        The file, or the entry in it, for messages; empty if the caller adds it.
     expected : mapping of str to str, optional
         What is expected of a field, by its name, instead of the description by pydantic.
     error : type
         Exception class; raised with a single line that names the label, the first invalid field,
         its value and what was expected.
     """
+    where = f' in {label}' if label else ''
     names = list(getattr(model, 'model_fields', None) or model.__fields__)
     if not isinstance(document, Mapping):
         raise error(
-            f'invalid content {shown(document)} of {label}: expected a mapping with the keys '
+            f'invalid content {shown(document)}{where}: expected a mapping with the keys '
             f'{", ".join(names)}, not a {type(document).__name__}'
         )
     keys = {key if isinstance(key, str) else shown(key): key for key in document}
@@ -73,13 +79,15 @@ def validated(
     name = str(first['loc'][0])
     if len(first['loc']) == 1 and 'extra' in first['type']:
         raise error(
-            f'invalid key {shown(keys[name])} in {label}: expected one of {", ".join(names)}'
+            f'invalid key {shown(keys[name])}{where}: expected one of {", ".join(names)}'
             f'{did_you_mean(name, names)}'
         )
-    raise error(_refusal(document, label, expected or {}, first))
+    raise error(_refusal(document, label, where, expected or {}, first))
 
 
-def _refusal(document: Any, label: str, expected: Mapping[str, str], first: Any) -> str:
+def _refusal(
+    document: Any, label: str, where: str, expected: Mapping[str, str], first: Any
+) -> str:
     """Return the message for an error of pydantic, with the value, which version 1 does not have.
 
     A missing or surplus item of a field in ``expected`` is an error of that field.
@@ -94,10 +102,11 @@ def _refusal(document: Any, label: str, expected: Mapping[str, str], first: Any)
             value = value[step]
         except (KeyError, IndexError, TypeError):
             if 'missing' in first['type']:
-                return f'{label} has no {(name + place).lstrip(".")}'
+                missing = (name + place).lstrip('.')
+                return f'{label} has no {missing}' if label else f'missing {missing}'
             break  # a branch of a union
         name += place
         if step in expected:
             text = expected[step]
             break
-    return f'invalid {name.lstrip(".")} {shown(value)} in {label}: expected {text}'
+    return f'invalid {name.lstrip(".")} {shown(value)}{where}: expected {text}'

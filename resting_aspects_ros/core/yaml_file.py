@@ -21,13 +21,27 @@ MAX_VALUES = 100_000
 MAX_DEPTH = 50
 
 
+_INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
+
+
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-6 as a number, as YAML 1.2 does; in YAML 1.1 it is text."""
+    """Reads numbers as YAML 1.2 does: in YAML 1.1, 1e-6 is text, and the range 5:50 is 350."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 as in its base
+        first: [(tag, pattern) for tag, pattern in pairs if tag not in (_INT, _FLOAT)]
+        for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
 
 _Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+'),
+    _INT, re.compile(r'[-+]?(?:0|[1-9][0-9_]*|0x[0-9a-fA-F]+)$'), list('-+0123456789')
+)
+_Loader.add_implicit_resolver(
+    _FLOAT,
+    re.compile(
+        r'(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?'
+        r'|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$'
+    ),
     list('-+.0123456789'),
 )
 

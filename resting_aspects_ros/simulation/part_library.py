@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from resting_aspects_ros.core.errors import (
     PartError,
     RestingAspectsError,
@@ -18,12 +16,12 @@ from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import load_part
-from resting_aspects_ros.core.schema import FromOne, Number, Positive, Unit, validated
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
+from resting_aspects_ros.core.schema import FileModel, FromOne, Number, Positive, validated
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.core.yaml_file import read_yaml
 
 
-class PartFile(BaseModel, extra='forbid'):
+class PartFile(FileModel):
     """A part's YAML file; see PartLibrary."""
 
     unit: Unit = DEFAULT_UNIT

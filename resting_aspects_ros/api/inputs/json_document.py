@@ -9,11 +9,11 @@ from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH
 
 
-def parse_json(path: Path, text: str) -> dict[str, Any]:
-    """Return the JSON object in a text; raises InvalidValueError with the file."""
+def parse_json(path: Path, text: str | bytes) -> dict[str, Any]:
+    """Return the JSON object in a text, UTF-8 if it is bytes; raises InvalidValueError."""
     try:
         document = json.loads(
-            text,
+            text.decode('utf-8-sig') if isinstance(text, bytes) else text,
             object_pairs_hook=_unique,
             parse_constant=_finite,
             parse_float=_finite,

@@ -65,8 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
     path = arguments.polygon
-    text = read_input(path, MAX_BYTES, 'polygon').decode('utf-8-sig', 'replace')
-    document = parse_json(path, text)
+    document = parse_json(path, read_input(path, MAX_BYTES, 'polygon'))
     if 'outlines' in document and 'outer' not in document:
         raise InvalidValueError(
             f'invalid --polygon {str(path)!r}: expected one outline with outer and holes; this is '
