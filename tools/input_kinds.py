@@ -16,12 +16,14 @@ from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts_csv import read_observed
+from resting_aspects_ros.api.inputs.polygon_json import read_polygon
 from resting_aspects_ros.api.inputs.pose_csv import read_pose_csv
 from resting_aspects_ros.api.inputs.result_document import document_result
 from resting_aspects_ros.api.inputs.state_csv import read_state_csv
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.simulation.actions import Actions
+from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
@@ -31,16 +33,6 @@ from resting_aspects_ros.studies.propagation import uncertain_surface
 from resting_aspects_ros.studies.study_spec import read_spec
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
-
-
-def read_polygon(path):
-    from resting_aspects_ros.api.inputs.json_document import parse_json
-    from resting_aspects_ros.core.input_file import read_input
-    from resting_aspects_ros.core.vision.observation import observed_polygon
-
-    return observed_polygon(
-        parse_json(path, read_input(path, 1 << 24, 'polygon').decode('utf-8-sig', 'replace'))
-    )
 
 
 @dataclass(frozen=True)
@@ -63,10 +55,10 @@ def made_kinds(folder: Path) -> dict[str, Kind]:
     for name in ('parts/l_bracket.stl', 'surroundings/pocket.stl'):
         shutil.copy(CONFIG / name, folder)
     part = ra.load_part('tetrahedron')
-    return {**yaml_kinds(part), **result_kinds(part, folder), **csv_kinds(part), **mesh_kinds()}
+    return {**yaml_kinds(), **result_kinds(part, folder), **csv_kinds(part), **mesh_kinds()}
 
 
-def yaml_kinds(part: ra.Part) -> dict[str, Kind]:
+def yaml_kinds() -> dict[str, Kind]:
     """Return the kinds of YAML files."""
     known = ra.known_part('l_bracket', [1] * 5)
     uncertain = yaml.safe_load((CONFIG / 'surfaces.yaml').read_bytes())['rubber_mat']
@@ -145,11 +137,7 @@ def yaml_kinds(part: ra.Part) -> dict[str, Kind]:
 CALIBRATION = {
     'schema_version': 1,
     'surface': 'oak',
-    'conditions': {
-        **{'height': 0.06, 'restitution': 0.5, 'friction': 0.3, 'rolling_friction': 0.003},
-        **{'spinning_friction': 0.0, 'gravity': 9.81, 'speed_horizontal': 0.0},
-        **{'speed_vertical': 0.0, 'spin': 0.0, 'height_of': 'LOWEST_POINT'},
-    },
+    'conditions': {**dict.fromkeys(QUANTITIES, 0.05), 'height_of': 'LOWEST_POINT'},
     'draws': [{'restitution': 0.5, 'friction': 0.3 + k / 100} for k in range(8)],
 }
 

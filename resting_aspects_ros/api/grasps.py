@@ -95,7 +95,7 @@ def check_grasps(
             raise InvalidValueError(
                 f'invalid aspect {shown(grasp.aspect)} {where}: expected 1 to {len(aspects)}'
             )
-        distance = float(np.linalg.norm(grasp.position - part.centre_of_mass))
+        distance = math.dist(grasp.position, part.centre_of_mass)
         if distance > MAX_DISTANCE * part.hull_radius:
             raise InvalidValueError(
                 f'invalid position {shown(grasp.position.tolist())} m {where}: expected one near '

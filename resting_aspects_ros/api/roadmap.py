@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, StrictStr, conint
+from pydantic import BaseModel, StrictStr
 
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.api.inputs.csv_table import open_text
 from resting_aspects_ros.api.inputs.json_document import (
     file_text,
@@ -24,7 +23,7 @@ from resting_aspects_ros.core.aspects.contacts import NONE
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
-from resting_aspects_ros.core.schema import Number, validated
+from resting_aspects_ros.core.schema import Count, Number, validated
 from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.document import numbers, plain
@@ -34,11 +33,9 @@ SCHEMA_VERSION = 1
 MAX_BYTES = 1 << 26
 
 if TYPE_CHECKING:
-    Count: TypeAlias = int
     Format: TypeAlias = str
     Version: TypeAlias = int
 else:
-    Count = conint(strict=True, ge=0, le=MAX_COUNTED)
     Format = Literal[FORMAT]
     Version = Literal[SCHEMA_VERSION]
 

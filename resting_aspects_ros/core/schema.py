@@ -65,7 +65,8 @@ def validated(
         its value and what was expected.
     """
     where = f' in {label}' if label else ''
-    names = list(getattr(model, 'model_fields', None) or model.__fields__)
+    fields: Any = getattr(model, 'model_fields', None) or model.__fields__
+    names = list(fields)
     if not isinstance(document, Mapping):
         raise error(
             f'invalid content {shown(document)}{where}: expected a mapping with the keys '

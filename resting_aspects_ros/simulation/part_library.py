@@ -184,9 +184,10 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
     content = read_yaml(path, 'part file', error=PartError)
     if content is None:
         return {}
-    checked = dict(validated(PartFile, content, label, EXPECTED, PartError))
-    numbers = ('density', 'mass')
-    given = {key: float(checked[key]) if key in numbers else checked[key] for key in content}
+    checked = validated(PartFile, content, label, EXPECTED, PartError)
+    given: dict[str, Any] = {key: getattr(checked, key) for key in content}
+    for key in given.keys() & {'density', 'mass'}:
+        given[key] = float(given[key])
     if 'centre_of_mass' in given:
         metres = UNITS[given.get('unit', DEFAULT_UNIT)]
         given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]

@@ -27,13 +27,13 @@ MIN_SAMPLES, MAX_SAMPLES = 8, 1000
 UNCERTAINTY = 'uncertainty'
 
 _fields: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
+_fields['height_of'] = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
 _samples: Any = dict[Literal[tuple(QUANTITIES)], list[Number]]  # type: ignore[misc]
 # An entry of a surfaces file. Bounds are checked by DropConditions.
 SurfaceEntry: Any = create_model(
     'SurfaceEntry',
     __base__=FileModel,
     **_fields,
-    height_of=(Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...),
     source=(Any, ''),
     uncertainty=(_samples, {}),
 )

@@ -42,6 +42,7 @@ MAX_BYTES = 1 << 24
 
 _numbers: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _height_of: Any = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
+_Draw: Any = dict[Literal[tuple(QUANTITIES)], Number]  # type: ignore[misc]
 _Conditions: Any = create_model('Conditions', **_numbers, height_of=_height_of)
 EXPECTED = {
     'conditions': 'a mapping with all conditions',
@@ -54,7 +55,7 @@ class CalibrationFile(BaseModel):
 
     surface: StrictStr
     conditions: _Conditions
-    draws: list[dict[Literal[tuple(QUANTITIES)], Number]]  # type: ignore[misc]
+    draws: list[_Draw]
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class CountsFile(FileModel):
 
     surface: Any = 'calibrated'
     source: Any = ''
-    way: Literal['dropped', 'thrown'] = DROPPED
+    way: Literal['dropped', 'thrown'] = 'dropped'
     conditions: Any = None
     parts: list[Any]
 
