@@ -51,7 +51,7 @@ Vector: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
 # A mapping, as in a YAML file; or its text, which is empty for the level plane.
-_surroundings: Any = dict[str, Any] | StrictStr
+_surroundings: Any = StrictStr | dict[str, Any]  # pydantic 1 would make {} of ''
 _conditions |= {'surroundings': (_surroundings, '')}
 # Bounds are checked by DropConditions.
 Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
