@@ -66,6 +66,7 @@ CORE_KNOWS = {'numpy', 'scipy', 'shapely', 'trimesh'} | set(sys.stdlib_module_na
 # Libraries that one module of core alone imports.
 CORE_ONLY_IN = {
     'yaml': 'core/yaml_file.py',
+    'pydantic': 'core/schema.py',
     'manifold3d': 'core/geometry/bodies.py',
     'coacd': 'core/geometry/decomposition.py',
     'cascadio': 'core/geometry/step_file.py',

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.config_files import actions_file, surfaces_file
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.config_files import actions_file
+from resting_aspects_ros.simulation.surfaces import Surfaces, all_surfaces
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Actions
@@ -20,7 +20,7 @@ _NANOSECONDS = 1_000_000_000
 @functools.cache
 def shipped_surfaces() -> Surfaces:
     """Return the surfaces of config/surfaces.yaml; the file is read once."""
-    return Surfaces.read(surfaces_file())
+    return all_surfaces()
 
 
 def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) -> DropConditions:

@@ -26,14 +26,13 @@ from resting_aspects_ros.core.statistics.intervals import (
     INTERVAL,
 )
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
 from resting_aspects_ros.simulation.starts import GivenStates, Starts
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 NO_NOISE = Noise()

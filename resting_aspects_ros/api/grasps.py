@@ -1,7 +1,7 @@
 """Grasps of a part: read from a file, checked, and as footprints of the gripper on the tray."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import shapely
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.footprint import Footprint, Grip
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
+from resting_aspects_ros.core.schema import FileModel, FromOne, Number, validated
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.core.vision.grasp import (
     Grasp,
     approach_angle,
@@ -21,12 +22,30 @@ from resting_aspects_ros.core.vision.grasp import (
 from resting_aspects_ros.core.vision.location import Placement
 from resting_aspects_ros.core.yaml_file import read_yaml
 
-FILE_KEYS = ('unit', 'grasps')
-KEYS = ('aspect', 'position', 'orientation', 'footprint')
 # Largest angle between the approach direction of a gripper and the vertical, rad.
 MAX_INCLINATION = math.radians(60)
 # A grasp that is further from the centre of mass, in radii of the part, has the wrong unit.
 MAX_DISTANCE = 10.0
+EXPECTED = {
+    'unit': f'one of {", ".join(UNITS)}',
+    'grasps': 'a list of grasps',
+    'aspect': 'an integer from 1',
+    'position': '3 numbers',
+    'orientation': '4 numbers',
+    'footprint': 'a diameter, or length and width',
+}
+
+
+class _GraspsFile(FileModel):
+    unit: Unit = DEFAULT_UNIT
+    grasps: list[Any]
+
+
+class _Grasp(FileModel):
+    aspect: FromOne
+    position: tuple[Number, Number, Number]
+    orientation: tuple[Number, Number, Number, Number]
+    footprint: Number | tuple[Number, Number]
 
 
 def load_grasps(path: str | Path) -> tuple[Grasp, ...]:
@@ -48,25 +67,13 @@ def load_grasps(path: str | Path) -> tuple[Grasp, ...]:
     [1, 1]
     """
     label = named('grasps file', Path(path))
-    content = read_yaml(Path(path), 'grasps file')
-    if not isinstance(content, Mapping) or not isinstance(content.get('grasps'), list):
-        raise InvalidValueError(f'invalid content of {label}: expected a list "grasps"')
-    _check_keys(content, FILE_KEYS, label)
-    unit = content.get('unit', DEFAULT_UNIT)
-    if not isinstance(unit, str) or unit not in UNITS:
-        raise InvalidValueError(
-            f'invalid unit {shown(unit)} in {label}: expected one of {", ".join(UNITS)}'
-        )
-    if not content['grasps']:
+    given = validated(_GraspsFile, read_yaml(Path(path), 'grasps file'), label, EXPECTED)
+    if not given.grasps:
         raise InvalidValueError(f'invalid grasps [] in {label}: expected at least one')
-    found = []
-    for number, values in enumerate(content['grasps'], 1):
-        where = f'grasp {number} in {label}'
-        try:
-            found.append(_grasp(values, UNITS[unit]))
-        except InvalidValueError as error:
-            raise InvalidValueError(f'{error} ({where})') from None
-    return tuple(found)
+    return tuple(
+        _grasp(values, UNITS[given.unit], f'grasp {number} in {label}')
+        for number, values in enumerate(given.grasps, 1)
+    )
 
 
 def check_grasps(
@@ -86,9 +93,9 @@ def check_grasps(
         where = f'of grasp {number}'
         if not 1 <= grasp.aspect <= len(aspects):
             raise InvalidValueError(
-                f'invalid aspect {grasp.aspect} {where}: expected 1 to {len(aspects)}'
+                f'invalid aspect {shown(grasp.aspect)} {where}: expected 1 to {len(aspects)}'
             )
-        distance = float(np.linalg.norm(grasp.position - part.centre_of_mass))
+        distance = math.dist(grasp.position, part.centre_of_mass)
         if distance > MAX_DISTANCE * part.hull_radius:
             raise InvalidValueError(
                 f'invalid position {shown(grasp.position.tolist())} m {where}: expected one near '
@@ -146,39 +153,17 @@ def _pose_of(grasp: Grasp, placements: Sequence[Placement]) -> Any:
     return gripper_poses(grasp, placement.poses(0.0, 0.0, 0.0))[0]
 
 
-def _check_keys(values: Mapping[object, object], keys: Sequence[str], where: str) -> None:
-    for key in values:
-        if key not in keys:
-            raise InvalidValueError(
-                f'invalid key {shown(key)} in {where}: expected one of {", ".join(keys)}'
-            )
-
-
-def _grasp(values: object, metres: float) -> Grasp:
-    """Return the grasp that the keys of a file state."""
-    if not isinstance(values, Mapping) or any(key not in values for key in KEYS):
-        raise InvalidValueError(
-            f'invalid grasp {shown(values)}: expected the keys {", ".join(KEYS)}'
-        )
-    _check_keys(values, KEYS, 'a grasp')
-    aspect, footprint = values['aspect'], values['footprint']
-    if type(aspect) is not int or aspect < 1:
-        raise InvalidValueError(f'invalid aspect {shown(aspect)}: expected an integer from 1')
-    position = _numbers('position', values['position'], 3)
-    orientation = _numbers('orientation', values['orientation'], 4)
+def _grasp(values: object, metres: float, where: str) -> Grasp:
+    """Return the grasp that an entry of a file states."""
+    given = validated(_Grasp, values, where, EXPECTED)
     sides = {'radius': 0.0, 'length': 0.0, 'width': 0.0}
-    if isinstance(footprint, list):
-        sides['length'], sides['width'] = metres * _numbers('footprint', footprint, 2)
+    if isinstance(given.footprint, tuple):
+        sides['length'], sides['width'] = (metres * side for side in given.footprint)
     else:
-        sides['radius'] = float(metres * _numbers('footprint', footprint, 1)[0] / 2)
-    return Grasp(aspect, metres * position, orientation, **sides)
-
-
-def _numbers(name: str, value: object, count: int) -> Any:
-    """Return finite numbers (count,); a single one is given without a list."""
-    numbers = value if isinstance(value, list) and count > 1 else [value]
-    good = [x for x in numbers if isinstance(x, int | float) and not isinstance(x, bool)]
-    if len(good) != count or len(numbers) != count or not all(map(math.isfinite, good)):
-        expected = 'a diameter, or length and width' if name == 'footprint' else f'{count} numbers'
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {expected}')
-    return np.array(good, dtype=np.float64)
+        sides['radius'] = metres * given.footprint / 2
+    position = metres * np.array(given.position, dtype=np.float64)
+    orientation = np.array(given.orientation, dtype=np.float64)
+    try:
+        return Grasp(given.aspect, position, orientation, **sides)
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{error} ({where})') from None

@@ -35,13 +35,12 @@ from resting_aspects_ros.core.statistics.intervals import (
 )
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
 from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 

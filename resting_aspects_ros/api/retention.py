@@ -25,11 +25,10 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.reorientation import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 
 # If none of 400 parts leaves, the 95 % interval of the probability ends at 0.95 %.
 DEFAULT_PER_HEIGHT = 400

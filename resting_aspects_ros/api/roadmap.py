@@ -10,21 +10,20 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, StrictFloat, StrictInt, StrictStr, conint
+from pydantic import BaseModel, StrictStr
 
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.api.inputs.csv_table import open_text
 from resting_aspects_ros.api.inputs.json_document import (
     file_text,
     invalid_field,
     parse_json,
-    validated,
 )
 from resting_aspects_ros.api.measured_trials import MeasuredPair, MeasuredTrials
 from resting_aspects_ros.core.aspects.contacts import NONE
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
+from resting_aspects_ros.core.schema import Count, Number, validated
 from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.document import numbers, plain
@@ -34,14 +33,11 @@ SCHEMA_VERSION = 1
 MAX_BYTES = 1 << 26
 
 if TYPE_CHECKING:
-    Count: TypeAlias = int
     Format: TypeAlias = str
     Version: TypeAlias = int
 else:
-    Count = conint(strict=True, ge=0, le=MAX_COUNTED)
     Format = Literal[FORMAT]
     Version = Literal[SCHEMA_VERSION]
-Number: TypeAlias = StrictFloat | StrictInt
 
 
 def roadmap_document(
@@ -207,7 +203,7 @@ def read_roadmap(path: Path) -> MeasuredTrials:
         missing or more than its trials, or an untested pair has trials.
     """
     with open_text(path, 'roadmap file', MAX_BYTES) as file:
-        roadmap = validated(path, parse_json(path, file.read()), _Roadmap)
+        roadmap = validated(_Roadmap, parse_json(path, file.read()), file_text(path))
     orientations: dict[int, npt.NDArray[np.float64]] = {}
     for k, pose in enumerate(roadmap.poses):
         if pose.id in orientations:

@@ -4,7 +4,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import flag_of, requested_conditions, requested_number
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -49,7 +48,7 @@ def drop_batch_and_show(
     drops, precision = requested_number(arguments)
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
-    conditions = requested_conditions(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments)
 
     def check(part: Part) -> None:
         if not arguments.force:

@@ -13,7 +13,7 @@ from resting_aspects_ros.core.errors import EngineError, InvalidValueError, anal
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.surfaces import all_surfaces
 from resting_aspects_ros.studies.propagated_result import PAGE
 from resting_aspects_ros.studies.propagation import (
     DROPS,
@@ -100,11 +100,11 @@ def _surface(arguments: argparse.Namespace) -> UncertainSurface:
     It is that of a calibration; without a file, the named one.
     """
     if not arguments.propagate:
-        given = named_surface(arguments.surface)
-    elif arguments.surface:
+        given = named_surface(arguments.surface, all_surfaces(arguments.surfaces))
+    elif arguments.surface or arguments.surfaces:
         raise InvalidValueError(
-            f'invalid --surface {arguments.surface}: expected only with --propagate without a '
-            'file, whose surface it replaces'
+            f'invalid --surface {arguments.surface or arguments.surfaces}: expected only with '
+            '--propagate without a file, whose surface it replaces'
         )
     else:
         given = uncertain_surface(Path(arguments.propagate))
@@ -113,6 +113,4 @@ def _surface(arguments: argparse.Namespace) -> UncertainSurface:
         raise InvalidValueError(
             f'invalid {flag_of(name)}: expected only a condition that the calibration did not fit'
         )
-    known = Surfaces({given.conditions.surface: given.conditions})
-    arguments.surface = given.conditions.surface
-    return UncertainSurface(requested_conditions(arguments, known), given.draws)
+    return UncertainSurface(requested_conditions(arguments, given.conditions), given.draws)

@@ -4,7 +4,6 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts
 from resting_aspects_ros.api.inputs.state_csv import read_state_csv
 from resting_aspects_ros.api.load_part import load_part
@@ -24,7 +23,7 @@ from resting_aspects_ros.simulation.starts import GivenStates, Starts
 # In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
 MAX_HEIGHT = 500
 # Flags that a log replaces.
-_LOGGED_FLAGS = ('unit', 'body', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
+_LOGGED_FLAGS = ('unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed')
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
         )
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
-    conditions = requested_conditions(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments)
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     if arguments.initial_states is None:
         return DropRequest(part, conditions, seed, drops, precision)

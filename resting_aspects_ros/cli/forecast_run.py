@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.forecast import (
     DEFAULT_ACTION,
     IMAGE,
@@ -84,7 +83,7 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
     if arguments.max_picks is not None:
         check_number('maximum number of picks', arguments.max_picks)
     check_drops(arguments.drops)
-    conditions = requested_conditions(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments)
     sets = _sets(arguments)
     grasps: tuple[Grasp, ...] = ()
     if arguments.grasps is not None:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
+from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.output_files import check_output, make_folder
 from resting_aspects_ros.api.progress import DropProgress
@@ -24,6 +24,7 @@ from resting_aspects_ros.core.errors import (
 from resting_aspects_ros.simulation.actions import Actions, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.surfaces import all_surfaces
 from resting_aspects_ros.studies.factors import parse_factor
 from resting_aspects_ros.studies.objectives import make_objective
 from resting_aspects_ros.studies.optimisation import Optimisation
@@ -119,7 +120,7 @@ def _folder(arguments: argparse.Namespace) -> Path | None:
 
 def _base(arguments: argparse.Namespace) -> Setting:
     """Return the conditions from which the factors differ; raises InvalidValueError."""
-    conditions = shipped_surfaces().get(arguments.surface)
+    conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
     action: NamedAction | None = None
     if arguments.action is not None:
         known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)

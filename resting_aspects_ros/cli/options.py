@@ -5,10 +5,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+)
 from resting_aspects_ros.simulation.quantity import Quantity
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
@@ -124,6 +128,12 @@ def _add_surface(
         default='',
         help=f'named conditions: rubber_mat, steel or thrown ({default})',
     )
+    group.add_argument(
+        '--surfaces',
+        metavar='FILE',
+        type=Path,
+        help='YAML file of more surfaces for --surface, such as surface.yaml of calibrate',
+    )
     add_quantities(group, quantities)
     return group
 
@@ -158,13 +168,21 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def requested_conditions(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
-    """Return the conditions that the flags request; raises InvalidValueError."""
-    conditions = surfaces.get(arguments.surface).changed(**changed_conditions(arguments))
-    name = getattr(arguments, 'surroundings', None)
-    # This import is slow because of NumPy, which --help does not need.
-    from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
+def requested_conditions(
+    arguments: argparse.Namespace, base: DropConditions | None = None
+) -> DropConditions:
+    """Return the conditions that the flags request; raises InvalidValueError.
 
+    ``base`` is changed by the flags instead of the surface that they name.
+    """
+    # These imports are slow because of pydantic and NumPy, which --help does not need.
+    from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
+    from resting_aspects_ros.simulation.surfaces import all_surfaces
+
+    if base is None:
+        base = all_surfaces(arguments.surfaces).get(arguments.surface)
+    conditions = base.changed(**changed_conditions(arguments))
+    name = getattr(arguments, 'surroundings', None)
     return with_surroundings(
         conditions, requested_surroundings(name, getattr(arguments, 'set', []))
     )

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.counted_actions import wanted_mask
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.measured_trials import MeasuredTrials
@@ -74,7 +73,7 @@ def requested_reorientation(
         precision = parse_share('--precision', arguments.precision)
         check_precision(precision)
     actions = requested_actions(arguments)
-    conditions = requested_conditions(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments)
     measured = None if arguments.measured is None else read_roadmap(arguments.measured)
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     for warning in part.warnings:

@@ -70,6 +70,15 @@ def analysis(name: str, notes: list[str] | None = None) -> Iterator[None]:
             notes.append(f'{sentence[0].upper()}{sentence[1:]}.')
 
 
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Put the file, or the entry in it, in front of the message of an error in the `with`."""
+    try:
+        yield
+    except RestingAspectsError as error:
+        raise type(error)(f'{where}: {error}') from None
+
+
 def warn(text: str) -> None:
     """Issue a warning; the command line prints it on standard error."""
     warnings.warn(text, RestingAspectsWarning, stacklevel=3)

@@ -1,5 +1,7 @@
 """Units of mesh coordinates, and checks of the size of a part."""
 
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +18,10 @@ UNITS: dict[str, float] = {
     'in': 0.0254,
     'ft': 0.3048,
 }
+if TYPE_CHECKING:
+    Unit: TypeAlias = str
+else:
+    Unit = Literal[tuple(UNITS)]  # of a field in a file
 UNIT_NAMES = {
     'um': 'micrometres',
     'mm': 'millimetres',

@@ -1,5 +1,7 @@
 """Conversions between counts of contacts with floor and walls, and ROS messages."""
 
+import math
+
 import numpy as np
 from geometry_msgs.msg import Quaternion
 from resting_aspects_interfaces.msg import AspectDistribution, ContactShare
@@ -68,7 +70,7 @@ def _placement(msg: ContactShare, planes: tuple[str, ...], aspects: int) -> Plac
             f'{CORNER} to {aspects} for each of {list(planes)}'
         )
     orientation = np.array([getattr(msg.orientation, axis) for axis in 'xyzw'])
-    if not abs(float(np.linalg.norm(orientation)) - 1) <= LENGTH_TOLERANCE:
+    if not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
         raise InvalidValueError(
             f'invalid orientation {orientation.tolist()} of contacts: expected a unit quaternion'
         )

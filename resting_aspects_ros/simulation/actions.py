@@ -12,6 +12,7 @@ from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.nozzle import Nozzle
 from resting_aspects_ros.simulation.quantity import (
     Quantity,
+    check_name,
     described_kind,
     made_from,
     quantities_of,
@@ -100,14 +101,10 @@ def make_action(kind: str, values: Mapping[str, Any]) -> Action:
 
 
 def _named_action(label: str, name: object, entry: object) -> NamedAction:
-    if not isinstance(name, str) or not name.isidentifier():
-        raise InvalidValueError(
-            f'{label}: invalid name {shown(name)} of an action: expected a name such as my_tap'
-        )
-    where = f'{label}, {name}'
     try:
-        kind, values, source = described_kind('action', entry)
+        name = check_name('an action', name)
+        kind, values, source = described_kind('action', entry, KINDS)
         time = values.pop('time', DEFAULT_TIME)
         return NamedAction(name, make_action(kind, values), time, source)
     except InvalidValueError as error:
-        raise InvalidValueError(f'{where}: {error}') from None
+        raise InvalidValueError(f'{label}, {shown(name)}: {error}') from None

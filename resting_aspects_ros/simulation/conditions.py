@@ -18,6 +18,8 @@ from resting_aspects_ros.simulation.quantity import (
     quantity,
 )
 
+DEFAULT_SURFACE = 'rubber_mat'
+
 
 class HeightOf(IntEnum):
     """Reference point of the release height; the codes of the message DropConditions."""

@@ -1,8 +1,7 @@
 """The registered parts: a folder of meshes, each with an optional YAML file."""
 
-import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +16,29 @@ from resting_aspects_ros.core.geometry.scene_file import SCENE_FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import FILE_FORMATS, load_part
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
+from resting_aspects_ros.core.schema import FileModel, FromOne, Named, Number, Positive, validated
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.core.yaml_file import read_yaml
 
-# The keys of a part's YAML file with the kind of their value; an integer is a count of numbers.
-KEYS: dict[str, int | str] = {
-    'unit': 'unit',
-    'density': 1,
-    'mass': 1,
-    'centre_of_mass': 3,
-    'inertia': 6,
-    'body': 'body',
+
+class PartFile(FileModel):
+    """A part's YAML file; see PartLibrary."""
+
+    unit: Unit = DEFAULT_UNIT
+    density: Positive = 0
+    mass: Positive = 0
+    centre_of_mass: tuple[Number, Number, Number] = (0, 0, 0)
+    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0, 0, 0, 0, 0, 0)
+    body: FromOne | Named = 0
+
+
+EXPECTED = {
+    'unit': f'one of {", ".join(UNITS)}',
+    'density': 'a finite number above 0',
+    'mass': 'a finite number above 0',
+    'centre_of_mass': '3 finite numbers',
+    'inertia': '6 finite numbers',
+    'body': 'an integer of at least 1, or the name of a body',
 }
 
 Stamp = tuple[tuple[int, int] | None, ...]
@@ -174,17 +185,10 @@ def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
     content = read_yaml(path, 'part file', error=PartError)
     if content is None:
         return {}
-    if not isinstance(content, Mapping):
-        raise PartError(
-            f'invalid content of {label}: expected a mapping with the keys {", ".join(KEYS)}, '
-            f'not a {type(content).__name__}'
-        )
-    for key in content:
-        if key not in KEYS:
-            raise PartError(
-                f'invalid key {shown(key)} in {label}: expected one of {", ".join(KEYS)}'
-            )
-    given = {key: _checked(value, key, label) for key, value in content.items()}
+    checked = validated(PartFile, content, label, EXPECTED, PartError)
+    given: dict[str, Any] = {key: getattr(checked, key) for key in content}
+    for key in given.keys() & {'density', 'mass'}:
+        given[key] = float(given[key])
     if 'centre_of_mass' in given:
         if 'unit' not in given and mesh.suffix.lower().removeprefix('.') in SCENE_FORMATS:
             raise PartError(
@@ -194,37 +198,6 @@ def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
         metres = UNITS[given.get('unit', DEFAULT_UNIT)]
         given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
     return given
-
-
-def _checked(value: Any, key: str, label: str) -> Any:
-    takes = KEYS[key]
-    if takes == 'unit':
-        good, expected = isinstance(value, str) and value in UNITS, f'one of {", ".join(UNITS)}'
-    elif takes == 'body':
-        good = (type(value) is int and value > 0) or (isinstance(value, str) and value != '')
-        expected = 'an integer of at least 1, or the name of a body'
-    elif takes == 1:
-        value, given = _number(value), value
-        good, expected = value is not None and value > 0, 'a finite number above 0'
-        value = value if good else given
-    else:
-        numbers = [_number(x) for x in value] if isinstance(value, list) else []
-        good, expected = len(numbers) == takes and None not in numbers, f'{takes} finite numbers'
-        value = numbers if good else value
-    if not good:
-        raise PartError(f'invalid {key} {shown(value)} in {label}: expected {expected}')
-    return value
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite number, or None. Accepts text, because YAML 1.1 reads 1e-6 as text."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
-    try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -7,11 +7,13 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 
 T = TypeVar('T')
+MAX_NAME = 64
 
 
 @dataclass(frozen=True)
@@ -73,15 +75,30 @@ def check_quantities(values: Any) -> None:
         object.__setattr__(values, name, each.check(name, getattr(values, name)))
 
 
-def described_kind(what: str, document: Any) -> tuple[str, dict[str, Any], str]:
+def check_name(what: str, name: Any) -> str:
+    """Return the name of an entry of a YAML file, such as 'a surface'; InvalidValueError."""
+    if isinstance(name, str) and name.isidentifier() and len(name) <= MAX_NAME:
+        return name
+    raise InvalidValueError(
+        f'invalid name {shown(name)} of {what}: expected at most {MAX_NAME} letters, digits and '
+        '_, without spaces, a letter first, such as my_table'
+    )
+
+
+def described_kind(
+    what: str, document: Any, kinds: Mapping[str, Any]
+) -> tuple[str, dict[str, Any], str]:
     """Return the kind, the values and the source of an entry of a YAML file.
 
     ``what`` is what the entry describes, such as 'action'. Raises InvalidValueError.
     """
-    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
-        raise InvalidValueError(f'invalid {what}: expected a mapping with the key kind')
-    values = {str(key): value for key, value in document.items()}
+    if not isinstance(document, Mapping) or 'kind' not in document:
+        raise InvalidValueError(
+            f'invalid {what} {shown(document)}: expected a mapping with the key kind'
+        )
+    values = {key if isinstance(key, str) else shown(key): document[key] for key in document}
     kind, source = values.pop('kind'), values.pop('source', '')
+    _check_kind(kinds, what, kind)
     if not isinstance(source, str):
         raise InvalidValueError(f'invalid source {shown(source)}: expected text')
     return kind, values, source
@@ -98,11 +115,7 @@ def made_from(
 
     ``others`` are names beside those of its fields that an error lists. Raises InvalidValueError.
     """
-    if kind not in kinds:
-        raise InvalidValueError(
-            f'invalid kind of {what} {shown(kind)}: expected one of {", ".join(kinds)}'
-            f'{did_you_mean(kind, kinds)}'
-        )
+    _check_kind(kinds, what, kind)
     made: Any = kinds[kind]
     fields = [each for each in dataclasses.fields(made) if each.init]
     names = [*(each.name for each in fields), *others]
@@ -115,5 +128,16 @@ def made_from(
     for each in fields:
         if each.default is dataclasses.MISSING and each.name not in values:
             raise InvalidValueError(f'missing {each.name} of a {kind}')
+        text = values.get(each.name, '')
+        if 'quantity' not in each.metadata and not isinstance(text, str | Path):
+            raise InvalidValueError(f'invalid {each.name} {shown(text)}: expected text')
     result: T = made(**values)
     return result
+
+
+def _check_kind(kinds: Mapping[str, Any], what: str, kind: Any) -> None:
+    if not isinstance(kind, str) or kind not in kinds:
+        raise InvalidValueError(
+            f'invalid kind of {what} {shown(kind)}: expected one of {", ".join(kinds)}'
+            f'{did_you_mean(kind, kinds) if isinstance(kind, str) else ""}'
+        )

@@ -3,18 +3,45 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import create_model
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.schema import FileModel, Number, validated
 from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+)
+from resting_aspects_ros.simulation.config_files import surfaces_file
+from resting_aspects_ros.simulation.quantity import check_name
 
-DEFAULT_SURFACE = 'rubber_mat'
 # Conditions that differ from every surface in more values than this are described as custom.
 MAX_CHANGES = 4
 # Number of samples of an uncertain surface.
 MIN_SAMPLES, MAX_SAMPLES = 8, 1000
 UNCERTAINTY = 'uncertainty'
+
+_fields: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
+_fields['height_of'] = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
+_samples: Any = dict[Literal[tuple(QUANTITIES)], list[Number]]  # type: ignore[misc]
+# An entry of a surfaces file. Bounds are checked by DropConditions.
+SurfaceEntry: Any = create_model(
+    'SurfaceEntry',
+    __base__=FileModel,
+    **_fields,
+    source=(Any, ''),
+    uncertainty=(_samples, {}),
+)
+EXPECTED = {name: each.allowed() for name, each in QUANTITIES.items()} | {
+    'height_of': ' or '.join(each.name for each in HeightOf),
+    UNCERTAINTY: 'a mapping of conditions to lists of equal length, with '
+    f'{MIN_SAMPLES} to {MAX_SAMPLES} values each',
+}
 
 # Equally probable values of the conditions of a surface that are not known.
 Samples = tuple[Mapping[str, float], ...]
@@ -70,6 +97,11 @@ class Surfaces:
         *most, last = changes[name]
         return f'{name} with {", ".join(most)}{" and " if most else ""}{last}'
 
+    def extended(self, path: Path) -> 'Surfaces':
+        """Return these surfaces and those of a file, which replace others of the same name."""
+        own = Surfaces.read(path)
+        return Surfaces(self._sets | own._sets, self._samples | own._samples)  # noqa: SLF001
+
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
         """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
@@ -77,17 +109,23 @@ class Surfaces:
         label = named('surfaces file', path)
         if not isinstance(document, dict) or not document:
             raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
-        sets = {name: _conditions(label, name, entry) for name, entry in document.items()}
-        samples = {
-            name: _samples(label, name, sets[name], entry[UNCERTAINTY])
-            for name, entry in document.items()
-            if UNCERTAINTY in entry
-        }
-        if DEFAULT_SURFACE not in sets:
-            raise InvalidValueError(
-                f'invalid {label}: expected the default surface, {DEFAULT_SURFACE}, among others'
-            )
+        sets: dict[str, DropConditions] = {}
+        samples: dict[str, Samples] = {}
+        for name, entry in document.items():
+            where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
+            try:
+                check_name('a surface', name)
+                given = validated(SurfaceEntry, entry, expected=EXPECTED)
+                sets[name], samples[name] = _conditions(name, given)
+            except InvalidValueError as error:
+                raise InvalidValueError(f'{where}: {error}') from None
         return cls(sets, samples)
+
+
+def all_surfaces(own: str | Path | None = None) -> Surfaces:
+    """Return the surfaces of the suite, and those of a file if it is given."""
+    shipped = Surfaces.read(surfaces_file())
+    return shipped.extended(Path(own)) if own else shipped
 
 
 def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
@@ -102,47 +140,19 @@ def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
     return changes
 
 
-def _conditions(label: str, name: object, entry: object) -> DropConditions:
-    where = f'{label}, {name if isinstance(name, str) and name.isidentifier() else shown(name)}'
-    needed = {*QUANTITIES, 'height_of'}
-    if not isinstance(name, str):
-        raise InvalidValueError(f'{where}: invalid name of a surface: expected text')
-    if not isinstance(entry, dict) or set(entry) - {'source', UNCERTAINTY} != needed:
+def _conditions(name: str, given: Any) -> tuple[DropConditions, Samples]:
+    """Return the conditions of a checked entry, and its samples; raises InvalidValueError."""
+    lists: dict[str, list[float]] = given.uncertainty
+    sizes = {len(each) for each in lists.values()}
+    if len(sizes) > 1 or not all(MIN_SAMPLES <= size <= MAX_SAMPLES for size in sizes):
         raise InvalidValueError(
-            f'{where}: invalid keys: expected exactly {", ".join(sorted(needed))}'
+            f'invalid {UNCERTAINTY} {shown(lists)}: expected {EXPECTED[UNCERTAINTY]}'
         )
-    values = {key: entry[key] for key in needed}
-    try:
-        values['height_of'] = HeightOf.__members__[values['height_of']]
-        return DropConditions(surface=name, **values)
-    except (KeyError, TypeError):
-        allowed = ' or '.join(h.name for h in HeightOf)
-        raise InvalidValueError(
-            f'{where}: invalid height_of {shown(entry["height_of"])}: expected {allowed}'
-        ) from None
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{where}: {error}') from None
-
-
-def _samples(label: str, name: str, conditions: DropConditions, given: object) -> Samples:
-    """Return the samples of an entry: a list of values for each condition, of equal length."""
-    where = f'{label}, {name}: invalid {UNCERTAINTY}'
-    lists = list(given.values()) if isinstance(given, dict) else []
-    if (
-        not isinstance(given, dict)
-        or not lists
-        or not set(given) <= set(QUANTITIES)
-        or not all(isinstance(each, list) and len(each) == len(lists[0]) for each in lists)
-        or not MIN_SAMPLES <= len(lists[0]) <= MAX_SAMPLES
-    ):
-        raise InvalidValueError(
-            f'{where} {shown(given)}: expected a mapping of conditions to lists of equal length, '
-            f'with {MIN_SAMPLES} to {MAX_SAMPLES} values each'
-        )
-    found = tuple(dict(zip(given, row, strict=True)) for row in zip(*lists, strict=True))
-    try:
-        for each in found:
-            conditions.changed(**each)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{where}: {error}') from None
-    return found
+    samples = tuple(
+        dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)
+    )
+    values = {key: getattr(given, key) for key in QUANTITIES}
+    found = DropConditions(surface=name, height_of=HeightOf[given.height_of], **values)
+    for each in samples:
+        found.changed(**each)
+    return found, samples

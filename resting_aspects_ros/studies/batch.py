@@ -26,9 +26,8 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED, check_seed
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.studies.batch_result import BatchEntry, BatchResult
 from resting_aspects_ros.studies.part_files import missing_parts, part_sources, source_text

@@ -51,7 +51,7 @@ class Factor:
     label: str = ''
 
     def __post_init__(self) -> None:
-        if not self.low < self.high:
+        if not self.low < self.high or f'{self.low:.{DIGITS}g}' == f'{self.high:.{DIGITS}g}':
             raise InvalidValueError(
                 f'invalid range {self.low:g} to {self.high:g} of {self.name}: expected a lower '
                 'and a higher value'
@@ -146,13 +146,18 @@ def read_factor(name: str, given: Any, base: Setting) -> Factor:
         )
         for end, each in (('low', given['low']), ('high', given['high']))
     )
-    levels, logarithmic = given.get('levels', 0), given.get('logarithmic', False)
-    if type(levels) is not int or type(logarithmic) is not bool:
+    levels, logarithmic = given.get('levels'), given.get('logarithmic', False)
+    if type(levels) is int and not levels:
+        raise InvalidValueError(
+            f'invalid number of levels 0 of {name}: expected 2 to {MAX_LEVELS}, or none for all '
+            'values in between'
+        )
+    if not isinstance(levels, int | None) or levels is True or type(logarithmic) is not bool:
         raise InvalidValueError(
             f'invalid range {shown(given)} of {name}: expected an integer for levels, and true '
             'or false for logarithmic'
         )
-    return Factor(name, low, high, levels, logarithmic, quantity.unit, quantity.label)
+    return Factor(name, low, high, levels or 0, logarithmic, quantity.unit, quantity.label)
 
 
 def _range(name: str, text: str) -> dict[str, Any]:
@@ -161,8 +166,8 @@ def _range(name: str, text: str) -> dict[str, Any]:
     found: dict[str, Any] = {'logarithmic': words[-1].lower() == 'log'}
     if found['logarithmic']:
         del words[-1]
-    if len(words) == 3 and words[2].isdecimal():
-        found['levels'] = int(words.pop()[:9])
+    if len(words) == 3 and words[2].isdecimal() and len(words[2]) < DIGITS:
+        found['levels'] = int(words.pop())
     if len(words) != 2 or '' in words:
         raise InvalidValueError(f'invalid range {shown(text)} of {name}: expected {EXPECTED}')
     return {'low': words[0], 'high': words[1], **found}

@@ -6,17 +6,31 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, StrictStr
 
-from resting_aspects_ros.core.errors import InvalidValueError, OutputError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, OutputError, one_line, shown
+from resting_aspects_ros.core.schema import Count, validated
 
 Counts = npt.NDArray[np.int64]
 
 SCHEMA_VERSION = 1
 STORE = 'points.jsonl'
+
+
+class _Header(BaseModel):
+    schema_version: Literal[SCHEMA_VERSION]  # type: ignore[valid-type]
+    versions: dict[StrictStr, StrictStr]
+
+
+class _Counts(BaseModel):
+    point: StrictStr
+    first: Count
+    end: Count
+    counts: list[list[Count]]
 
 
 class PointStore:
@@ -88,6 +102,8 @@ class PointStore:
         before = self._counts.get(key)
         if first == (0 if before is None else before[0]):
             total = counts if before is None else before[1] + counts
+            if total.shape != counts.shape:
+                raise ValueError(f'point {shown(key)} has counts of different shapes')
             self._counts[key] = (end, total)
 
     def _append(self, document: Mapping[str, Any]) -> None:
@@ -140,15 +156,14 @@ class PointStore:
             return
         try:
             header, *documents = [json.loads(line) for line in lines]
-            found = header['versions']
-            if header['schema_version'] != SCHEMA_VERSION:
-                raise ValueError('another schema version')
-            for each in documents:
-                counts = np.array(each['counts'], dtype=np.int64)
-                self._count(each['point'], each['first'], each['end'], counts)
-        except (ValueError, KeyError, TypeError) as error:
+            found = validated(_Header, header, 'line 1').versions
+            for number, document in enumerate(documents, 2):
+                each = validated(_Counts, document, f'line {number}')
+                self._count(each.point, each.first, each.end, np.array(each.counts))
+        except (ValueError, RecursionError, InvalidValueError) as error:
             raise InvalidValueError(
-                f'invalid file {shown(str(self._path))}: expected points of a study: {error}'
+                f'invalid file {shown(str(self._path))}: expected points of a study: '
+                f'{one_line(str(error))}'
             ) from None
         for name, here in versions.items():
             if found.get(name) != here:

@@ -1,27 +1,30 @@
 """Carry the uncertainty of a calibrated surface through to the distribution of a part."""
 
 import dataclasses
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, StrictStr, create_model
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.inputs.json_document import parse_json
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.input_file import named, read_input
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.schema import Number, validated
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEED
-from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES
+from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES, Surfaces
 from resting_aspects_ros.studies.action_points import check_action_point
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
 from resting_aspects_ros.studies.point_plans import OTHER
@@ -34,6 +37,25 @@ Counts = npt.NDArray[np.int64]
 
 SAMPLES = 32
 DROPS = 10_000
+MAX_BYTES = 1 << 24
+
+
+_numbers: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
+_height_of: Any = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
+_Draw: Any = dict[Literal[tuple(QUANTITIES)], Number]  # type: ignore[misc]
+_Conditions: Any = create_model('Conditions', **_numbers, height_of=_height_of)
+EXPECTED = {
+    'conditions': 'a mapping with all conditions',
+    'draws': 'a list of mappings of conditions to numbers',
+}
+
+
+class CalibrationFile(BaseModel):
+    """What is read of the file calibration.json."""
+
+    surface: StrictStr
+    conditions: _Conditions
+    draws: list[_Draw]
 
 
 @dataclass(frozen=True)
@@ -61,38 +83,36 @@ def uncertain_surface(
     Raises InvalidValueError if it has no samples of its conditions.
     """
     if isinstance(given, str) and given in shipped_surfaces().names():
-        return named_surface(given)
-    document: Any = given
-    label = 'calibration'
-    if isinstance(given, CalibrationResult):
-        document = given.document()
-    elif isinstance(given, (str, Path)):
-        label = f'calibration {shown(str(given))}'
-        try:
-            document = json.loads(Path(given).read_text(encoding='utf-8'))
-        except (OSError, ValueError):
-            document = None
+        return named_surface(given, shipped_surfaces())
+    label, document = 'calibration', given
     try:
-        values = dict(document['conditions'])
-        values['height_of'] = HeightOf.__members__[values['height_of']]
-        base = DropConditions(surface=str(document['surface']), **values)
-        draws = tuple(dict(each) for each in document['draws'])
-        if len(draws) < MIN_SAMPLES or any(set(each) - set(QUANTITIES) for each in draws):
-            raise ValueError('draws')
-        for each in draws:
+        if isinstance(given, CalibrationResult):
+            document = given.document()
+        elif isinstance(given, str | Path):
+            label = named('calibration', given)
+            document = parse_json(Path(given), read_input(Path(given), MAX_BYTES, 'file'))
+        checked = validated(CalibrationFile, document, expected=EXPECTED)
+        values = dict(checked.conditions)
+        values['height_of'] = HeightOf[values['height_of']]
+        base = DropConditions(surface=checked.surface, **values)
+        if len(checked.draws) < MIN_SAMPLES:
+            raise InvalidValueError(
+                f'invalid draws {shown(checked.draws)}: expected at least {MIN_SAMPLES}'
+            )
+        for each in checked.draws:
             base.changed(**each)
-    except (KeyError, TypeError, ValueError, InvalidValueError):
+    except InvalidValueError as error:
         raise InvalidValueError(
-            f'invalid {label}: expected the file calibration.json of `resting_aspects calibrate '
-            f'COUNTS.yaml --out DIR`, with at least {MIN_SAMPLES} draws, or the name of a surface '
-            'with an uncertainty'
+            f'invalid {label}: {error}; expected the file calibration.json of `resting_aspects '
+            f'calibrate COUNTS.yaml --out DIR`, with at least {MIN_SAMPLES} draws, or the name of '
+            'a surface with an uncertainty'
         ) from None
-    return UncertainSurface(base, draws)
+    return UncertainSurface(base, tuple(checked.draws))
 
 
-def named_surface(name: str) -> UncertainSurface:
-    """Return a surface of config/surfaces.yaml with its samples; raises InvalidValueError."""
-    conditions, draws = shipped_surfaces().get(name), shipped_surfaces().samples(name)
+def named_surface(name: str, surfaces: Surfaces) -> UncertainSurface:
+    """Return a surface with its samples; raises InvalidValueError."""
+    conditions, draws = surfaces.get(name), surfaces.samples(name)
     if not draws:
         raise InvalidValueError(
             f'invalid surface {conditions.surface}: expected one with an uncertainty; '

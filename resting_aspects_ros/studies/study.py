@@ -10,9 +10,8 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,

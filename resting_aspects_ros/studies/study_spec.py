@@ -10,37 +10,32 @@ import yaml
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.surroundings import conditions_document
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, located, shown
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.quantity_text import parse_quantity
+from resting_aspects_ros.core.schema import validated
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.simulation.actions import NamedAction, make_action
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import (
-    make_surroundings,
-    named_surroundings,
+from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.studies.designs import (
+    DEFAULT_DESIGN,
+    DEFAULT_POINTS,
+    design_points,
 )
-from resting_aspects_ros.studies.designs import DEFAULT_DESIGN, DEFAULT_POINTS, design_points
 from resting_aspects_ros.studies.factors import Factor, check_factors, read_factor
 from resting_aspects_ros.studies.part_files import load_parts, save_part
 from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.study_file import (
+    DEFAULT_STUDY_DROPS,
+    DEFAULT_TOLERANCE,
+    EXPECTED,
+    StudyFile,
+)
 
 SPEC = 'study.yaml'
-DEFAULT_STUDY_DROPS = 2000
-# A change of a share that matters to the reader of the page.
-DEFAULT_TOLERANCE = 0.05
-KEYS = (
-    *('parts', 'surface', 'conditions', 'surroundings', 'action', 'vary', 'design', 'points'),
-    *('drops', 'seed', 'tolerance', 'confidence'),
-)
-# Keys that only describe what a study was made with.
-NOTES = ('versions', 'part_sha256')
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,50 +128,38 @@ class StudySpec:
         return dataclasses.replace(self, blocks=blocks, drops=max(self.drops, before.drops))
 
 
-def read_spec(path: Path, changes: Mapping[str, Any] | None = None) -> StudySpec:
+def read_spec(
+    path: Path, changes: Mapping[str, Any] | None = None, surfaces: Surfaces | None = None
+) -> StudySpec:
     """Read a study from a file; ``changes`` replace its values. Raises InvalidValueError."""
     document = read_yaml(path, 'study')
-    label = named('study', path)
     if not isinstance(document, dict):
-        raise InvalidValueError(f'invalid {label}: expected a mapping with parts and vary')
-    try:
-        return make_spec({**document, **(changes or {})}, path.parent)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{label}: {error}') from None
+        raise InvalidValueError(
+            f'invalid {named("study", path)}: expected a mapping with parts and vary'
+        )
+    with located(named('study', path)):
+        return make_spec({**document, **(changes or {})}, path.parent, surfaces)
 
 
-def make_spec(document: Mapping[str, Any], folder: Path | None = None) -> StudySpec:
-    """Return the study of a mapping; files are relative to ``folder``. InvalidValueError."""
-    unknown = [key for key in document if key not in {*KEYS, *NOTES}]
-    if unknown:
-        raise InvalidValueError(
-            f'invalid key {shown(unknown[0])}: expected one of {", ".join(KEYS)}'
-        )
-    missing = [key for key in ('parts', 'vary') if not document.get(key)]
-    if missing:
-        raise InvalidValueError(f'missing {missing[0]}: expected parts and vary')
-    if not isinstance(document['vary'], Mapping):
-        raise InvalidValueError(
-            f'invalid vary {shown(document["vary"])}: expected a mapping of factors to ranges'
-        )
-    parts = document['parts']
-    base = Setting(
-        _conditions(document.get('surface', ''), document.get('conditions') or {}),
-        _surroundings(document.get('surroundings'), folder),
-        _action(document.get('action')),
-    )
-    points = document.get('points', DEFAULT_POINTS)
-    given = {
-        key: document[key]
-        for key in ('design', 'drops', 'seed', 'tolerance', 'confidence')
-        if document.get(key) is not None
-    }
+def make_spec(
+    document: Mapping[str, Any], folder: Path | None = None, surfaces: Surfaces | None = None
+) -> StudySpec:
+    """Return the study of a mapping; raises InvalidValueError.
+
+    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
+    """
+    given = validated(StudyFile, document, expected=EXPECTED)
+    base = given.setting(folder, surfaces or shipped_surfaces())
     return StudySpec(
-        tuple(load_parts(parts if isinstance(parts, list | tuple) else [parts], folder)),
+        tuple(load_parts([given.parts] if isinstance(given.parts, str) else given.parts, folder)),
         base,
-        tuple(read_factor(str(name), each, base) for name, each in document['vary'].items()),
-        blocks=tuple(points) if isinstance(points, list | tuple) else (points,),
-        **given,
+        tuple(read_factor(name, each, base) for name, each in given.vary.items()),
+        given.design,
+        (given.points,) if isinstance(given.points, int) else tuple(given.points),
+        given.drops,
+        given.seed,
+        given.tolerance,
+        given.confidence,
     )
 
 
@@ -190,43 +173,3 @@ def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> No
     text += yaml.safe_dump(document, sort_keys=False)
     with whole_file(folder / SPEC) as file:
         file.write_text(text, encoding='utf-8')
-
-
-def _conditions(surface: Any, changes: Any) -> DropConditions:
-    if not isinstance(surface, str) or not isinstance(changes, Mapping):
-        raise InvalidValueError(
-            'invalid conditions: expected the name of a surface, and a mapping'
-        )
-    values: dict[str, Any] = {}
-    for name, value in changes.items():
-        if name == 'height_of':
-            values[name] = HeightOf.__members__.get(str(value).upper(), value)
-        elif name in QUANTITIES:
-            unit = QUANTITIES[name].unit
-            values[name] = parse_quantity(name, value, unit) if isinstance(value, str) else value
-        else:
-            raise InvalidValueError(
-                f'invalid condition {shown(name)}: expected one of {", ".join(QUANTITIES)}'
-            )
-    return shipped_surfaces().get(surface).changed(**values)
-
-
-def _surroundings(given: Any, folder: Path | None) -> Surroundings | None:
-    if given is None or isinstance(given, Surroundings):
-        return given
-    if isinstance(given, Mapping):
-        return make_surroundings(given)
-    text = str(given)
-    is_file = folder is not None and text.endswith(('.yaml', '.yml'))
-    return named_surroundings(folder / text if is_file and folder is not None else text)
-
-
-def _action(given: Any) -> NamedAction | None:
-    if given is None:
-        return None
-    if not isinstance(given, Mapping):
-        return named_action(given)
-    values = dict(given)
-    name, kind = values.pop('name', None), values.pop('kind', None)
-    time = values.pop('time', 1.0)
-    return NamedAction(str(name or kind), make_action(str(kind), values), time)

@@ -85,7 +85,7 @@ def test_plan_prefers_the_part_that_tells_more(run):
     [
         ({}, ['--points', '7'], 'invalid points 7'),
         ({}, ['--part', 'hex_nut'], 'expected only with --plan'),
-        ({'surface': 'Oak table'}, [], "invalid surface 'Oak table'"),
+        ({'surface': 'Oak table'}, [], "invalid name 'Oak table' of a surface"),
         ({'flat': -1}, [], "invalid count -1 of 'z'"),
     ],
 )

@@ -1,16 +1,15 @@
 """`resting_aspects drop --propagate`: the whole command with few drops, and what it refuses."""
 
-import dataclasses
 import json
 
 import pytest
+import yaml
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
 from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.studies import propagated_result, propagation
+from resting_aspects_ros.studies import propagated_result
 
 DRAWS = [{'friction': 0.1 + 0.05 * k, 'restitution': 0.6 - 0.05 * k} for k in range(8)]
 FEW = ['--drops', '16', '--workers', '1']
@@ -47,12 +46,14 @@ def test_json_page_and_table_show_both_intervals(run, calibration, tmp_path):
     assert 'samples from 0.1 to 0.45' in page
 
 
-def test_named_surface_has_its_own_uncertainty(run, calibration, monkeypatch):
-    base = dataclasses.replace(shipped_surfaces().get(), surface='oak_table')
-    known = Surfaces({'oak_table': base}, {'oak_table': tuple(DRAWS)})
-    monkeypatch.setattr(propagation, 'shipped_surfaces', lambda: known)
+def test_named_surface_has_its_own_uncertainty(run, calibration, tmp_path):
+    base = shipped_surfaces().get()
+    entry = {name: getattr(base, name) for name in QUANTITIES} | {'height_of': base.height_of.name}
+    entry['uncertainty'] = {name: [each[name] for each in DRAWS] for name in DRAWS[0]}
+    (tmp_path / 'own.yaml').write_text(yaml.safe_dump({'oak_table': entry}))
     words = ['drop', 'tetrahedron', *FEW, '--json', '--propagate']
-    named, given = run(*words, '--surface', 'oak_table'), run(*words, calibration)
+    named = run(*words, '--surface', 'oak_table', '--surfaces', tmp_path / 'own.yaml')
+    given = run(*words, calibration)
     assert named.returncode == given.returncode == DONE, named.stderr
     assert named.stdout == given.stdout
 

@@ -17,7 +17,7 @@ from resting_aspects_ros.cli import main, verbs
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.simulation.actions import KINDS
 from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
-from resting_aspects_ros.simulation.part_library import KEYS
+from resting_aspects_ros.simulation.part_library import EXPECTED
 from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 from resting_aspects_ros.simulation.surroundings.description import (
@@ -167,7 +167,7 @@ def test_every_dimension_of_surroundings_is_listed(kind):
 
 
 def test_every_key_of_a_part_is_listed():
-    assert keys(FILES, '## Part description') == list(KEYS)
+    assert keys(FILES, '## Part description') == list(EXPECTED)
 
 
 def test_every_key_of_a_result_is_listed(run):

@@ -1,5 +1,6 @@
 """YAML that users write: any defect is reported as one error in one line."""
 
+import math
 import string
 
 import pytest
@@ -47,6 +48,38 @@ def test_plain_documents_are_read():
     }
     assert parse_yaml('', 'sheet') is parse_yaml(b'# nothing\n', 'sheet') is None
     assert parse_yaml('a: {<<: {b: 1}, c: 2}', 'sheet') == {'a': {'b': 1, 'c': 2}}
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('1e-6', 1e-6), ('-2E+3', -2000.0), ('.5', 0.5), ('5.', 5.0), ('-0.25e1', -2.5),
+        ('.inf', math.inf), ('-.inf', -math.inf), ('12', 12), ('-3', -3), ('1_000', 1000),
+        ('5:50', '5:50'), ('20:30.5', '20:30.5'), ('0:20', '0:20'), ('010', '010'), ('e5', 'e5'),
+        ('1e', '1e'), ('0.1:0.5', '0.1:0.5'), ('.', '.'), ('-', None),
+    ],
+)  # fmt: skip
+def test_numbers_are_those_of_yaml_1_2(text, value):
+    """A range such as 5:50 is text, not a number of base 60; 1e-6 is a number."""
+    if value is None:
+        assert parse_yaml(f'a: {text}1', 'sheet') == {'a': -1}
+        return
+    found = parse_yaml(f'a: {text}', 'sheet')['a']
+    assert (found, type(found)) == (value, type(value))
+    assert math.isnan(parse_yaml('.nan', 'sheet'))
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['a: 1\nb: 2\na: 3', '{a: 1, a: 1}', 'x: {a: 1, "b": 2, a: 3}', '[{a: 1, ? a : 3}]'],
+)
+def test_key_that_occurs_twice_is_refused_and_named(text):
+    assert "the key 'a' occurs twice" in error_of(text)
+
+
+def test_merged_key_may_be_given_again():
+    text = 'x: &x {a: 1, b: 2}\ny: {<<: *x, a: 3}\nz: {a: 1}'
+    assert parse_yaml(text, 'sheet')['y'] == {'a': 3, 'b': 2}
 
 
 @pytest.mark.parametrize('tag', TAGS)

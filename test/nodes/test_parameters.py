@@ -231,7 +231,7 @@ def test_parameter_file_and_surface_file_are_distinguished(start_with_file, star
     assert 'Cannot have a value before ros__parameters' in process.output
     process = start('aspect_classifier', namespace, {'surfaces_file': FILE}, ready='')
     assert process.end(0) == 2
-    assert "'/**/drop_simulator': invalid keys: expected exactly " in process.output
+    assert "invalid name '/**/drop_simulator' of a surface" in process.output
     assert 'Not a ROS parameter file' in surfaces_file().read_text(encoding='utf-8')
 
 

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, HeightOf
+from resting_aspects_ros.simulation.surfaces import Surfaces, all_surfaces
 
 SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'surfaces.yaml'
 
@@ -85,14 +85,13 @@ def test_a_file_reads_back_what_was_written(file):
             "rubber_mat: invalid height_of 'TOP': expected LOWEST_POINT or CENTRE_OF_MASS",
         ),
         ({'height_of': [1]}, 'rubber_mat: invalid height_of [1]: expected LOWEST_POINT or '),
-        (
-            {'frction': 1},
-            'rubber_mat: invalid keys: expected exactly friction, gravity, ',
-        ),
-        (
-            {'drop': ('spin',)},
-            'rubber_mat: invalid keys: expected exactly friction, gravity, ',
-        ),
+        ({'frction': 1}, "rubber_mat: invalid key 'frction': expected one of height, restitution"),
+        ({'drop': ('spin',)}, 'rubber_mat: missing spin'),
+        ({'uncertainty': {'spin': [1] * 7}}, "rubber_mat: invalid uncertainty {'spin': [1, 1,"),
+        ({'uncertainty': {'spin': 3}}, "rubber_mat: invalid uncertainty {'spin': 3}: expected"),
+        ({'uncertainty': {'colour': [1] * 8}}, 'rubber_mat: invalid uncertainty '),
+        ({'uncertainty': {'spin': [1] * 8, 'height': [1] * 9}}, 'rubber_mat: invalid uncertainty'),
+        ({'uncertainty': {'spin': [-1] * 8}}, 'rubber_mat: invalid spin -1'),
     ],
 )
 def test_invalid_value_is_reported_with_file_and_surface(file, changes, expected):
@@ -124,12 +123,13 @@ def test_very_long_numbers_are_rejected_in_one_line(file, key):
         ('rubber_mat: 2024-99-99', 'is not valid YAML: '),
         ('rubber_mat: &a [*a]', 'is not valid YAML: '),
         ('[' * 5000, 'is not valid YAML: '),
-        ('rubber_mat: 3', 'rubber_mat: invalid keys: expected exactly '),
         (
-            'rubber_mat: {height_of: 0x' + 'f' * 4000 + '}',
-            'rubber_mat: invalid keys: expected exactly ',
+            'rubber_mat: 3',
+            'rubber_mat: invalid content 3: expected a mapping with the keys',
         ),
-        ('7: {height: 1}', '7: invalid name of a surface: expected text'),
+        ('rubber_mat: {height_of: 0x' + 'f' * 4000 + '}', 'rubber_mat: missing height'),
+        ('7: {height: 1}', 'invalid name 7 of a surface'),
+        ('my mat: {height: 1}', "invalid name 'my mat' of a surface"),
     ],
 )
 def test_invalid_files_are_rejected_in_one_line(file, text, expected):
@@ -142,12 +142,17 @@ def test_invalid_files_are_rejected_in_one_line(file, text, expected):
     assert '\n' not in message
 
 
-def test_missing_file_and_missing_default_are_rejected(tmp_path, file):
+def test_missing_file_is_rejected(tmp_path):
     with pytest.raises(InvalidValueError, match=r"none\.yaml' does not exist"):
         Surfaces.read(tmp_path / 'none.yaml')
-    text = SHIPPED.read_text(encoding='utf-8').replace('rubber_mat:', 'ice:')
-    with pytest.raises(InvalidValueError, match=r'expected the default surface, rubber_mat, '):
-        Surfaces.read(file(text))
+
+
+def test_surfaces_of_a_file_are_beside_those_of_the_suite(file):
+    text = SHIPPED.read_text(encoding='utf-8').replace('steel:', 'ice:')
+    found = all_surfaces(file(text.replace('restitution: 0.64', 'restitution: 0.5')))
+    assert found.names() == ['ice', 'rubber_mat', 'steel', 'thrown']
+    assert found.get().restitution == 0.5
+    assert all_surfaces('').get().restitution == 0.64
 
 
 def test_text_names_nearest_surface_and_differences(surfaces):

@@ -218,8 +218,17 @@ def test_surroundings_vary(here):
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
-        ({'vary': {}}, 'missing vary'),
-        ({'parts': []}, 'missing parts'),
+        ({'vary': {}}, 'missing factor'),
+        ({'parts': []}, 'missing part'),
+        ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
+        ({'parts': {'a': 1}}, "invalid parts {'a': 1}: expected the name of a part"),
+        ({'design': ['sobol']}, r"invalid design \['sobol'\]: expected one of factorial"),
+        ({'vary': {'height': '10mm:20mm:0'}}, 'invalid number of levels 0'),
+        ({'points': 10**400}, 'invalid number of points'),
+        ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
+        ({'action': [1]}, r'invalid action \[1\]'),
+        ({'surroundings': [1]}, r'invalid surroundings \[1\]'),
+        ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),
@@ -230,7 +239,7 @@ def test_surroundings_vary(here):
 )
 def test_invalid_study_is_refused(changes, message):
     with pytest.raises(InvalidValueError, match=message):
-        spec(**changes)
+        spec(**changes).points()
 
 
 def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):

@@ -12,13 +12,13 @@ import numpy as np
 
 from resting_aspects_ros.api.inputs.class_groups import parse_group
 from resting_aspects_ros.api.inputs.counts import (
-    MAX_COUNTED,
     CountedDrops,
     check_counts,
     counts_of_run,
 )
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
+from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.logs.message_reader import is_log
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE

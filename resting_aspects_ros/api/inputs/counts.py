@@ -15,12 +15,10 @@ from resting_aspects_ros.api.inputs.class_groups import (
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.core.statistics.comparison import DropCounts
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import RunDescription
-
-# More than MAX_DROPS of a run, and less than the 1e9 that numpy accepts for random tables.
-MAX_COUNTED = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ import numpy as np
 
 from resting_aspects_ros.api.inputs.class_groups import group_name, parse_group
 from resting_aspects_ros.api.inputs.count_files import ASPECT, CLASS, COUNT
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, check_parts
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.logs.message_reader import is_log
 
 LABELS = ('batch', 'time')

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.inputs.class_groups import Groups, group_places
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.core.statistics.intervals import Counts
 
 

@@ -11,24 +11,24 @@ import numpy as np
 from pydantic import (
     BaseModel,
     StrictBool,
-    StrictFloat,
     StrictInt,
     StrictStr,
+    confloat,
     conint,
     create_model,
 )
 
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountedDrops
+from resting_aspects_ros.api.inputs.counts import CountedDrops
 from resting_aspects_ros.api.inputs.json_document import (
     file_text,
     invalid_field,
     parse_json,
-    validated,
 )
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.core.schema import MAX_COUNTED, Count, Number, validated
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
@@ -37,21 +37,21 @@ from resting_aspects_ros.simulation.surroundings.library import key_of_document
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
-    Count: TypeAlias = int
     Seed: TypeAlias = int
     Numbering: TypeAlias = int
+    Coordinate: TypeAlias = float
 else:
     Id = conint(strict=True, ge=1, le=MAX_COUNTED)
-    Count = conint(strict=True, ge=0, le=MAX_COUNTED)
     Seed = conint(strict=True, ge=0, le=MAX_SEED)
     Numbering = Literal[ASPECT_NUMBERING]
-Number: TypeAlias = StrictFloat | StrictInt
+    # Of a unit vector or a quaternion, which are rounded.
+    Coordinate = confloat(strict=True, ge=-1.001, le=1.001) | conint(strict=True, ge=-1, le=1)
 Pair: TypeAlias = tuple[Number, Number]
-Vector: TypeAlias = tuple[Number, Number, Number]
+Vector: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
 # A mapping, as in a YAML file; or its text, which is empty for the level plane.
-_surroundings: Any = dict[str, Any] | StrictStr
+_surroundings: Any = StrictStr | dict[str, Any]  # pydantic 1 would make {} of ''
 _conditions |= {'surroundings': (_surroundings, '')}
 # Bounds are checked by DropConditions.
 Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
@@ -74,7 +74,7 @@ class ReportAspect(CountedAspect):
     multiplicity: Id
     sweep: Literal['POINT', 'ARC', 'RING', 'DOME', 'SPHERE']
     axis: Vector
-    orientation: tuple[Number, Number, Number, Number]
+    orientation: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     com_height: Number
     min_barrier: Number | None
     neighbour: Count
@@ -154,7 +154,8 @@ def read_document(path: Path, text: str) -> CountsDocument:
         raise InvalidValueError(
             f'{file_text(path)} is of {kind}: expected a JSON document of one run of drops'
         )
-    return validated(path, document, RunDocument if 'run_id' in document else CountsDocument)
+    model = RunDocument if 'run_id' in document else CountsDocument
+    return validated(model, document, file_text(path))
 
 
 def counts_of(path: Path, document: CountsDocument) -> CountedDrops:

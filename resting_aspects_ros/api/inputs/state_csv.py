@@ -1,5 +1,6 @@
 """A file of initial states, one in each line, such as recorded tosses or a trajectory's end."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,7 +37,7 @@ def read_state_csv(path: Path) -> GivenStates:
                     f'{MAX_STATES}'
                 )
             rows.append([_number(table, line, row, columns.get(n)) for n in (*NEEDED, *OPTIONAL)])
-            length = float(np.linalg.norm(rows[-1][1:5]))
+            length = math.hypot(*rows[-1][1:5])
             if not abs(length - 1) <= LENGTH_TOLERANCE:
                 raise table.wrong(
                     line, row, columns['qx'], f'a quaternion of length 1; it is {length:.6g}'

@@ -44,7 +44,16 @@ EXAMPLES = """examples:
 DEFAULT_DROPS = 10_000
 DOCUMENT, PICTURE = 'drift.json', 'drift.png'
 # Flags of the simulation, which --expected replaces.
-SIMULATION = ('drops', 'seed', 'surface', *QUANTITIES, 'height_of', 'workers', 'scheduler')
+SIMULATION = (
+    'drops',
+    'seed',
+    'surface',
+    'surfaces',
+    *QUANTITIES,
+    'height_of',
+    'workers',
+    'scheduler',
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -164,11 +173,10 @@ def _expected(
 ) -> 'DropResult | Path':
     """Return the file of simulated drops, after a check of its part, or new drops."""
     if arguments.expected is None:
-        from resting_aspects_ros.api.condition_text import shipped_surfaces
         from resting_aspects_ros.api.drop import drop
         from resting_aspects_ros.cli.options import requested_conditions
 
-        conditions = requested_conditions(arguments, shipped_surfaces())
+        conditions = requested_conditions(arguments)
         with ExitStack() as stack:
             return drop(
                 part,

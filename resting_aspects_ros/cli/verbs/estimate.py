@@ -16,6 +16,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import LEARNED, METHODS
 from resting_aspects_ros.report.estimate_report import estimate_table, legend
+from resting_aspects_ros.simulation.surfaces import all_surfaces
 
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is, without drops. The methods take
@@ -56,7 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
     names = _methods(arguments.method)
     changed = changed_conditions(arguments)
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    result = estimate(part, names, surface=arguments.surface, against=arguments.against, **changed)
+    surface = arguments.surface and all_surfaces(arguments.surfaces).get(arguments.surface)
+    result = estimate(part, names, surface=surface, against=arguments.against, **changed)
     show_estimates(result, each=arguments.each, as_json=arguments.json)
     return 0
 

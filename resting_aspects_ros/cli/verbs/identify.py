@@ -25,7 +25,6 @@ EXAMPLES = """examples:
   resting_aspects identify my_part.stl --polygon seen.json --noise 0.2mm
   resting_aspects identify l_bracket --polygon seen.json --camera 0mm,50mm,600mm
 """
-MAX_BYTES = 1 << 24
 TELECENTRIC = (
     'The outline is taken as seen from straight above (telecentric lens); for a lens with '
     'perspective, give --camera.'
@@ -68,24 +67,15 @@ def run(arguments: argparse.Namespace) -> int:
     # These imports are slow because of NumPy and shapely.
     from resting_aspects_ros.api.identify import identification_document, identify_part, known_part
     from resting_aspects_ros.api.identify_hint import identification_hint
-    from resting_aspects_ros.api.inputs.json_document import parse_json
+    from resting_aspects_ros.api.inputs.polygon_json import read_polygon
     from resting_aspects_ros.api.load_part import load_part
-    from resting_aspects_ros.core.input_file import read_input
     from resting_aspects_ros.core.vision.likelihood import OutlineNoise
-    from resting_aspects_ros.core.vision.observation import observed_polygon
     from resting_aspects_ros.report.document import to_json
 
     noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
     camera = _camera(arguments.camera)
     path = arguments.polygon
-    text = read_input(path, MAX_BYTES, 'polygon').decode('utf-8-sig', 'replace')
-    document = parse_json(path, text)
-    if 'outlines' in document and 'outer' not in document:
-        raise InvalidValueError(
-            f'invalid --polygon {str(path)!r}: expected one outline with outer and holes; this is '
-            'the document of resting_aspects outlines, whose list outlines has one for each class'
-        )
-    seen = observed_polygon(document)
+    seen = read_polygon(path)
     parts = [
         load_part(part, arguments.unit, arguments.parts, arguments.body)
         for part in arguments.parts_

@@ -5,7 +5,6 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.output_files import check_output
 from resting_aspects_ros.cli.options import (
     add_conditions,
@@ -68,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.method != 'drops':
             _check_no_drop_flags(arguments)
         # Wrong values are refused before the client looks for a suite.
-        requested_conditions(arguments, shipped_surfaces())
+        requested_conditions(arguments)
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
@@ -109,7 +108,7 @@ def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
     """Raise InvalidValueError for a flag that a method of `estimate` ignores."""
     of_drops = ['drops', 'precision', 'seed', 'surroundings', 'picture']
     if arguments.method != LEARNED:
-        of_drops += ['surface', *QUANTITIES, 'height_of']
+        of_drops += ['surface', 'surfaces', *QUANTITIES, 'height_of']
     for name in of_drops:
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
@@ -117,7 +116,7 @@ def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
                 f'invalid {flag} {shown(str(given))}: expected only with --method drops'
                 + (
                     f' or {LEARNED}'
-                    if name in QUANTITIES or name in ('surface', 'height_of')
+                    if name in QUANTITIES or name in ('surface', 'surfaces', 'height_of')
                     else ''
                 )
             )
@@ -150,7 +149,7 @@ def _conditions(
     arguments: argparse.Namespace, client: 'RestingAspectsClient'
 ) -> DropConditions | None:
     """Return the requested conditions; None if no flag gives any."""
-    conditions = requested_conditions(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments)
     changes = changed_conditions(arguments)
     if arguments.surface:
         return conditions

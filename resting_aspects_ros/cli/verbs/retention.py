@@ -84,12 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
         lift = arguments.max_lift
         max_lift = None if lift is None else parse_quantity('--max-lift', lift, 'm')
         # These imports are slow because of NumPy.
-        from resting_aspects_ros.api.condition_text import shipped_surfaces
         from resting_aspects_ros.api.load_part import load_part
         from resting_aspects_ros.api.retention import retention
         from resting_aspects_ros.cli.options import requested_conditions
 
-        conditions = requested_conditions(arguments, shipped_surfaces())
+        conditions = requested_conditions(arguments)
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
         out = make_result_folder(arguments, part.name, (DOCUMENT, PICTURE), _check_report)
         result = retention(

@@ -114,6 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     """Return the requested study and its folder; raises InvalidValueError."""
+    from resting_aspects_ros.simulation.surfaces import all_surfaces
     from resting_aspects_ros.studies.study_spec import SPEC, make_spec, read_spec
 
     changes: dict[str, Any] = {
@@ -124,6 +125,7 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     for name in ('tolerance', 'confidence'):
         if getattr(arguments, name) is not None:
             changes[name] = parse_share(f'--{name}', getattr(arguments, name))
+    surfaces = all_surfaces(arguments.surfaces)
     first = Path(arguments.parts[0])
     if first.is_dir() and (first / SPEC).exists():
         first /= SPEC
@@ -134,8 +136,8 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
                 ' which defines them'
             )
         own = first.parent if first.name == SPEC else Path('out') / first.stem
-        return read_spec(first, changes), arguments.out or own
-    spec = make_spec(_document(arguments, changes))
+        return read_spec(first, changes, surfaces), arguments.out or own
+    spec = make_spec(_document(arguments, changes), surfaces=surfaces)
     name = '_'.join(part.name for part in spec.parts[:3])
     return spec, arguments.out or Path('out') / f'study_{name}'
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import (
@@ -124,7 +123,9 @@ def _feet(landscape: Landscape, minima: Indices) -> Array:
     return landscape.saddles.directions(landscape.hull, np.flatnonzero(inner))
 
 
-def _sweep(directions: Array, feet: Array, step: float, frame: Array) -> tuple[Sweep, Array, Array]:
+def _sweep(
+    directions: Array, feet: Array, step: float, frame: Array
+) -> tuple[Sweep, Array, Array]:
     """Return the sweep of the directions of a curved aspect, its axis, and their mean.
 
     ``feet`` are the directions in the saddles between them.

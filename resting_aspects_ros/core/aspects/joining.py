@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.geometry.curved_edges import CurvedEdges
 from resting_aspects_ros.core.geometry.polyhedron import Indices
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
-from resting_aspects_ros.core.rotations import Array, angle_between
+from resting_aspects_ros.core.rotations import angle_between
 
 # Barriers below this share of the height of the centre of mass in the higher minimum are noise:
 # the part leaves the minimum if it is tilted by 2.6 degrees.

@@ -8,9 +8,9 @@ from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.geometry.curved_edges import CurvedEdges
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.curved_edges import CurvedEdges
 from resting_aspects_ros.core.geometry.polyhedron import Indices, coplanar_facets
 from resting_aspects_ros.core.geometry.solid_angle import facet_angles
 from resting_aspects_ros.core.part import Part

@@ -160,13 +160,13 @@ class CurvedEdges:
         return largest
 
     def _depth_across(self, edge: int, facet: int) -> float:
-        """Return the depth, R, of a facet below its curved side in the direction across an edge."""
+        """Return the depth, R, of a facet below its curved side, across an edge."""
         hull = self._hull
         turn = hull.normals[sum(self._sides[edge]) - facet] - hull.normals[facet]
         if self._corners[facet] == 3:
             bending, covariance = (each[facet] for each in self._bending)
-            square = float(turn @ turn)
-            return TRIANGLE_DEPTH * float((turn @ bending @ turn) * (turn @ covariance @ turn)) / square**2
+            turn /= np.linalg.norm(turn)
+            return TRIANGLE_DEPTH * float((turn @ bending @ turn) * (turn @ covariance @ turn))
         depth = 0.0
         for other in hull.edges_of_facets[facet]:
             side = self._sides[other].index(facet)

@@ -49,7 +49,7 @@ class Grasp:
             raise InvalidValueError(
                 f'invalid position {shown(position.tolist())} of a grasp: expected x, y, z in m'
             )
-        if xyzw.shape != (4,) or not abs(np.linalg.norm(xyzw) - 1) <= LENGTH_TOLERANCE:
+        if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
             raise InvalidValueError(
                 f'invalid orientation {shown(xyzw.tolist())} of a grasp: expected a unit '
                 'quaternion xyzw'

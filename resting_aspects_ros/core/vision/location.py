@@ -7,6 +7,7 @@ R_a of the aspect at yaw 0 and the centre of mass c, the pose of the part frame 
     R = Rz(yaw) R_a,    t = (x, y, com_height) - R c.
 """
 
+import math
 import sys
 from dataclasses import dataclass
 from functools import cached_property
@@ -224,8 +225,7 @@ def camera_pose(
     position, orientation = np.asarray(position, float), np.asarray(orientation, float)
     if position.shape != (3,) or not np.isfinite(position).all():
         raise InvalidValueError(f'invalid position {shown(position.tolist())}: expected x, y, z')
-    length = np.linalg.norm(orientation)
-    if orientation.shape != (4,) or not abs(length - 1) <= LENGTH_TOLERANCE:
+    if orientation.shape != (4,) or not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
         raise InvalidValueError(
             f'invalid orientation {shown(orientation.tolist())}: expected a unit quaternion xyzw'
         )

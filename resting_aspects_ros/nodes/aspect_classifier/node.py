@@ -51,11 +51,10 @@ from resting_aspects_ros.ros.requested_surroundings import (
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
-from resting_aspects_ros.simulation.config_files import surfaces_file
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.surfaces import all_surfaces
 
 PARAMETERS = (
-    Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    Parameter('surfaces_file', '', 'YAML file of surfaces beside those of the suite'),
     SURROUNDINGS_FOLDER,
     FRAME_ID,
     PUBLISH_PERIOD,
@@ -82,7 +81,7 @@ class AspectClassifier(Node):
     def __init__(self) -> None:
         super().__init__(ASPECT_CLASSIFIER)
         values = declare(self, PARAMETERS)
-        surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
+        surfaces = all_surfaces(values['surfaces_file'])
         self._files = FileWorker(self)
         self._parts = PartRegistry(self, self._files, self._on_part_read, self._on_part_rejected)
         self._known = DistributionStore(self._parts.aspects)

@@ -52,16 +52,16 @@ from resting_aspects_ros.ros.requested_surroundings import (
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import BusyError, CanceledError
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.config_files import parts_folder, surfaces_file
+from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.process_workers import MAX_WORKERS, default_workers
 from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription, check_run_id
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.surfaces import all_surfaces
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
-    Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    Parameter('surfaces_file', '', 'YAML file of surfaces beside those of the suite'),
     SURROUNDINGS_FOLDER,
     SURFACE,
     FRAME_ID,
@@ -80,7 +80,7 @@ class DropSimulator(Node):
         super().__init__(DROP_SIMULATOR)
         values = declare(self, PARAMETERS)
         folder = _folder(values['parts_folder'] or parts_folder())
-        self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
+        self._surfaces = all_surfaces(values['surfaces_file'])
         frame = check_frame(values[FRAME_ID.name])
         self._default = DefaultConditionsPublisher(self, self._surfaces)
         self._workers = AsyncWorkers(self, values['workers'] or default_workers())

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -232,7 +233,7 @@ def _quaternion(given: Any) -> tuple[float, ...]:
         xyzw = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         xyzw = np.zeros(0)
-    if xyzw.shape != (4,) or not abs(float(np.linalg.norm(xyzw)) - 1) <= LENGTH_TOLERANCE:
+    if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
         raise InvalidValueError(
             f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
         )

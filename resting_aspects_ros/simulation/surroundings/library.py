@@ -71,11 +71,7 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
             f'{", ".join(known)}{did_you_mean(text, known)}'
         )
     try:
-        if not isinstance(document, dict) or document.get('kind') not in KINDS:
-            kind = document.get('kind') if isinstance(document, dict) else document
-            raise InvalidValueError(
-                f'invalid kind {shown(kind)}: expected one of {", ".join(KINDS)}'
-            )
+        described_kind('surroundings', document, KINDS)
         _resolve_mesh(document, file.parent)
         values = _plain(document)
         for key, value in (changes or {}).items():
@@ -126,7 +122,7 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
 
     Raises InvalidValueError, with the name of the key.
     """
-    kind, values, _ = described_kind('surroundings', document)
+    kind, values, _ = described_kind('surroundings', document, KINDS)
     others = ('bodies', 'release', 'orientation')
     common = {key: values.pop(key) for key in others if key in values}
     shape = made_from(KINDS, 'surroundings', kind, values, others)

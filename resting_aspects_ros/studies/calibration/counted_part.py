@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.inputs.class_groups import parse_group
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.studies.calibration.solids import side_ids
 
 Counts = npt.NDArray[np.int64]
@@ -63,7 +63,7 @@ class CountedPart:
 
 
 def read_groups(
-    given: Any, drops: Any, kind: str, aspects: AspectSet, where: str
+    given: Any, drops: Any, kind: str, aspects: AspectSet
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...], Counts]:
     """Return groups of aspects, their names and their counts from a mapping of names to counts.
 
@@ -71,77 +71,68 @@ def read_groups(
     an aspect twice, if aspects are missing, or if the counts do not add up to the stated sum.
     """
     if not isinstance(given, Mapping) or not given:
-        raise InvalidValueError(f'{where}: invalid counts {shown(given)}: expected a mapping')
-    numbers = {str(k).strip().lower(): _count(each, k, where) for k, each in given.items()}
+        raise InvalidValueError(f'invalid counts {shown(given)}: expected a mapping')
+    numbers = {_name(k): _count(each, k) for k, each in given.items()}
     if len(numbers) < len(given):
-        raise InvalidValueError(f'{where}: invalid counts {shown(given)}: expected each name once')
-    total = None if drops is None else _count(drops, 'drops', where)
+        raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
+    total = None if drops is None else _count(drops, 'drops')
     ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
-    groups = _named_groups(numbers, kind, aspects, where)
+    groups = _named_groups(numbers, kind, aspects)
     left = {a.id for a in aspects.aspects} - {k for ids in groups.values() for k in ids}
-    rest = _rest(rest, total, sum(numbers.values()) + ignored, left, where)
+    rest = _rest(rest, total, sum(numbers.values()) + ignored, left)
     if left:
         groups[REST], numbers[REST] = tuple(sorted(left)), rest
     if len(groups) < 2:
         raise InvalidValueError(
-            f'{where}: invalid counts: all aspects are in one group, which says nothing about '
+            'invalid counts: all aspects are in one group, which says nothing about '
             'the surface: expected two or more'
         )
     counts = np.array([numbers[name] for name in groups], dtype=np.int64)
-    _check_sum(counts, list(groups), where)
+    if not 1 <= counts.sum() <= MAX_COUNTED:
+        raise InvalidValueError(
+            f'invalid number of drops {counts.sum()}: expected 1 to {MAX_COUNTED}'
+        )
     return tuple(groups.values()), tuple(groups), counts
 
 
 def _named_groups(
-    numbers: Mapping[str, int], kind: str, aspects: AspectSet, where: str
+    numbers: Mapping[str, int], kind: str, aspects: AspectSet
 ) -> dict[str, tuple[int, ...]]:
     """Return the ids of the aspects of each name; raises InvalidValueError if two overlap."""
     groups: dict[str, tuple[int, ...]] = {}
     for name in numbers:
-        ids = _ids(name, kind, aspects, where)
+        ids = _ids(name, kind, aspects)
         if twice := {k for other in groups.values() for k in other} & set(ids):
             raise InvalidValueError(
-                f'{where}: invalid counts: {shown(name)} counts aspect {min(twice)} again: '
+                f'invalid counts: {shown(name)} counts aspect {min(twice)} again: '
                 'expected each aspect once'
             )
         groups[name] = ids
     return groups
 
 
-def _rest(rest: int | None, total: int | None, counted: int, left: set[int], where: str) -> int:
+def _rest(rest: int | None, total: int | None, counted: int, left: set[int]) -> int:
     """Return the count of the aspects that are left; raises InvalidValueError."""
     if rest is None and total is not None and left:
         rest = total - counted
     known = max(rest or 0, 0)
     if (rest or 0) < 0 or (total is not None and counted + known != total):
         raise InvalidValueError(
-            f'{where}: invalid drops {total}: expected the sum of the counts, {counted + known}'
+            f'invalid drops {total}: expected the sum of the counts, {counted + known}'
         )
     if rest is None and left:
         raise InvalidValueError(
-            f'{where}: invalid counts: aspects {_listed(left)} are missing: expected a count of '
+            f'invalid counts: aspects {_listed(left)} are missing: expected a count of '
             f'each (0 if it was never seen), or {REST}, or drops, the number of all drops'
         )
     if rest and not left:
         raise InvalidValueError(
-            f'{where}: invalid {REST} {rest}: expected 0, because all aspects are counted'
+            f'invalid {REST} {rest}: expected 0, because all aspects are counted'
         )
     return known
 
 
-def _check_sum(counts: Counts, names: list[str], where: str) -> None:
-    if not 1 <= counts.sum() <= MAX_COUNTED:
-        raise InvalidValueError(
-            f'{where}: invalid number of drops {counts.sum()}: expected 1 to {MAX_COUNTED}'
-        )
-    if counts.max() == counts.sum():
-        warn(
-            f'{where}: all {counts.sum()} drops are in {names[int(counts.argmax())]!r}: they '
-            'tell little about the surface'
-        )
-
-
-def _ids(name: str, kind: str, aspects: AspectSet, where: str) -> tuple[int, ...]:
+def _ids(name: str, kind: str, aspects: AspectSet) -> tuple[int, ...]:
     """Return the ids of the aspects that a name stands for; raises InvalidValueError."""
     if sides := side_ids(kind, name, aspects):
         return sides
@@ -153,27 +144,29 @@ def _ids(name: str, kind: str, aspects: AspectSet, where: str) -> tuple[int, ...
         group = parse_group(name)
         classes = {a.symmetry_class for a in aspects.aspects}
         if group is None:
-            raise InvalidValueError(
-                f'{where}: invalid name {shown(name)} of a count: expected {_EXPECTED}'
-            )
+            raise InvalidValueError(f'invalid name {shown(name)} of a count: expected {_EXPECTED}')
         inside = set(group) <= classes
         found = [a.id for a in aspects.aspects if inside and a.symmetry_class in group]
         known = f'classes 1 to {max(classes)}'
     if not found:
         raise InvalidValueError(
-            f'{where}: invalid name {shown(name)} of a count: the part has {known}; see '
+            f'invalid name {shown(name)} of a count: the part has {known}; see '
             'resting_aspects aspects'
         )
     return tuple(found)
 
 
-def _count(value: Any, name: object, where: str) -> int:
+def _count(value: Any, name: object) -> int:
     if type(value) is not int or not 0 <= value <= MAX_COUNTED:
         raise InvalidValueError(
-            f'{where}: invalid count {shown(value)} of {shown(name)}: expected an integer from 0 '
+            f'invalid count {shown(value)} of {shown(name)}: expected an integer from 0 '
             f'to {MAX_COUNTED}'
         )
     return value
+
+
+def _name(key: Any) -> str:
+    return (key if isinstance(key, str) else shown(key)).strip().lower()
 
 
 def _listed(ids: set[int]) -> str:

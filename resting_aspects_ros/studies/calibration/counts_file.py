@@ -3,19 +3,20 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
+from resting_aspects_ros.core.errors import InvalidValueError, located, one_line, shown, warn
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.part import is_valid_name
 from resting_aspects_ros.core.quantity_text import parse_quantity
+from resting_aspects_ros.core.schema import FileModel, validated
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.quantity import check_name
 from resting_aspects_ros.studies.calibration.counted_part import CountedPart, read_groups
-from resting_aspects_ros.studies.calibration.solids import KINDS, make_solid
+from resting_aspects_ros.studies.calibration.solids import KINDS, CountedEntry, make_solid
 from resting_aspects_ros.studies.factors import Factor, read_factor
 from resting_aspects_ros.studies.setting import Setting
 
@@ -36,8 +37,10 @@ WAYS: dict[str, dict[str, float | str]] = {
     DROPPED: {**_COMMON, 'spin': 0.0, 'speed_horizontal': 0.0},
     THROWN: {**_COMMON, 'spin': '0:100', 'speed_horizontal': '0:1.5'},
 }
-_KEYS = {'surface', 'source', 'way', 'conditions', 'parts'}
-_PART_KEYS = {'name', 'unit', 'counts', 'drops', 'conditions', *KINDS}
+EXPECTED = {
+    'way': f'{DROPPED} (released at rest) or {THROWN} (with spin and speed)',
+    'parts': f'a list of 1 to {MAX_PARTS} parts',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,16 @@ class SurfaceCounts:
         return sum(each.drops for each in self.parts)
 
 
+class CountsFile(FileModel):
+    """A counts file; its parts and conditions are checked by themselves."""
+
+    surface: Any = 'calibrated'
+    source: Any = ''
+    way: Literal['dropped', 'thrown'] = 'dropped'
+    conditions: Any = None
+    parts: list[Any]
+
+
 def read_surface_counts(path: Path) -> SurfaceCounts:
     """Read a file; raises RestingAspectsError with one line that names the entry."""
     label = named('counts file', path)
@@ -75,23 +88,19 @@ def read_surface_counts(path: Path) -> SurfaceCounts:
 
 def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> SurfaceCounts:
     """Return the counts in a document with the keys of a counts file."""
-    given = _mapping(document, _KEYS, label)
-    surface = given.get('surface', 'calibrated')
-    if not isinstance(surface, str) or not is_valid_name(surface):
-        raise InvalidValueError(
-            f'{label}: invalid surface {shown(surface)}: expected a name such as oak_table'
-        )
-    way = _checked_way(given.get('way', DROPPED), label)
-    entries = given.get('parts')
-    if not isinstance(entries, list) or not 1 <= len(entries) <= MAX_PARTS:
-        raise InvalidValueError(
-            f'{label}: invalid parts {shown(entries)}: expected a list of 1 to {MAX_PARTS} parts'
-        )
-    factors, base = _conditions(given.get('conditions', {}), way, _known_of_all(entries), label)
-    fitted = {factor.name for factor in factors}
+    with located(label):
+        given = validated(CountsFile, document, expected=EXPECTED)
+        surface = check_name('a surface', given.surface)
+        if not 1 <= len(given.parts) <= MAX_PARTS:
+            raise InvalidValueError(
+                f'invalid parts {shown(given.parts)}: expected a list of 1 to {MAX_PARTS} parts'
+            )
+        known = _known_of_all(given.parts)
+        factors, base = made_conditions(given.conditions, given.way, known)
+        fitted = {factor.name for factor in factors}
     parts = [
         _part(entry, folder, f'{label}, part {number}', fitted, base)
-        for number, entry in enumerate(entries, 1)
+        for number, entry in enumerate(given.parts, 1)
     ]
     names = [part.name for part in parts]
     for name in names:
@@ -100,32 +109,8 @@ def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> S
                 f'{label}: invalid parts: {shown(name)} is there twice: expected another name '
                 'for each'
             )
-    source = one_line(str(given.get('source', '')), 1000)
-    return SurfaceCounts(surface, source, way, factors, base, tuple(parts))
-
-
-def made_conditions(given: Any, way: str) -> tuple[tuple[Factor, ...], DropConditions]:
-    """Return what is fitted and what is known, from the keys conditions and way of a file."""
-    return _conditions(given, _checked_way(way, 'counts'), {}, 'counts')
-
-
-def _checked_way(way: Any, label: str) -> str:
-    if not isinstance(way, str) or way not in WAYS:
-        raise InvalidValueError(
-            f'{label}: invalid way {shown(way)}: expected {DROPPED} (released at rest) or '
-            f'{THROWN} (with spin and speed)'
-        )
-    return way
-
-
-def _mapping(given: Any, keys: set[str], where: str) -> Mapping[str, Any]:
-    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
-        raise InvalidValueError(f'{where}: invalid {shown(given)}: expected a mapping')
-    if unknown := sorted(set(given) - keys):
-        raise InvalidValueError(
-            f'{where}: invalid key {shown(unknown[0])}: expected {", ".join(sorted(keys))}'
-        )
-    return given
+    source = given.source if isinstance(given.source, str) else shown(given.source)
+    return SurfaceCounts(surface, one_line(source, 1000), given.way, factors, base, tuple(parts))
 
 
 def _known_of_all(entries: list[Any]) -> dict[str, Any]:
@@ -140,30 +125,36 @@ def _known_of_all(entries: list[Any]) -> dict[str, Any]:
     return {k: v for k, v in stated[0].items() if k in QUANTITIES and all(k in s for s in stated)}
 
 
-def _conditions(
-    given: Any, way: str, known_of_all: Mapping[str, Any], label: str
+def made_conditions(
+    given: Any, way: str, known_of_all: Mapping[str, Any] | None = None
 ) -> tuple[tuple[Factor, ...], DropConditions]:
-    """Return what is fitted, and the known conditions."""
-    where = f'{label}, conditions'
-    stated = dict(_mapping(given, {*QUANTITIES, 'height_of'}, where))
-    height_of = _height_of(stated.pop('height_of', HeightOf.LOWEST_POINT.name), where)
-    both = {**WAYS[way], **known_of_all, **stated}
-    ranges = {k: v for k, v in both.items() if isinstance(v, Mapping) or ':' in str(v)}
-    known = {k: _value(k, v, where) for k, v in both.items() if k not in ranges}
-    # A factor needs unit and bounds only, which all conditions have.
-    middle = {name: QUANTITIES[name].low or 1.0 for name in ranges}
-    values: dict[str, Any] = {**middle, **known, 'height_of': height_of}
-    base = DropConditions(**values)
-    try:
+    """Return what is fitted and what is known, from the keys conditions and way of a file.
+
+    ``known_of_all`` are conditions that all parts state. Raises InvalidValueError.
+    """
+    if way not in WAYS:
+        raise InvalidValueError(f'invalid way {shown(way)}: expected {EXPECTED["way"]}')
+    with located('conditions'):
+        stated = _stated(given, 'height_of')
+        height_of = stated.pop('height_of', HeightOf.LOWEST_POINT.name)
+        both = {**WAYS[way], **(known_of_all or {}), **stated}
+        ranges = {
+            k: v
+            for k, v in both.items()
+            if isinstance(v, Mapping) or (isinstance(v, str) and ':' in v)
+        }
+        known = {k: _value(k, v) for k, v in both.items() if k not in ranges}
+        # A factor needs unit and bounds only, which all conditions have.
+        middle = {name: QUANTITIES[name].low or 1.0 for name in ranges}
+        values: dict[str, Any] = {**middle, **known}
+        base = DropConditions(**values, height_of=_height_of(height_of))
         factors = tuple(
             read_factor(k, ranges[k], Setting(base)) for k in QUANTITIES if k in ranges
         )
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{where}: {error}') from None
-    if not factors:
-        raise InvalidValueError(
-            f'{where}: invalid conditions: all values are known: expected a range for one or more'
-        )
+        if not factors:
+            raise InvalidValueError(
+                'invalid conditions: all values are known: expected a range for one or more'
+            )
     middles = {f.name: float(f.values(np.array([0.5]))[0]) for f in factors}
     return factors, base.changed(**middles)
 
@@ -171,43 +162,54 @@ def _conditions(
 def _part(
     given: Any, folder: Path, where: str, fitted: set[str], base: DropConditions
 ) -> CountedPart:
-    entry = _mapping(given, _PART_KEYS, where)
-    name = one_line(str(entry.get('name', '')), 60)
+    """Return a part with its counts; raises RestingAspectsError."""
+    with located(where):
+        entry = validated(CountedEntry, given, expected=KINDS)
+        name = one_line(entry.name, 60)
     where = f'{where}, {name}' if name else where
-    try:
-        part = make_solid(entry, folder, where)
-    except RestingAspectsError as error:
-        text = str(error)
-        raise type(error)(text if text.startswith(where) else f'{where}: {text}') from None
-    aspects = find_aspects(part)
-    kind = next(kind for kind in KINDS if kind in entry)
-    groups, names, counts = read_groups(
-        entry.get('counts'), entry.get('drops'), kind, aspects, where
-    )
-    stated = _mapping(entry.get('conditions', {}), set(QUANTITIES), f'{where}, conditions')
-    values = {k: _value(k, v, f'{where}, conditions') for k, v in stated.items()}
-    if both := sorted(fitted & set(values)):
-        raise InvalidValueError(
-            f'{where}: invalid {both[0]}: it is fitted for all parts: expected it known for all '
-            'parts, or not stated here'
+    with located(where):
+        part = make_solid(entry, folder)
+        aspects = find_aspects(part)
+        groups, names, counts = read_groups(entry.counts, entry.drops, entry.kind, aspects)
+        with located('conditions'):
+            values = {k: _value(k, v) for k, v in _stated(entry.conditions).items()}
+            base.changed(**values)  # checks the values
+        if both := sorted(fitted & set(values)):
+            raise InvalidValueError(
+                f'invalid {both[0]}: it is fitted for all parts: expected it known for all '
+                'parts, or not stated here'
+            )
+    if counts.max() == counts.sum():
+        warn(
+            f'{where}: all {counts.sum()} drops are in {names[int(counts.argmax())]!r}: they '
+            'tell little about the surface'
         )
-    base.changed(**values)  # checks the values
     return CountedPart(name or part.name, part, aspects, groups, names, counts, values)
 
 
-def _value(name: str, given: Any, where: str) -> float:
-    try:
-        unit = QUANTITIES[name].unit
-        number = (
-            parse_quantity(name, given.replace(' ', ''), unit) if isinstance(given, str) else given
-        )
-        return QUANTITIES[name].check(name, number)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{where}: {error}') from None
+def _stated(given: Any, *others: str) -> dict[str, Any]:
+    """Return a mapping of conditions; raises InvalidValueError for a name that is not known."""
+    known = [*QUANTITIES, *others]
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f'invalid {shown(given)}: expected a mapping')
+    for key in given:
+        if key not in known:
+            raise InvalidValueError(f'invalid key {shown(key)}: expected {", ".join(known)}')
+    return dict(given)
 
 
-def _height_of(given: Any, where: str) -> HeightOf:
+def _value(name: str, given: Any) -> float:
+    unit = QUANTITIES[name].unit
+    number = (
+        parse_quantity(name, given.replace(' ', ''), unit) if isinstance(given, str) else given
+    )
+    return QUANTITIES[name].check(name, number)
+
+
+def _height_of(given: Any) -> HeightOf:
     if not isinstance(given, str) or given not in HeightOf.__members__:
         allowed = ' or '.join(h.name for h in HeightOf)
-        raise InvalidValueError(f'{where}: invalid height_of {shown(given)}: expected {allowed}')
+        raise InvalidValueError(f'invalid height_of {shown(given)}: expected {allowed}')
     return HeightOf[given]

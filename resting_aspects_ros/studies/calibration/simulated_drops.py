@@ -4,13 +4,15 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, StrictStr
 
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.schema import Count, validated
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.dask_workers import worker_versions
@@ -22,6 +24,11 @@ Counts = npt.NDArray[np.int64]
 
 # Points that are simulated together, and then saved.
 BATCH = 8
+
+
+class _SavedDrops(BaseModel):
+    simulated: StrictStr
+    counts: dict[StrictStr, list[Count]]
 
 
 class SimulatedDrops:
@@ -88,9 +95,8 @@ class SimulatedDrops:
 
 def _read(file: Path, label: str) -> dict[str, list[int]]:
     """Return the counts in a file; none if it cannot be read or is of other versions or seeds."""
-    found: dict[str, Any] = {}
-    with suppress(OSError, ValueError, AttributeError):
-        document = json.loads(file.read_text(encoding='utf-8'))
-        if document.get('simulated') == label:
-            found = document['counts']
-    return found
+    with suppress(OSError, ValueError, RecursionError, InvalidValueError):
+        document = validated(_SavedDrops, json.loads(file.read_text(encoding='utf-8')))
+        if document.simulated == label:
+            return document.counts
+    return {}

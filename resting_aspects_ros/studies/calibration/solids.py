@@ -1,17 +1,18 @@
 """Parts of a counts file: named parts, mesh files, and solids that are given by their sizes."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import StrictStr
 
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
 from resting_aspects_ros.core.part import Part, valid_name
 from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.core.schema import FileModel, Number, Positive
 from resting_aspects_ros.core.units import DEFAULT_UNIT
 
 # How a part is given, with what is expected.
@@ -28,31 +29,49 @@ AXIS_ANGLE = np.radians(3.0)
 MAX_POINTS = 10_000
 
 
-def make_solid(entry: Mapping[str, Any], folder: Path, where: str) -> Part:
-    """Return the part of an entry with exactly one of KINDS; raises RestingAspectsError."""
-    given = [kind for kind in KINDS if kind in entry]
-    if len(given) != 1:
-        raise InvalidValueError(f'{where}: expected exactly one of {", ".join(KINDS)}')
-    kind, value = given[0], entry[given[0]]
-    unit = entry.get('unit')
-    if kind in ('part', 'mesh'):
-        if not isinstance(value, str):
-            raise InvalidValueError(f'{where}: invalid {kind} {shown(value)}: expected text')
-        return load_part(value if kind == 'part' else folder / value, unit)
+class CountedEntry(FileModel):
+    """A part of a counts file, which is given in one of the ways in KINDS."""
+
+    name: StrictStr = ''
+    unit: StrictStr | None = None
+    counts: Any = None
+    drops: Any = None
+    conditions: Any = None
+    part: StrictStr | None = None
+    mesh: StrictStr | None = None
+    box: tuple[Positive, Positive, Positive] | None = None
+    cylinder: tuple[Positive, Positive] | None = None
+    hull: list[tuple[Number, Number, Number]] | None = None
+
+    @property
+    def kind(self) -> str:
+        """The key in KINDS that is given; raises InvalidValueError unless it is exactly one."""
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise InvalidValueError(
+                f'invalid keys {shown(given)}: expected exactly one of {", ".join(KINDS)}'
+            )
+        return given[0]
+
+
+def make_solid(entry: CountedEntry, folder: Path) -> Part:
+    """Return the part of an entry; raises RestingAspectsError."""
+    kind, unit = entry.kind, entry.unit
+    if entry.part is not None:
+        return load_part(entry.part, unit)
+    if entry.mesh is not None:
+        return load_part(folder / entry.mesh, unit)
     import trimesh  # takes a second
 
-    numbers = _numbers(value, kind, where)
-    if kind == 'box':
-        mesh = trimesh.creation.box(numbers)
-    elif kind == 'cylinder':
-        mesh = trimesh.creation.cylinder(numbers[0] / 2, numbers[1], sections=SECTIONS)
+    if entry.box is not None:
+        mesh = trimesh.creation.box(entry.box)
+    elif entry.cylinder is not None:
+        mesh = trimesh.creation.cylinder(entry.cylinder[0] / 2, entry.cylinder[1], SECTIONS)
     else:
-        if np.linalg.matrix_rank(numbers - numbers.mean(axis=0)) < 3:
-            raise PartError(f'{where}: invalid hull: expected points that span a solid')
-        mesh = trimesh.convex.convex_hull(numbers)
+        mesh = trimesh.convex.convex_hull(_spanning(entry.hull or []))
     data = mesh.export(file_type='stl')
     assert isinstance(data, bytes)
-    name = valid_name(str(entry.get('name', kind)))
+    name = valid_name(entry.name or kind)
     return part_from_bytes(data, 'stl', name, unit=DEFAULT_UNIT if unit is None else unit)
 
 
@@ -71,17 +90,13 @@ def side_ids(kind: str, name: str, aspects: AspectSet) -> tuple[int, ...] | None
     return tuple(a.id for a, chosen in zip(aspects.aspects, inside, strict=True) if chosen)
 
 
-def _numbers(value: Any, kind: str, where: str) -> npt.NDArray[np.float64]:
-    shapes = {'box': (3,), 'cylinder': (2,)}
-    try:
-        numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        numbers = np.zeros(0)
-    fits = (
-        numbers.shape == shapes[kind] and bool((numbers > 0).all())
-        if kind in shapes
-        else numbers.ndim == 2 and numbers.shape[1] == 3 and 4 <= len(numbers) <= MAX_POINTS
-    )
-    if not fits or not np.isfinite(numbers).all():
-        raise InvalidValueError(f'{where}: invalid {kind} {shown(value)}: expected {KINDS[kind]}')
-    return numbers
+def _spanning(points: list[tuple[float, float, float]]) -> npt.NDArray[np.float64]:
+    """Return points (n, 3) that span a solid; raises RestingAspectsError."""
+    if not 4 <= len(points) <= MAX_POINTS:
+        raise InvalidValueError(
+            f'invalid hull of {len(points)} points: expected 4 to {MAX_POINTS} {KINDS["hull"]}'
+        )
+    found = np.array(points, dtype=np.float64)
+    if np.linalg.matrix_rank(found - found.mean(axis=0)) < 3:
+        raise PartError('invalid hull: expected points that span a solid')
+    return found

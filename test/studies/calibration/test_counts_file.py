@@ -15,7 +15,7 @@ from resting_aspects_ros.studies.calibration.counts_file import (
     make_surface_counts,
     read_surface_counts,
 )
-from resting_aspects_ros.studies.calibration.solids import make_solid
+from resting_aspects_ros.studies.calibration.solids import CountedEntry, make_solid
 
 ROOT = Path(__file__).parents[3]
 BOX = {'box': [20, 20, 15], 'counts': {'z': 60, 'rest': 40}}
@@ -23,11 +23,11 @@ BOX = {'box': [20, 20, 15], 'counts': {'z': 60, 'rest': 40}}
 
 @pytest.fixture(scope='module')
 def box():
-    return find_aspects(make_solid({'box': [20, 30, 10]}, Path(), 'here'))
+    return find_aspects(make_solid(CountedEntry(box=(20, 30, 10)), Path()))
 
 
 def groups(given, aspects, drops=None, kind='box'):
-    return read_groups(given, drops, kind, aspects, 'here')
+    return read_groups(given, drops, kind, aspects)
 
 
 def test_axes_of_a_box_are_its_classes(box):
@@ -55,7 +55,7 @@ def test_counts_by_class_aspect_and_rest(given, drops, ids, counts, box):
 
 
 def test_sides_of_a_cylinder():
-    aspects = find_aspects(make_solid({'cylinder': [10, 10]}, Path(), 'here'))
+    aspects = find_aspects(make_solid(CountedEntry(cylinder=(10, 10)), Path()))
     ids, _, counts = groups({'end': 38, 'side': 62}, aspects, kind='cylinder')
     ends = {a.id for a in aspects.aspects if abs(a.down_in_part[2]) > 0.9}
     assert set(ids[0]) == ends
@@ -92,9 +92,10 @@ def test_wrong_counts_are_refused(given, drops, message, box):
         groups(given, box, drops)
 
 
-def test_counts_in_a_single_group_are_warned_of(box):
-    with pytest.warns(Warned, match="all 50 drops are in 'z': they tell little"):
-        groups({'z': 50, 'rest': 0}, box)
+def test_counts_in_a_single_group_are_warned_of():
+    part = {'name': 'block', 'box': [20, 30, 10], 'counts': {'z': 50, 'rest': 0}}
+    with pytest.warns(Warned, match="block: all 50 drops are in 'z': they tell little"):
+        make_surface_counts({'parts': [part]}, Path())
 
 
 def test_dropped_parts_have_two_fitted_conditions_and_a_height():
@@ -144,7 +145,7 @@ def test_example_has_the_published_shares():
     ('changes', 'message'),
     [
         ({'colour': 'red'}, "invalid key 'colour'"),
-        ({'surface': 'My table'}, "invalid surface 'My table'"),
+        ({'surface': 'My table'}, "invalid name 'My table' of a surface.*without spaces"),
         ({'way': 'rolled'}, "invalid way 'rolled'"),
         ({'parts': []}, r'invalid parts \[\]'),
         ({'parts': [BOX, BOX]}, 'is there twice'),

@@ -1,0 +1,104 @@
+"""`--surfaces FILE`: surfaces of one's own beside those of the suite, for every command."""
+
+import json
+
+import pytest
+import yaml
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.cli.main import make_parser
+from resting_aspects_ros.cli.verbs import COMMANDS
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+DRAWS = {'friction': [0.3 + k / 100 for k in range(8)]}
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A file with one surface, ice, as `calibrate` writes it: without those of the suite."""
+    mat = shipped_surfaces().get()
+    entry = {name: getattr(mat, name) for name in QUANTITIES} | {
+        'height_of': 'LOWEST_POINT',
+        'friction': 0.02,
+        'uncertainty': DRAWS,
+    }
+    path = tmp_path / 'own.yaml'
+    path.write_text(yaml.safe_dump({'ice': entry}), encoding='utf-8')
+    return path
+
+
+def test_each_command_with_a_surface_takes_a_file_of_surfaces():
+    flags = {}
+    for name in COMMANDS:
+        (choices,) = (a.choices for a in make_parser([name])._actions if a.choices)
+        flags[name] = set(choices[name]._option_string_actions)
+    with_surface = [name for name in flags if '--surface' in flags[name]]
+    assert {'drop', 'study', 'optimise', 'request', 'reorient'} <= set(with_surface)
+    assert [name for name in flags if '--surfaces' in flags[name]] == with_surface
+
+
+def test_surface_of_the_file_is_used_by_its_name(run, own):
+    words = ['drop', 'tetrahedron', '--drops', '4', '--json', '--surfaces', own]
+    conditions = json.loads(run(*words, '--surface', 'ice').stdout)['conditions']
+    assert (conditions['surface'], conditions['friction']) == ('ice', 0.02)
+    shipped = json.loads(run(*words, '--surface', 'steel').stdout)['conditions']
+    assert (shipped['surface'], shipped['friction']) == ('steel', 0.15)
+
+
+def test_unknown_surface_is_refused_with_those_of_the_file(run, own):
+    ended = run('drop', 'tetrahedron', '--surfaces', own, '--surface', 'snow')
+    assert ended.returncode == 2
+    assert "invalid surface 'snow': expected one of ice, rubber_mat, steel" in ended.stderr
+
+
+def test_uncertainty_of_the_file_is_carried_through(run, own):
+    words = ('--propagate', '--surfaces', own, '--surface', 'ice', '--drops', '16', '--json')
+    ended = run('drop', 'tetrahedron', *words)
+    assert ended.returncode == 0, ended.stderr
+    used = [each['conditions']['friction'] for each in json.loads(ended.stdout)['samples']]
+    assert sorted(used) == DRAWS['friction']
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['estimate', 'l_bracket', '--method', 'rolling'],
+        ['reorient', 'tetrahedron', '--action', 'tap', '--per-aspect', '1'],
+        ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--points', '2', '--drops', '2'],
+    ],
+    ids=lambda words: words[0],
+)
+def test_other_commands_use_the_file(run, own, words):
+    assert run(*words, '--surface', 'ice').returncode == 2
+    ended = run(*words, '--surface', 'ice', '--surfaces', own)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_study_on_an_own_surface_is_continued_without_the_file(run, own, tmp_path):
+    words = ['--points', '2', '--drops', '2', '--out', tmp_path / 's']
+    given = ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--surface', 'ice']
+    assert run(*given, '--surfaces', own, *words).returncode == 0
+    written = yaml.safe_load((tmp_path / 's' / 'study.yaml').read_text(encoding='utf-8'))
+    assert (written['surface'], written['conditions']['friction']) == ('ice', 0.02)
+    own.unlink()
+    ended = run('study', tmp_path / 's' / 'study.yaml')
+    assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.parametrize('name', ['my table', '"a\tb"', '1st', '"a-b"', '7', '""'])
+def test_name_with_a_space_is_refused_and_the_space_is_named(run, own, name):
+    own.write_text(own.read_text(encoding='utf-8').replace('ice:', f'{name}:'), encoding='utf-8')
+    ended = run('drop', 'tetrahedron', '--surfaces', own, '--surface', 'steel')
+    assert ended.returncode == 2
+    assert 'without spaces' in ended.stderr
+    assert name.strip('"').split('\t')[0] in ended.stderr
+
+
+def test_space_in_the_name_of_counts_is_named(run, tmp_path):
+    counts = tmp_path / 'counts.yaml'
+    part = '{box: [9, 8, 7], counts: {z: 3, rest: 4}}'
+    counts.write_text(f'surface: my table\nparts: [{part}]', encoding='utf-8')
+    ended = run('calibrate', counts)
+    assert ended.returncode == 2
+    assert "'my table'" in ended.stderr
+    assert 'without spaces' in ended.stderr
