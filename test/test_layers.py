@@ -59,7 +59,6 @@ ROOMS = {
 TOP = {'cli', ''}
 # Files that are in no room.
 OUTSIDE = {'__init__.py', 'nodes/__init__.py'}
-MAX_LINES = 250
 # A log needs the serialisation of messages: imported when one is read or written.
 LATE = {('api', 'run_logs')}
 CORE_KNOWS = {'numpy', 'scipy', 'shapely', 'trimesh'} | set(sys.stdlib_module_names)
@@ -167,11 +166,6 @@ def test_every_module_is_in_a_room():
     found = {where(path): room(path.relative_to(PACKAGE).parts) for path in modules()}
     assert {path for path, name in found.items() if not name} == OUTSIDE
     assert {*found.values()} == {*ROOMS, *TOP}
-
-
-def test_modules_are_short():
-    lines = {where(path): len(path.read_text('utf-8').splitlines()) for path in modules()}
-    assert {path: count for path, count in lines.items() if count > MAX_LINES} == {}
 
 
 def test_rooms_import_in_one_direction():

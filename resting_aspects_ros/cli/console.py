@@ -13,7 +13,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.contact_report import contact_table
 from resting_aspects_ros.report.rounding import size_text
-from resting_aspects_ros.report.table import distribution_table, never_seen_text
+from resting_aspects_ros.report.table import distribution_table, merged_text, never_seen_text
 
 # Width of a table that is written to a pipe or a file.
 PIPED_WIDTH = 80
@@ -47,6 +47,8 @@ def print_table(
     show_table(console, distribution_table(distribution, title, part, each=each))
     if unseen := never_seen_text(distribution, each=each):
         console.print(unseen, highlight=False)
+    if merged := merged_text(distribution.aspects):
+        console.print(merged, highlight=False)
 
 
 def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> None:

@@ -102,6 +102,19 @@ def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
     return f'Never seen: {", ".join(texts)}.' if texts and distribution.drops else ''
 
 
+def merged_text(aspects: AspectSet) -> str:
+    """Describe the barriers that were ignored to find the aspects; empty if there are none."""
+    having = tuple(aspect for aspect in aspects.aspects if aspect.merged > 0)
+    if not having:
+        return ''
+    highest = 1000 * max(aspect.merged for aspect in having)
+    plural = 's' if len(having) > 1 else ''
+    return (
+        f'Ignored in aspect{plural} {ids_text(having)}: barriers of up to {highest:.2g} mm, which '
+        'the mesh or noise explains.'
+    )
+
+
 def _basin_text(row: Row) -> str:
     share = 100 * sum(aspect.basin_share for aspect in row.aspects)
     them = 'them' if len(row.aspects) > 1 else 'it'

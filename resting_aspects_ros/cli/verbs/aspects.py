@@ -13,7 +13,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.rounding import size_text
-from resting_aspects_ros.report.table import aspect_table, symmetry_text
+from resting_aspects_ros.report.table import aspect_table, merged_text, symmetry_text
 
 DESCRIPTION = """Show the aspects in which a part can rest, and which of them look the same
 because a rotation maps the part onto itself. The basin of an aspect is the
@@ -46,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     title = f'{part.name}, {size_text(part)}: {words}'
     console = make_console()
     show_table(console, aspect_table(aspects, part, title, each=arguments.each))
+    if merged := merged_text(aspects):
+        console.print(merged, highlight=False)
     if aspects.symmetry is not None:
         console.print(f'Symmetry: {symmetry_text(aspects.symmetry)}.', highlight=False)
     console.print('For pictures, run resting_aspects drop with --report.', highlight=False)

@@ -143,6 +143,21 @@ class AspectSet:
         ids, angle = self.locate(down_in_part(xyzw, self.floor_normal))
         return np.where(angle <= POSE_ANGLE, ids, 0)
 
+    def at_rest(self) -> 'AspectSet':
+        """Return the aspects with only those directions in which a smooth part rests.
+
+        In the others, such as the flats of the fillet beside a flat side, only the mesh stops it.
+        """
+        rests = [
+            dataclasses.replace(
+                a,
+                directions=a.directions[: a.level],
+                links=a.links[(a.links < a.level).all(axis=1)],
+            )
+            for a in self.aspects
+        ]
+        return dataclasses.replace(self, aspects=tuple(rests))
+
     def locate(self, down: Array) -> tuple[npt.NDArray[np.int64], Array]:
         """Return the ids (n,) of the nearest aspects and the angles (n,) to them, rad.
 

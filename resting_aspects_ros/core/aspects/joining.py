@@ -68,6 +68,7 @@ class _Groups:
         self.number = np.arange(len(self.low))  # of the group of each minimum
         self.drained = np.zeros(len(self.low), dtype=np.bool_)
         self.curved = self.drained.copy()
+        self.noisy = self.drained.copy()  # whether noise is all that separated minima of a group
         self.ignored = np.zeros(len(self.low))
 
     def pair(self, between: Indices) -> tuple[int, int]:
@@ -115,9 +116,12 @@ def join_minima(landscape: Landscape) -> list[JoinedMinima]:
                 continue
             if by_mesh:
                 groups.curved[lower] |= meshed[between].any()
-            elif not level:
+            elif level:
+                groups.noisy[lower] = True
+            else:
                 groups.drained |= groups.number == higher
             groups.curved[lower] |= groups.curved[higher] & (by_mesh | level)
+            groups.noisy[lower] |= groups.noisy[higher] & level
             groups.join(lower, higher, barrier)
     return [_joined(landscape, groups, edges, int(k)) for k in np.unique(groups.number)]
 
@@ -144,9 +148,10 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     rise = float(edges.facet_depth[facets[0]]) if curved else 0.0
     leaves = own[saddles.between].sum(axis=1) == 1
     exit_ = saddles.heights[leaves].min(initial=np.inf) / landscape.radius
-    top = low[k] + max(rise, NOISE_BARRIER * low[k] * curved)
+    top = low[k] + max(rise, NOISE_BARRIER * low[k] * (curved & groups.noisy[k]))
     level = (low[minima] <= top) & (low[minima] < exit_)
     inner = np.isin(saddles.between, minima[level]).all(axis=1)
+    inner &= saddles.between[:, 0] != saddles.between[:, 1]
     heights = saddles.heights[inner] / landscape.radius
     heights = heights[heights <= low[k] + 2 * rise]
     side = landscape.hull.normals[edges.sides == edges.sides[facets[0]]]

@@ -59,8 +59,8 @@ class CurvedEdges:
         found = self._inside.copy()
         for edge in np.flatnonzero(self._hull.angles <= CURVED_STEP).tolist():
             if not found[edge]:
-                found[edge] = any(self._continues(edge, middle) for middle in self._sides[edge])
-        return found
+                found[edge] = self._is_step(edge)
+        return np.asarray(found)
 
     @cached_property
     def _inside(self) -> Flags:
@@ -96,7 +96,7 @@ class CurvedEdges:
         hull = self._hull
         along = hull.points[hull.ends[:, 1]] - hull.points[hull.ends[:, 0]]
         parts = np.linalg.norm(along, axis=1)[:, None] * hull.margins / 2
-        return np.bincount(hull.sides.ravel(), parts.ravel(), len(hull.normals))
+        return np.bincount(hull.sides.ravel(), parts.ravel(), len(hull.normals)).astype(float)
 
     @cached_property
     def meshed(self) -> Flags:
@@ -115,7 +115,7 @@ class CurvedEdges:
     def share(self) -> Array:
         """(e,) ``depth`` of each edge, as a share of that of its facets in all directions."""
         whole = self.facet_depth[self._hull.sides].max(axis=1)
-        return self.depth / np.maximum(whole, 1e-300)
+        return np.asarray(self.depth / np.maximum(whole, 1e-300))
 
     @cached_property
     def facet_depth(self) -> Array:
@@ -229,19 +229,31 @@ class CurvedEdges:
         share = widths / widths.sum(axis=1, keepdims=True)
         return np.asarray(widths * share * self._hull.angles[:, None] / 4)
 
-    def _continues(self, edge: int, middle: int) -> bool:
-        """Return whether a similar step follows an edge beyond the facet ``middle`` beside it."""
+    def _is_step(self, edge: int) -> bool:
+        """Return whether an edge is one of three similar steps that follow each other."""
+        after = [self._next_steps(edge, middle) for middle in self._sides[edge]]
+        if all(after):
+            return True
+        return any(
+            self._next_steps(other, sum(self._sides[other]) - middle)
+            for middle, others in zip(self._sides[edge], after, strict=True)
+            for other in others
+        )
+
+    def _next_steps(self, edge: int, middle: int) -> list[int]:
+        """Return the edges of the facet ``middle`` beside an edge where a similar step follows."""
         hull = self._hull
         beyond = sum(self._sides[edge]) - middle
         back = hull.normals[beyond] - hull.normals[middle]
+        found = []
         for other in hull.edges_of_facets[middle]:
             if other == edge or not self._small[other]:
                 continue
             ahead = hull.normals[sum(self._sides[other]) - middle] - hull.normals[middle]
             turn = ahead @ back / np.sqrt((ahead @ ahead) * (back @ back))
             if turn < -AHEAD and self._alike(middle, edge, other):
-                return True
-        return False
+                found.append(other)
+        return found
 
     def _alike(self, middle: int, one: int, other: int) -> bool:
         """Return whether the steps at two edges of a facet, and their flats, are similar."""

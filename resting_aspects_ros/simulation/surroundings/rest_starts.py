@@ -115,14 +115,17 @@ def pose_starts(
 def _at_rest(
     part: Part, aspects: AspectSet, scene: Scene, poses: RestingPoses
 ) -> tuple[Array, Array, Indices]:
-    """Return centre of mass, orientation and aspect of the parts at rest; 0: in no aspect."""
+    """Return centre of mass, orientation and aspect of the parts at rest; 0: in no aspect.
+
+    A part that only the mesh of a curved side stopped is in none.
+    """
     settled = poses.status == RestStatus.SETTLED
     orientation = poses.orientation[settled]
     centre = poses.position[settled] + rotate(orientation, part.centre_of_mass)
     # Where the surroundings are the same everywhere, the place does not matter.
     free = np.arange(3) < scene.free
     centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
-    return centre, orientation, aspects.classify(orientation)
+    return centre, orientation, aspects.at_rest().classify(orientation)
 
 
 def _carried(scene: Scene) -> Array:

@@ -62,7 +62,7 @@ CASES = [
         for n in (6, 8)
         for fillet, steps in ((0.5, 2), (1.5, 3), (1.5, 4), (3, 7))
     ],
-    ('rounded_prism', (8, 9, 1.5, 1), 10),  # chamfered: two steps of 22.5 between the flats
+    ('rounded_prism', (8, 9, 1.5, 1), 18),  # chamfered: the part stands on a chamfer, too
     half_turn(0.8),
     *[('half_round_bar', (n,), 4) for n in (16, 64)],
     *[('d_shaft', (32, flat), 4) for flat in (9.5, 5)],
