@@ -40,7 +40,7 @@ class RestRule:
         self._landscape = landscape
         aspect = np.empty(len(landscape.minima), dtype=np.int64)
         for number, joined in enumerate(aspects):
-            aspect[joined.minima] = number
+            aspect[joined.minima] = aspect[joined.drained] = number
         saddles = landscape.saddles
         one, other = aspect[saddles.between].T
         between = one != other
@@ -51,6 +51,8 @@ class RestRule:
         too_shallow = over - low < 2 * ENERGY_MARGIN
         self.margins: Array = _margins(landscape)
         self.exits: Array = np.where(too_shallow, -np.inf, over - ENERGY_MARGIN)[aspect]
+        # A part in such a minimum may stay there, in no aspect.
+        self.exits[np.concatenate([a.drained for a in aspects])] = -np.inf
 
     @property
     def directions(self) -> Array:

@@ -22,6 +22,8 @@ Flags = npt.NDArray[np.bool_]
 
 # Successive steps of a curved side and the widths of its flats differ by at most this factor.
 MAX_RATIO = 2.5
+# A flat that is wider than its neighbour by more than this factor is a flat side there.
+MAX_CHORD_RATIO = 2.0
 # Inside an irregular mesh, a step is at most this multiple of the median of those around it, and
 # a flat at most this multiple of the mean area of those around it: triangles between random points
 # on a sphere reach 4 and 8.
@@ -31,6 +33,9 @@ MAX_IRREGULARITY, MAX_AREA_RATIO = 5.0, 10.0
 WIDE, MAX_TANGENT_RATIO = 1.5, 1.25
 # Minimum cosine between the directions in which two successive steps turn.
 AHEAD = 0.3
+# An edge with less than this share of the angle of a step only divides a flat, because of noise;
+# at most this many parts of a flat are considered.
+NOISE_SHARE, MAX_IN_PLANE = 0.2, 8
 # Two steps are in the same direction, or opposite ones, if the cosine is more than this.
 PARALLEL = 0.7
 # Depth of a flat between parallel edges, as a multiple of that of equal flats, and depth of a
@@ -150,7 +155,8 @@ class CurvedEdges:
     def _chords(self) -> Flags:
         """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
         widths = self._widths
-        ratio = np.where(self._inside, MAX_IRREGULARITY, MAX_RATIO)[:, None]
+        triangles = (self._corners == 3)[self._hull.sides].all(axis=1)
+        ratio = np.where(self._inside & triangles, MAX_IRREGULARITY, MAX_CHORD_RATIO)[:, None]
         return self.curved[:, None] & (widths <= ratio * widths[:, ::-1])
 
     def _largest(self, values: npt.NDArray[Any]) -> Array:
@@ -232,33 +238,36 @@ class CurvedEdges:
     def _is_step(self, edge: int) -> bool:
         """Return whether an edge is one of three similar steps that follow each other."""
         after = [self._next_steps(edge, middle) for middle in self._sides[edge]]
-        if all(after):
-            return True
-        return any(
-            self._next_steps(other, sum(self._sides[other]) - middle)
-            for middle, others in zip(self._sides[edge], after, strict=True)
-            for other in others
+        return all(after) or any(
+            self._next_steps(other, beyond) for others in after for other, beyond in others
         )
 
-    def _next_steps(self, edge: int, middle: int) -> list[int]:
-        """Return the edges of the facet ``middle`` beside an edge where a similar step follows."""
+    def _next_steps(self, edge: int, middle: int) -> list[tuple[int, int]]:
+        """Return the edges where a similar step follows, and the facets beyond them.
+
+        They are edges of the facet ``middle`` beside an edge, or of facets that noise separated
+        from it.
+        """
         hull = self._hull
-        beyond = sum(self._sides[edge]) - middle
-        back = hull.normals[beyond] - hull.normals[middle]
-        found = []
-        for other in hull.edges_of_facets[middle]:
-            if other == edge or not self._small[other]:
-                continue
-            ahead = hull.normals[sum(self._sides[other]) - middle] - hull.normals[middle]
-            turn = ahead @ back / np.sqrt((ahead @ ahead) * (back @ back))
-            if turn < -AHEAD and self._alike(middle, edge, other):
-                found.append(other)
+        back = hull.normals[sum(self._sides[edge]) - middle] - hull.normals[middle]
+        found, plane = [], [middle]
+        for facet in plane:
+            for other in hull.edges_of_facets[facet]:
+                beyond = sum(self._sides[other]) - facet
+                if self._angles[other] < NOISE_SHARE * self._angles[edge]:
+                    if beyond not in plane and len(plane) < MAX_IN_PLANE:
+                        plane.append(beyond)
+                elif other != edge and self._small[other]:
+                    ahead = hull.normals[beyond] - hull.normals[facet]
+                    turn = ahead @ back / np.sqrt((ahead @ ahead) * (back @ back))
+                    if turn < -AHEAD and self._alike((edge, middle), (other, facet)):
+                        found.append((other, beyond))
         return found
 
-    def _alike(self, middle: int, one: int, other: int) -> bool:
-        """Return whether the steps at two edges of a facet, and their flats, are similar."""
-        for edge, next_edge in ((one, other), (other, one)):
-            side = self._sides[edge].index(middle)
+    def _alike(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
+        """Return whether two steps, from a facet over an edge of it, and the flats are similar."""
+        for (edge, facet), (next_edge, _) in ((one, other), (other, one)):
+            side = self._sides[edge].index(facet)
             wide = self._widths[edge, 1 - side] / self._widths[edge, side]
             limit = MAX_RATIO if wide < WIDE else MAX_TANGENT_RATIO
             if self._angles[edge] > limit * self._angles[next_edge] or wide < 1 / MAX_RATIO:

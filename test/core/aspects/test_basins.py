@@ -78,7 +78,8 @@ def test_shares_are_positive_and_sum_to_one(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     assert landscape.basin_shares.min() > 0
     assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-5)  # COPLANAR
-    groups = np.concatenate([group.minima for group in join_minima(landscape)])
+    joined = join_minima(landscape)
+    groups = np.concatenate([each for group in joined for each in (group.minima, group.drained)])
     np.testing.assert_array_equal(np.sort(groups), np.arange(len(landscape.minima)))
 
 

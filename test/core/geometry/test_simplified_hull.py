@@ -45,6 +45,11 @@ def directions(n):
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
+def shares_of(landscape):
+    groups = join_minima(landscape)
+    return [landscape.basin_shares[[*g.minima, *g.drained]].sum() for g in groups]
+
+
 def cylinder(sides):
     return trimesh.creation.cylinder(10, 20, sections=sides)
 
@@ -73,15 +78,15 @@ def test_small_hull_is_unchanged(solids, solid):
 def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     full = Landscape(whole(mesh))
-    shares = [full.basin_shares[group.minima].sum() for group in join_minima(full)]
+    shares = shares_of(full)
     part = solid(solids.turned(mesh, solids.a_turn(1)))
     assert part.hull_error > 0
     assert len(part.hull_vertices) <= MAX_CORNERS
     few = Landscape(part)
-    joined = join_minima(few)
-    assert len(joined) == len(shares) == aspects
-    found = [few.basin_shares[group.minima].sum() for group in joined]
-    np.testing.assert_allclose(sorted(found), sorted(shares), atol=3e-3)
+    found = shares_of(few)
+    assert len(found) == len(shares) == aspects
+    # A flat in the middle of a fillet belongs to either of the sides beside it.
+    np.testing.assert_allclose(sorted(found), sorted(shares), atol=1e-2)
     error = part.hull_error + 1e-6 * part.hull_radius  # and float32
     assert abs(few.heights.min() - full.heights.min()) <= error
 
