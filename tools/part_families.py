@@ -181,7 +181,12 @@ def ball_with_flats(g: np.random.Generator) -> Shape:
     depth = 2 * (1 - np.cos(2 * np.pi / n))
     # One flat moves the centre of mass, and the round side ends opposite to it or all around.
     known = 1 - level > 4 * depth
-    return Shape(f'ball {kind} {n}, {flats} flats at {level:.3f}', points, (flats + 1) * known or None, depth)
+    return Shape(
+        f'ball {kind} {n}, {flats} flats at {level:.3f}',
+        points,
+        (flats + 1) * known or None,
+        depth,
+    )
 
 
 def whole_ball(g: np.random.Generator) -> Shape:
@@ -207,13 +212,17 @@ def shaft(g: np.random.Generator) -> Shape:
     depth = 1 - np.cos(np.pi / n)
     points = extruded([*outline, (half, level), (-half, level)], length)
     known = 1 - level > 4 * depth
-    return Shape(f'D shaft {n}, flat {level:.3f}, {length:.2f} long', points, 4 * known or None, depth)
+    return Shape(
+        f'D shaft {n}, flat {level:.3f}, {length:.2f} long', points, 4 * known or None, depth
+    )
 
 
 def capsule(g: np.random.Generator) -> Shape:
     n, length = 4 * int(g.integers(6, 16)), g.uniform(0.5, 6.0)
     profile = [
-        (np.cos(t), end * (length / 2 + np.sin(t))) for t in arc(0, np.pi / 2, n) for end in (-1, 1)
+        (np.cos(t), end * (length / 2 + np.sin(t)))
+        for t in arc(0, np.pi / 2, n)
+        for end in (-1, 1)
     ]
     points = revolved(profile, n)
     depth = 2 * (1 - np.cos(np.pi / n))
@@ -222,7 +231,9 @@ def capsule(g: np.random.Generator) -> Shape:
     level = g.uniform(0.7, 0.97)
     known = 1 - level > 4 * depth
     points = cut(points[:, [1, 2, 0]], -level)
-    return Shape(f'capsule {n}, {length:.2f} long, flat {level:.3f}', points, 2 * known or None, depth)
+    return Shape(
+        f'capsule {n}, {length:.2f} long, flat {level:.3f}', points, 2 * known or None, depth
+    )
 
 
 def cone(g: np.random.Generator) -> Shape:
@@ -236,9 +247,13 @@ def cone(g: np.random.Generator) -> Shape:
     slant = np.hypot(1 - top, height)
     along = (1 - top) * np.sin(tilt) + centre * np.cos(tilt)  # from the rim of the base
     side = 0 < along < slant
-    known = abs(along - slant) > 0.1 * slant and abs(along) > 0.1 * slant and (top == 0 or top > 0.1)
+    known = (
+        abs(along - slant) > 0.1 * slant and abs(along) > 0.1 * slant and (top == 0 or top > 0.1)
+    )
     points = revolved([(1, 0), (top, height)], n)
-    return Shape(f'cone {n}, {top:.2f}, {height:.2f}', points, (1 + side + (top > 0)) * known or None, depth)
+    return Shape(
+        f'cone {n}, {top:.2f}, {height:.2f}', points, (1 + side + (top > 0)) * known or None, depth
+    )
 
 
 def lens(g: np.random.Generator) -> Shape:
@@ -252,12 +267,19 @@ def lens(g: np.random.Generator) -> Shape:
     ]
     depth = 2 * radius * (1 - np.cos(np.pi / n))
     known = np.hypot(1, rim / 2) - 1 > 4 * depth or rim == 0
-    return Shape(f'lens {n}, {rise:.2f}, rim {rim:.1f}', revolved(profile, n), (2 + (rim > 0)) * known or None, depth)
+    return Shape(
+        f'lens {n}, {rise:.2f}, rim {rim:.1f}',
+        revolved(profile, n),
+        (2 + (rim > 0)) * known or None,
+        depth,
+    )
 
 
 def rounded_box(g: np.random.Generator) -> Shape:
     n, fillet = 4 * int(g.integers(4, 13)), g.choice([0.0, g.uniform(0.02, 0.9)])
-    sides = 2 * np.array([1.0, 1.0, 1.0] if g.random() < 0.5 else [1.0, g.uniform(1, 2), g.uniform(1, 3)])
+    sides = 2 * np.array(
+        [1.0, 1.0, 1.0] if g.random() < 0.5 else [1.0, g.uniform(1, 2), g.uniform(1, 3)]
+    )
     core = sides / 2 - fillet
     angles = arc(0, np.pi / 2, n)
     corner = [
@@ -267,20 +289,40 @@ def rounded_box(g: np.random.Generator) -> Shape:
     signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
     depth = 2 * fillet * (1 - np.cos(np.pi / n))
     points = np.concatenate([corner * sign for sign in signs])
-    lowest = min(np.hypot(*np.delete(core, k)) + fillet - sides[j] / 2 for k in range(3) for j in range(3) if j != k)
-    return Shape(f'rounded box {sides.round(2).tolist()}, {n}, {fillet:.3f}', points, 6 if lowest > 4 * depth + 0.01 else None, depth)
+    lowest = min(
+        np.hypot(*np.delete(core, k)) + fillet - sides[j] / 2
+        for k in range(3)
+        for j in range(3)
+        if j != k
+    )
+    return Shape(
+        f'rounded box {sides.round(2).tolist()}, {n}, {fillet:.3f}',
+        points,
+        6 if lowest > 4 * depth + 0.01 else None,
+        depth,
+    )
 
 
 def needle(g: np.random.Generator) -> Shape:
     n, slender = int(g.integers(3, 65)), 10 ** g.uniform(1.5, 3.3)
     depth = (1 - np.cos(np.pi / n)) if n > 14 else 0.0
-    return Shape(f'needle of {n} sides, 1:{slender:.0f}', extruded(circle(n), 2 * slender), 1 if n > 14 else n, depth)
+    return Shape(
+        f'needle of {n} sides, 1:{slender:.0f}',
+        extruded(circle(n), 2 * slender),
+        1 if n > 14 else n,
+        depth,
+    )
 
 
 def prism(g: np.random.Generator) -> Shape:
     n, height = int(g.integers(3, 301)), g.uniform(0.8, 6.0)
     depth = (1 - np.cos(np.pi / n)) if n > 14 else 0.0
-    return Shape(f'prism of {n} sides, {height:.2f}', extruded(circle(n), height), 3 if n > 14 else n + 2, depth)
+    return Shape(
+        f'prism of {n} sides, {height:.2f}',
+        extruded(circle(n), height),
+        3 if n > 14 else n + 2,
+        depth,
+    )
 
 
 def disc(g: np.random.Generator) -> Shape:
@@ -288,17 +330,25 @@ def disc(g: np.random.Generator) -> Shape:
     depth = 1 - np.cos(np.pi / n)
     barrier = np.hypot(1, thickness / 2) - 1
     aspects = 3 if barrier > 1.3e-3 else 2 if barrier < 0.7e-3 else None
-    return Shape(f'disc {n}, {thickness:.4f} thick', extruded(circle(n), thickness), aspects, depth)
+    return Shape(
+        f'disc {n}, {thickness:.4f} thick', extruded(circle(n), thickness), aspects, depth
+    )
 
 
 def chamfered_disc(g: np.random.Generator) -> Shape:
-    n, thickness, angle = int(g.integers(32, 129)), g.uniform(0.3, 0.8), np.radians(g.uniform(10, 24))
+    n, thickness, angle = (
+        int(g.integers(32, 129)),
+        g.uniform(0.3, 0.8),
+        np.radians(g.uniform(10, 24)),
+    )
     width = g.uniform(0.1, 0.4)
     rise = min(width * np.tan(angle), 0.4 * thickness)
     rim = thickness - 2 * rise
     barrier = np.hypot(1, rim / 2) - 1
     depth = 1 - np.cos(np.pi / n)
-    profile = [(1 - width, end * thickness / 2) for end in (-1, 1)] + [(1, end * rim / 2) for end in (-1, 1)]
+    profile = [(1 - width, end * thickness / 2) for end in (-1, 1)] + [
+        (1, end * rim / 2) for end in (-1, 1)
+    ]
     aspects = 3 if barrier > 1.3e-3 else 2 if barrier < 0.7e-3 else None
     return Shape(f'chamfered disc {n}, rim {rim:.3f}', revolved(profile, n), aspects, depth)
 
@@ -306,11 +356,23 @@ def chamfered_disc(g: np.random.Generator) -> Shape:
 def wedge(g: np.random.Generator) -> Shape:
     angle, width, height = g.uniform(0.1, 10), g.uniform(1.5, 3), g.uniform(1.0, 1.6)
     rise = width / 2 * np.tan(np.radians(angle) / 2)
-    outline = [(-width / 2, 0), (width / 2, 0), (width / 2, height), (0, height + rise), (-width / 2, height)]
+    outline = [
+        (-width / 2, 0),
+        (width / 2, 0),
+        (width / 2, height),
+        (0, height + rise),
+        (-width / 2, height),
+    ]
     hull = Landscape(extruded(outline, 1.4))
     # The two upper sides are two aspects if the barrier between them is above the noise.
-    roof = [barrier / hull.heights[k] for k, barrier in hull.minima() if barrier < 0.02 * hull.radius]
-    aspects = 5 + 2 * (max(roof, default=0) > 1.1e-3) if not 0.9e-3 < max(roof, default=0) < 1.1e-3 else None
+    roof = [
+        barrier / hull.heights[k] for k, barrier in hull.minima() if barrier < 0.02 * hull.radius
+    ]
+    aspects = (
+        5 + 2 * (max(roof, default=0) > 1.1e-3)
+        if not 0.9e-3 < max(roof, default=0) < 1.1e-3
+        else None
+    )
     aspects = 6 if aspects == 5 else aspects
     return Shape(f'wedge {angle:.2f} degrees', extruded(outline, 1.4), aspects, 0.0)
 

@@ -55,6 +55,8 @@ class ProcessWorkers:
 
     count : int
         Number of processes.
+    replaced : int
+        Number of processes that died and were replaced.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class ProcessWorkers:
         if not 1 <= count <= MAX_WORKERS:
             raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
         self.count = count
+        self.replaced = 0
         self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
         self._idle: SimpleQueue[_Worker] = SimpleQueue()
         self._workers: set[_Worker] = set()
@@ -124,6 +127,7 @@ class ProcessWorkers:
         """End a worker and return a new one."""
         with self._lock:
             self._workers.discard(worker)
+            self.replaced += 1
         worker.kill()
         worker.wait()
         return self._start()

@@ -77,7 +77,7 @@ def test_file_states_grasps_in_si_units(known, written):
         ),
         ({'grasps': [grasp(footprint=10**400)]}, 'invalid footprint .*: expected a diameter'),
         ({'grasps': [grasp(position=[10**400, 2, 3])]}, 'invalid position .*: expected 3'),
-        ({'grasps': [grasp(), 3]}, 'invalid content 3 of grasp 2'),
+        ({'grasps': [grasp(), 3]}, 'invalid content 3 in grasp 2'),
         ({'grasps': [grasp(footprint=0)]}, 'invalid footprint'),
         ({'grasps': [grasp(footprint=[3, -1])]}, 'invalid footprint'),
     ],

@@ -100,7 +100,7 @@ def test_error_names_field_and_value_of_a_wrong_type(original, refusal):
 
 def test_error_names_every_missing_field(original, refusal):
     _, document = original
-    optional = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings'}
+    optional = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings', 'merged'}
     for place, _ in read_places(document):
         if isinstance(place[-1], int) or place[-1] in optional:
             continue

@@ -34,15 +34,17 @@ class AsyncWorkers:
 
     count : int
         Number of processes.
-    deaths : int
-        Number of processes that died and were replaced.
     """
 
     def __init__(self, node: Node, count: int) -> None:
         self._node = node
         self.count = count
-        self.deaths = 0
         self._processes = ProcessWorkers(count)
+
+    @property
+    def deaths(self) -> int:
+        """Number of processes that died and were replaced."""
+        return self._processes.replaced
 
     def stop(self) -> None:
         """End the processes and abandon their chunks."""
@@ -70,7 +72,6 @@ class AsyncWorkers:
                     return
 
     def _warn(self, death: str) -> None:
-        self.deaths += 1
         self._node.get_logger().warning(death)
 
 
