@@ -192,11 +192,16 @@ def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float)
     down = np.array([aspect.down_in_part for aspect in aspects.aspects]).reshape(-1, 3)
     for rotation in symmetry.rotations:
         for k, image in enumerate((aspects.locate(down @ rotation.T)[0] - 1).tolist()):
-            group[group == max(group[k], group[image])] = min(group[k], group[image])
+            if aspects.aspects[k].sweep is aspects.aspects[image].sweep:
+                group[group == max(group[k], group[image])] = min(group[k], group[image])
     if symmetry.axis is not None:
         # Rotations about the axis map aspects to each other that have the same height and the same
         # angle to the axis, such as the sides of a fine prism.
-        keys = [(a.com_height / radius, a.down_in_part @ symmetry.axis) for a in aspects.aspects]
+        kinds = list(Sweep)
+        keys = [
+            (a.com_height / radius, a.down_in_part @ symmetry.axis, kinds.index(a.sweep))
+            for a in aspects.aspects
+        ]
         for k, one in enumerate(keys):
             alike = np.abs(np.array(keys) - one).max(axis=1) < CLASS_TOLERANCE
             first = group[alike].min()

@@ -145,7 +145,7 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     low, saddles = groups.low, landscape.saddles
     facets = landscape.minima[minima]
     curved = bool(groups.curved[k])
-    rise = float(edges.facet_depth[facets[0]]) if curved else 0.0
+    rise = float(edges.typical_depth[facets[0]]) if curved else 0.0
     leaves = own[saddles.between].sum(axis=1) == 1
     exit_ = saddles.heights[leaves].min(initial=np.inf) / landscape.radius
     top = low[k] + max(rise, NOISE_BARRIER * low[k] * (curved & groups.noisy[k]))

@@ -41,7 +41,7 @@ PARALLEL = 0.7
 # Depth of a flat between parallel edges, as a multiple of that of equal flats, and depth of a
 # triangle, as a multiple of its curvature times its covariance: 2 for equal triangles on a sphere.
 # Between random points on a sphere, the curvature of a triangle varies by a factor of 2.
-STRIP_DEPTH, TRIANGLE_DEPTH = 1.3, 7.0
+STRIP_DEPTH, TRIANGLE_DEPTH, EQUAL_DEPTH = 1.3, 7.0, 2.6
 
 
 class CurvedEdges:
@@ -128,6 +128,12 @@ class CurvedEdges:
         strips = STRIP_DEPTH * self._largest(self._chords * self._sagittas)
         triangles = TRIANGLE_DEPTH * np.einsum('fij,fij->f', *self._bending)
         return np.where(self._corners == 3, triangles, strips)
+
+    @cached_property
+    def typical_depth(self) -> Array:
+        """(f,) depth, R, of each facet below its curved side, as if all flats were equal."""
+        triangles = EQUAL_DEPTH / TRIANGLE_DEPTH * self.facet_depth
+        return np.where(self._corners == 3, triangles, self.facet_depth)
 
     @cached_property
     def _bending(self) -> tuple[Array, Array]:
