@@ -141,3 +141,16 @@ def test_location_does_not_depend_on_other_directions(solids, solid):
     for k in (0, 99_999, 100_000, 249_999):
         one, apart = aspects.locate(down[k : k + 1])
         assert (one[0], apart[0]) == (ids[k], angle[k])
+
+
+def test_flats_beside_a_flat_side_are_in_its_aspect_but_no_rest(solids, solid):
+    """On the flats of a fillet only the mesh stops a part."""
+    aspects = find_aspects(solid(solids.filleted_box((20, 20, 20), 8, 8)))
+    assert [a.level for a in aspects.aspects] == [1] * 6
+    beside = np.concatenate([a.directions[a.level :] for a in aspects.aspects])
+    ids = np.concatenate([[a.id] * (len(a.directions) - a.level) for a in aspects.aspects])
+    assert len(beside) > 0
+    np.testing.assert_array_equal(classified(aspects, beside), ids)
+    assert not classified(aspects.at_rest(), beside).any()
+    rests = np.array([a.down_in_part for a in aspects.aspects])
+    assert classified(aspects.at_rest(), rests).tolist() == [1, 2, 3, 4, 5, 6]
