@@ -46,7 +46,7 @@ class _UnnumberedAspect:
     drained: Indices
     level: int
     ignored: float  # m
-    rest: float  # height of the highest minimum of the level, m
+    rest: float  # see JoinedMinima, m
     height: float
     share: float
     sweep: Sweep
@@ -86,7 +86,7 @@ def _unnumbered(landscape: Landscape, part: Part, joined: JoinedMinima) -> _Unnu
     directions = landscape.directions[minima]
     own = np.concatenate([minima, joined.drained])
     share = float(landscape.basin_shares[own].sum())
-    highest = float(landscape.heights[minima[: joined.level]].max())
+    rest = joined.rest * landscape.radius
     ignored = joined.ignored * landscape.radius
     # A flat side can include a flat of an adjacent fillet, but is much lower. Flats that are
     # separated only by noise are not a curved side.
@@ -107,7 +107,7 @@ def _unnumbered(landscape: Landscape, part: Part, joined: JoinedMinima) -> _Unnu
         joined.drained,
         joined.level,
         ignored,
-        highest,
+        rest,
         height,
         share,
         sweep,

@@ -64,7 +64,8 @@ class Aspect:
         directions of the aspect, or to poses that do not count as an aspect; 0 without any.
     min_barrier : float
         Minimum rise of the centre of mass to leave the aspect, m; infinite for the only aspect.
-        For a curved aspect from the highest direction in which the part rests.
+        For a curved aspect from the highest direction in which the part rests and that is below
+        the way out.
     neighbour : int
         Id of the aspect that the part reaches over this barrier; 0 for the only aspect.
     symmetry_class, multiplicity : int

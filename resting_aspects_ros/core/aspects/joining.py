@@ -47,6 +47,8 @@ class JoinedMinima:
         Height of the centre of mass, R: that of the lowest minimum, or for a curved side that of
         the highest saddle within the level, because the edges of a mesh are on the true surface
         and its flats below.
+    rest : float
+        Height, R, of the highest minimum of the level that is below the lowest exit.
     ignored : float
         Highest barrier, R, that was ignored to join the minima.
     """
@@ -57,6 +59,7 @@ class JoinedMinima:
     step: float
     level: int
     height: float
+    rest: float
     ignored: float
 
 
@@ -149,7 +152,7 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     leaves = own[saddles.between].sum(axis=1) == 1
     exit_ = saddles.heights[leaves].min(initial=np.inf) / landscape.radius
     top = low[k] + max(rise, NOISE_BARRIER * low[k] * (curved & groups.noisy[k]))
-    level = (low[minima] <= top) & (low[minima] < exit_)
+    level = low[minima] <= top
     inner = np.isin(saddles.between, minima[level]).all(axis=1)
     inner &= saddles.between[:, 0] != saddles.between[:, 1]
     heights = saddles.heights[inner] / landscape.radius
@@ -163,5 +166,6 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
         step=float(edges.step[facets].max() * curved),
         level=int(level.sum()) if curved else 1,
         height=float(heights.max(initial=low[k]) if curved else low[k]),
+        rest=float(low[minima[level & (low[minima] < exit_)]].max()),
         ignored=float(groups.ignored[k]),
     )
