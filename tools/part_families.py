@@ -215,8 +215,8 @@ def ball_with_flats(g: Generator) -> Shape:
     """Return a ball with one flat or two opposite ones.
 
     Each flat is an aspect, and what is left of the ball is one more. One flat moves the centre of
-    mass away from it, so that the ball also rests opposite to it; with two flats, it rests all
-    around. The barrier of a flat is what was cut off.
+    mass away from it, so that the ball also rests opposite to it; with two flats, all heights of
+    the round side are equal. The barrier of a flat is what was cut off.
     """
     n, kind = int(g.integers(24, 72)), str(g.choice(['ico', 'uv', 'spiral']))
     flats = int(g.integers(1, 3))
@@ -291,7 +291,7 @@ def cone(g: Generator) -> Shape:
     top = 0.0 if g.random() < 0.3 else top
     centre = height * (1 + 2 * top + 3 * top**2) / (4 * (1 + top + top**2))
     tilt, slant = np.arctan2(1 - top, height), np.hypot(1 - top, height)
-    foot = ((1 - top) * np.sin(tilt) + centre * np.cos(tilt)) / slant  # from the rim of the base
+    foot = (np.sin(tilt) + centre * np.cos(tilt)) / slant  # from the rim of the base, as a share
     clear = abs(foot - 1) > 0.1 and abs(foot) > 0.1 and (top == 0 or top > 0.1)
     aspects = 1 + (0 < foot < 1) + (top > 0)
     name = f'cone {n}, {top:.2f}, {height:.2f}'
