@@ -1,7 +1,5 @@
 """The aspects of convex parts of many families are those of an independent landscape."""
 
-import itertools
-
 import fuzz_aspects
 import numpy as np
 import part_families
@@ -11,7 +9,6 @@ import trimesh
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 
 RADIUS = 10.0  # mm
-SMALL = 300  # corners
 FAMILIES = {family.__name__: family for family in part_families.FAMILIES}
 
 
@@ -62,13 +59,20 @@ def is_clear_of(aspect, direction):
 
 
 def small_shapes(family):
-    """Two random shapes with few corners, and the generators after these."""
-    generators = map(np.random.default_rng, range(100))
-    shapes = ((family(generator), generator) for generator in generators)
-    return list(itertools.islice((s for s in shapes if len(s[0].points) <= SMALL), 2))
+    """Two of 20 random shapes, with a known number of aspects and few corners, if any are known.
+
+    Also gives the generators after these.
+    """
+    generators = [np.random.default_rng(seed) for seed in range(20)]
+    shapes = [(family(generator), generator) for generator in generators]
+    return sorted(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))[:2]
 
 
-@pytest.mark.parametrize('name', FAMILIES)
+# The symmetry of a ball with a flat takes seconds; some are among the cases below.
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.slow) if name == 'ball_with_flats' else name
+    for name in FAMILIES
+])  # fmt: skip
 def test_random_parts_have_the_aspects_of_the_landscape(name):
     for shape, generator in small_shapes(FAMILIES[name]):
         part, truth = fuzz_aspects.random_part(shape, generator)
