@@ -334,9 +334,9 @@ def rounded_box(g: Generator) -> Shape:
 
 
 def needle(g: Generator) -> Shape:
-    """Return a long prism, whose ends are below noise.
+    """Return a long prism, which rests on its sides: the barriers of its ends are noise.
 
-    From 15 sides on, their barriers are that of the mesh of a round side.
+    From 15 sides on, with steps below 25 degrees, the sides are the mesh of one round side.
     """
     n, slender = int(g.integers(3, 65)), 10 ** g.uniform(1.5, 3.3)
     points = extruded(circle(n), 2 * slender)
@@ -345,7 +345,7 @@ def needle(g: Generator) -> Shape:
 
 
 def prism(g: Generator) -> Shape:
-    """Return a prism, which rests on its ends and on its sides, or from 15 on on a round side."""
+    """Return a prism, which rests on its ends, and on its sides or one round side: see needle."""
     n, height = int(g.integers(3, 301)), g.uniform(0.8, 6.0)
     points = extruded(circle(n), height)
     name = f'prism of {n} sides, {height:.2f}'
