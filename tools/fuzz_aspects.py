@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import trimesh
-from part_families import FAMILIES, Array, Landscape, Shape
+from part_families import CERTAIN, FAMILIES, NOISE, Array, Landscape, Shape
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
@@ -21,10 +21,8 @@ from resting_aspects_ros.core.part_loading import part_from_bytes
 
 # Errors of heights, as a share of the radius: facets are merged within 1e-5.
 TOLERANCE = 3e-5
-# Barriers up to this share of the height are noise; see core/aspects/joining.py.
-NOISE = 1e-3
-# Limit of an ignored barrier as a multiple of the depth of the mesh.
-IGNORED = 4.0
+# A triangle is a rest of an aspect if its normal is within this angle of a direction of it, rad.
+SAME_REST = 2e-3
 
 
 def random_part(shape: Shape, generator: np.random.Generator) -> tuple[Part, Landscape]:
@@ -42,29 +40,25 @@ def random_part(shape: Shape, generator: np.random.Generator) -> tuple[Part, Lan
 def differences(shape: Shape, part: Part, truth: Landscape) -> Iterator[str]:
     """Yield how the aspects of a part differ from the truth."""
     aspects = find_aspects(part)
-    radius = truth.radius
-    tolerance = TOLERANCE * radius + part.hull_error
-    depth = shape.depth * radius / np.linalg.norm(Landscape(shape.points).points, axis=1).max()
+    tolerance = TOLERANCE * truth.radius + part.hull_error
+    scale = truth.radius / Landscape(shape.points).radius
+    by_mesh = CERTAIN * shape.depth * scale + tolerance
     if shape.aspects is not None and len(aspects) != shape.aspects:
         yield f'{len(aspects)} aspects instead of {shape.aspects}'
     if abs(sum(a.basin_share for a in aspects.aspects) - 1) > 1e-3:
         yield 'the basins do not add up to 1'
     for a in aspects.aspects:
-        level = a.directions[: a.level]
-        heights = truth.height(level)
-        if not a.sweep.curved and abs(heights[0] - a.com_height) > tolerance:
-            yield f'aspect {a.id} is at {heights[0]:g} m instead of {a.com_height:g} m'
-        if a.sweep.curved and not (
-            a.com_height - IGNORED * depth - NOISE * a.com_height - tolerance
-            <= heights.min()
-            <= heights.max()
-            <= a.com_height + tolerance
-        ):
-            yield f'aspect {a.id} rests between {heights.min():g} and {heights.max():g} m'
-        if a.merged > IGNORED * depth + NOISE * radius + tolerance:
-            yield f'aspect {a.id} ignores a barrier of {a.merged / radius:.2g} R'
+        heights = truth.height(a.directions[: a.level])
+        below = by_mesh + NOISE * a.com_height if a.sweep.curved else tolerance
+        checked = heights if a.sweep.curved else heights[:1]
+        if checked.min() < a.com_height - below or checked.max() > a.com_height + tolerance:
+            found = f'{checked.min():g} to {checked.max():g} m instead of {a.com_height:g} m'
+            yield f'aspect {a.id} is at {found}'
+        if a.merged > by_mesh + NOISE * truth.radius:
+            yield f'aspect {a.id} ignores a barrier of {a.merged / truth.radius:.2g} R'
     yield from _barriers(aspects, truth, tolerance)
-    yield from _minima(aspects, truth, tolerance, simplified=part.hull_error > 0)
+    # Corners of a simplified hull are missing, so that its minima are beside the true ones.
+    yield from _minima(aspects, truth, tolerance, limit=0.15 if part.hull_error > 0 else 0.02)
 
 
 def _owners(aspects: AspectSet, truth: Landscape) -> Array:
@@ -72,7 +66,7 @@ def _owners(aspects: AspectSet, truth: Landscape) -> Array:
     group = np.full(len(truth.heights), -1)
     for k, a in enumerate(aspects.aspects):
         nearest = (truth.normals @ a.directions.T).max(axis=1)
-        group[nearest > np.cos(2e-3)] = k
+        group[nearest > np.cos(SAME_REST)] = k
     return group
 
 
@@ -88,22 +82,14 @@ def _barriers(aspects: AspectSet, truth: Landscape, tolerance: float) -> Iterato
             yield f'barrier of aspect {a.id}: {a.min_barrier:g} instead of {top - highest:g} m'
 
 
-def _minima(
-    aspects: AspectSet, truth: Landscape, tolerance: float, *, simplified: bool
-) -> Iterator[str]:
+def _minima(aspects: AspectSet, truth: Landscape, tolerance: float, limit: float) -> Iterator[str]:
     """Yield minima that are in no aspect, although their barrier is above all that is ignored."""
     ignored = max((a.merged for a in aspects.aspects), default=0.0)
-    # Corners of a simplified hull are missing, so that its minima are beside the true ones.
-    limit = 0.15 if simplified else 0.02
+    directions = np.concatenate([a.directions for a in aspects.aspects])
     for k, barrier in truth.minima():
-        if barrier <= ignored + tolerance:
-            continue
-        angle = min(
-            float(np.arccos(np.clip((a.directions @ truth.normals[k]).max(), -1, 1)))
-            for a in aspects.aspects
-        )
-        if angle > limit:
-            yield f'no aspect for the minimum {truth.normals[k].round(3)}, barrier {barrier:g} m'
+        normal = truth.normals[k]
+        if barrier > ignored + tolerance and (directions @ normal).max() < np.cos(limit):
+            yield f'no aspect for the minimum {normal.round(3)}, barrier {barrier:g} m'
 
 
 def findings(parts: int, seed: int) -> Iterator[str]:

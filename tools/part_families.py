@@ -13,6 +13,13 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 Array = Any
+Generator = np.random.Generator
+
+# A barrier is certain if it is above this multiple of the depth of the mesh.
+CERTAIN = 4.0
+# Barriers up to this share of the height are noise, and are certain if they are not near it.
+NOISE = 1e-3
+NEAR_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -24,7 +31,7 @@ class Shape:
     points : (n, 3) float
         Of any unit.
     aspects : int or None
-        Number of aspects, if the barriers are far from those that the mesh explains.
+        Number of aspects, if all barriers are far from noise and from the depth of the mesh.
     depth : float
         Depth of the flats of the mesh below the true shape, unit of the points.
     """
@@ -48,34 +55,28 @@ class Landscape:
 
     def __init__(self, points: Array) -> None:
         hull = ConvexHull(points)
-        tri = points[hull.simplices]
-        inside = points[hull.vertices].mean(axis=0)
-        a, b, c = np.moveaxis(tri - inside, 1, 0)
-        volume = np.abs((a * np.cross(b, c)).sum(axis=1)) / 6
-        centre = (volume[:, None] * (tri.sum(axis=1) + inside) / 4).sum(axis=0) / volume.sum()
+        centre = _centre_of_mass(points, hull)
         self.points = points[hull.vertices] - centre
         self.radius = np.linalg.norm(self.points, axis=1).max()
         self.normals = hull.equations[:, :3]
         self.heights = -(hull.equations[:, 3] + self.normals @ centre)
-        one, k = np.divmod(np.arange(3 * len(tri)), 3)
+
+        one, k = np.divmod(np.arange(hull.simplices.size), 3)
         other = hull.neighbors.ravel()
-        ends = [hull.simplices[one, (k + step) % 3] for step in (1, 2)]
-        first = points[ends[0]] - centre
-        along = points[ends[1]] - points[ends[0]]
+        start = points[hull.simplices[one, (k + 1) % 3]] - centre
+        along = points[hull.simplices[one, (k + 2) % 3]] - centre - start
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        foot = first - (first * along).sum(axis=1, keepdims=True) * along
-        top = np.linalg.norm(foot, axis=1)
+        foot = start - _dot(start, along)[:, None] * along
         turn = np.cross(self.normals[one], self.normals[other])
-        between = ((np.cross(self.normals[one], foot) * turn).sum(axis=1) > 0) & (
-            (np.cross(foot, self.normals[other]) * turn).sum(axis=1) > 0
-        )
+        after = _dot(np.cross(self.normals[one], foot), turn) > 0
+        before = _dot(np.cross(foot, self.normals[other]), turn) > 0
         level = np.maximum(self.heights[one], self.heights[other])
-        height = np.where(between, np.maximum(top, level), level)
+        top = np.maximum(np.linalg.norm(foot, axis=1), level)
+        height = np.where(after & before, top, level)
         order = np.argsort(height, kind='stable')
         order = order[one[order] < other[order]]
-        self.passes = list(
-            zip(height[order].tolist(), one[order].tolist(), other[order].tolist(), strict=True)
-        )
+        columns = (height[order].tolist(), one[order].tolist(), other[order].tolist())
+        self.passes = list(zip(*columns, strict=True))
 
     def height(self, down: Array) -> Array:
         """Return the heights (n,) of the centre of mass for directions of gravity (n, 3)."""
@@ -83,21 +84,15 @@ class Landscape:
 
     def minima(self) -> list[tuple[int, float]]:
         """Return triangle and barrier of each minimum: the rise to the next lower one."""
-        low = list(range(len(self.heights)))
-
-        def root(k: int) -> int:
-            while low[k] != k:
-                low[k] = low[low[k]]
-                k = low[k]
-            return k
-
+        parent = list(range(len(self.heights)))
         found = []
         for height, a, b in self.passes:
-            one, other = sorted((root(a), root(b)), key=lambda k: self.heights[k])
-            if one != other:
-                found.append((other, height - self.heights[other]))
-                low[other] = one
-        return [(root(0), np.inf), *found]
+            roots = (_root(parent, a), _root(parent, b))
+            low, high = sorted(roots, key=lambda k: self.heights[k])
+            if low != high:
+                found.append((high, height - self.heights[high]))
+                parent[high] = low
+        return [(_root(parent, 0), np.inf), *found]
 
     def lowest_passes(self, group: Array) -> Array:
         """Return (g,) heights of the lowest passes from triangles of each group to other groups.
@@ -105,29 +100,46 @@ class Landscape:
         ``group`` (f,) is the number of the group of each triangle, or -1.
         """
         parent = list(range(len(self.heights)))
-        owner: list[set[int]] = [{int(g)} - {-1} for g in group]
+        groups: list[set[int]] = [{int(g)} - {-1} for g in group]
         found = np.full(int(max(group)) + 1, np.inf)
-
-        def root(k: int) -> int:
-            while parent[k] != k:
-                parent[k] = parent[parent[k]]
-                k = parent[k]
-            return k
-
         for height, a, b in self.passes:
-            one, other = root(a), root(b)
+            one, other = _root(parent, a), _root(parent, b)
             if one == other:
                 continue
-            if owner[one] and owner[other] and owner[one] != owner[other]:
-                for k in owner[one] | owner[other]:
-                    if owner[one] != {k} or owner[other] != {k}:
+            both = groups[one] | groups[other]
+            if groups[one] and groups[other] and len(both) > 1:
+                for k in both:
+                    if groups[one] != {k} or groups[other] != {k}:
                         found[k] = min(found[k], height)
             parent[other] = one
-            owner[one] |= owner[other]
+            groups[one] = both
         return found
 
 
-# -- The families ---------------------------------------------------------------------------------
+def _centre_of_mass(points: Array, hull: ConvexHull) -> Array:
+    """Return the centre of mass (3,) of a hull, from the tetrahedra of its triangles."""
+    inside = points[hull.vertices].mean(axis=0)
+    triangles = points[hull.simplices]
+    a, b, c = np.moveaxis(triangles - inside, 1, 0)
+    volume = np.abs(_dot(a, np.cross(b, c)))
+    centres = (triangles.sum(axis=1) + inside) / 4
+    return volume @ centres / volume.sum()
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products (n,) of vectors (n, 3)."""
+    return (a * b).sum(axis=1)
+
+
+def _root(parent: list[int], k: int) -> int:
+    """Return the root of a node, and shorten the way to it."""
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+# -- Points ---------------------------------------------------------------------------------------
 
 
 def circle(n: int, radius: float = 1.0) -> Array:
@@ -136,23 +148,27 @@ def circle(n: int, radius: float = 1.0) -> Array:
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def revolved(profile: Array, n: int) -> Array:
-    """Return circles of n points: radius and z each."""
-    rows = [(x, y, z) for r, z in profile for x, y in (circle(n, r) if r > 1e-9 else [(0, 0)])]
+def revolved(profile: Any, n: int) -> Array:
+    """Return circles of n points, or points of the axis, for a profile of radii and z."""
+    rows = []
+    for radius, z in profile:
+        points = circle(n, radius) if radius > 1e-9 else [(0.0, 0.0)]
+        rows += [(x, y, z) for x, y in points]
     return np.array(rows)
 
 
-def extruded(outline: Array, height: float) -> Array:
+def extruded(outline: Any, height: float) -> Array:
     """Return the corners of a prism."""
     return np.array([(x, y, end * height / 2) for x, y in outline for end in (-1, 1)])
 
 
-def arc(start: float, stop: float, n: int) -> Array:
-    """Return angles of a circle in steps of at most 1 / n of it."""
-    return np.linspace(start, stop, max(2, int(np.ceil(abs(stop - start) * n / (2 * np.pi)))) + 1)
+def arc(stop: float, n: int) -> Array:
+    """Return angles from 0 to ``stop`` in steps of at most 1 / n of a circle."""
+    steps = max(2, int(np.ceil(stop * n / (2 * np.pi))))
+    return np.linspace(0, stop, steps + 1)
 
 
-def ball(n: int, kind: str, g: np.random.Generator) -> Array:
+def ball(n: int, kind: str, g: Generator) -> Array:
     """Return points on a ball of radius 1, about n on a great circle."""
     if kind == 'ico':
         return trimesh.creation.icosphere(max(1, round(np.log2(n / 5)))).vertices
@@ -167,11 +183,41 @@ def ball(n: int, kind: str, g: np.random.Generator) -> Array:
 def cut(points: Array, level: float) -> Array:
     """Return the convex part above z = level of the hull of points."""
     mesh = trimesh.convex.convex_hull(points)
-    plane = trimesh.intersections.slice_mesh_plane(mesh, [0, 0, 1], [0, 0, level])
-    return np.asarray(plane.vertices)
+    part = trimesh.intersections.slice_mesh_plane(mesh, [0, 0, 1], [0, 0, level])
+    return np.asarray(part.vertices)
 
 
-def ball_with_flats(g: np.random.Generator) -> Shape:
+def sagitta(n: int) -> float:
+    """Return the depth of the sides of a polygon of n sides below its circle of radius 1."""
+    return 1 - np.cos(np.pi / n)
+
+
+# -- The families ---------------------------------------------------------------------------------
+
+
+def known_shape(name: str, points: Array, aspects: int, depth: float, known: bool) -> Shape:
+    """Return a shape, whose number of aspects is stated if it is known."""
+    return Shape(name, points, int(aspects) if known else None, depth)
+
+
+def clear_of_noise(barrier: float) -> bool:
+    """Return whether it is certain that a barrier, as a share of the height, is noise or not."""
+    return abs(barrier / NOISE - 1) > NEAR_NOISE
+
+
+def whole_ball(g: Generator) -> Shape:
+    """Return a ball, which has one aspect: all heights are equal but for the mesh."""
+    n, kind = int(g.integers(16, 72)), str(g.choice(['ico', 'uv', 'spiral']))
+    return Shape(f'ball {kind} {n}', ball(n, kind, g), 1, 2 * (1 - np.cos(2 * np.pi / n)))
+
+
+def ball_with_flats(g: Generator) -> Shape:
+    """Return a ball with one flat or two opposite ones.
+
+    Each flat is an aspect, and what is left of the ball is one more. One flat moves the centre of
+    mass away from it, so that the ball also rests opposite to it; with two flats, all heights of
+    the round side are equal. The barrier of a flat is what was cut off.
+    """
     n, kind = int(g.integers(24, 72)), str(g.choice(['ico', 'uv', 'spiral']))
     flats = int(g.integers(1, 3))
     level = g.uniform(0.75, 0.97)
@@ -179,211 +225,189 @@ def ball_with_flats(g: np.random.Generator) -> Shape:
     if flats == 2:
         points = cut(points * [1, 1, -1], -level)
     depth = 2 * (1 - np.cos(2 * np.pi / n))
-    # One flat moves the centre of mass, and the round side ends opposite to it or all around.
-    known = 1 - level > 4 * depth
-    return Shape(
-        f'ball {kind} {n}, {flats} flats at {level:.3f}',
-        points,
-        (flats + 1) * known or None,
-        depth,
-    )
+    name = f'ball {kind} {n}, {flats} flats at {level:.3f}'
+    return known_shape(name, points, flats + 1, depth, 1 - level > CERTAIN * depth)
 
 
-def whole_ball(g: np.random.Generator) -> Shape:
-    n, kind = int(g.integers(16, 72)), str(g.choice(['ico', 'uv', 'spiral']))
-    return Shape(f'ball {kind} {n}', ball(n, kind, g), 1, 2 * (1 - np.cos(2 * np.pi / n)))
+def ellipsoid(g: Generator) -> Shape:
+    """Return an ellipsoid, which rests on the two ends of its shortest axis.
 
-
-def ellipsoid(g: np.random.Generator) -> Shape:
+    The lowest way between them is over the middle axis, so that the barrier is the difference.
+    """
     n = int(g.choice([20, 40]))
-    a, b, c = 1.0, g.uniform(0.6, 1.0), g.uniform(0.3, 0.9)
+    axes = g.uniform(0.6, 1.0), g.uniform(0.3, 0.9)
     points = ball(n, 'ico', g) @ Rotation.random(random_state=int(g.integers(1 << 31))).as_matrix()
-    b, c = max(b, c), min(b, c)
+    b, c = max(axes), min(axes)
     depth = 2 * (1 - np.cos(2 * np.pi / n)) / c**2
-    known = b - c > 4 * depth
-    return Shape(f'ellipsoid {n}, {b:.2f} x {c:.2f}', points * [a, b, c], 2 * known or None, depth)
+    name = f'ellipsoid {n}, {b:.2f} x {c:.2f}'
+    return known_shape(name, points * [1.0, b, c], 2, depth, b - c > CERTAIN * depth)
 
 
-def shaft(g: np.random.Generator) -> Shape:
+def shaft(g: Generator) -> Shape:
+    """Return a shaft with a flat: two ends, the flat, and the round side opposite to it.
+
+    The barrier of the flat is what was cut off; the ends are large, because the shaft is not long.
+    """
     n, level, length = int(g.integers(32, 129)), g.uniform(0.8, 0.985), g.uniform(1.0, 6.0)
+    points = d_shaft(n, level, length)
+    name = f'D shaft {n}, flat {level:.3f}, {length:.2f} long'
+    return known_shape(name, points, 4, sagitta(n), 1 - level > CERTAIN * sagitta(n))
+
+
+def d_shaft(n: int, level: float, length: float) -> Array:
+    """Return the corners of a shaft of n sides and radius 1 with a flat at y = level."""
     outline = circle(n)
     outline = outline[outline[:, 1] < level - 1e-3]
     half = np.sqrt(1 - level**2)
-    depth = 1 - np.cos(np.pi / n)
-    points = extruded([*outline, (half, level), (-half, level)], length)
-    known = 1 - level > 4 * depth
-    return Shape(
-        f'D shaft {n}, flat {level:.3f}, {length:.2f} long', points, 4 * known or None, depth
-    )
+    return extruded([*outline, (half, level), (-half, level)], length)
 
 
-def capsule(g: np.random.Generator) -> Shape:
+def capsule(g: Generator) -> Shape:
+    """Return a capsule, which rests all around, or one with a flat along its side.
+
+    With a flat it rests on this and opposite to it, because the centre of mass is not central.
+    """
     n, length = 4 * int(g.integers(6, 16)), g.uniform(0.5, 6.0)
-    profile = [
-        (np.cos(t), end * (length / 2 + np.sin(t)))
-        for t in arc(0, np.pi / 2, n)
-        for end in (-1, 1)
-    ]
+    angles = arc(np.pi / 2, n)
+    profile = [(np.cos(t), z * (length / 2 + np.sin(t))) for t in angles for z in (-1, 1)]
     points = revolved(profile, n)
-    depth = 2 * (1 - np.cos(np.pi / n))
+    depth = 2 * sagitta(n)
+    name = f'capsule {n}, {length:.2f} long'
     if g.random() < 0.5:
-        return Shape(f'capsule {n}, {length:.2f} long', points, 1, depth)
+        return Shape(name, points, 1, depth)
     level = g.uniform(0.7, 0.97)
-    known = 1 - level > 4 * depth
     points = cut(points[:, [1, 2, 0]], -level)
-    return Shape(
-        f'capsule {n}, {length:.2f} long, flat {level:.3f}', points, 2 * known or None, depth
-    )
+    name = f'{name}, flat {level:.3f}'
+    return known_shape(name, points, 2, depth, 1 - level > CERTAIN * depth)
 
 
-def cone(g: np.random.Generator) -> Shape:
+def cone(g: Generator) -> Shape:
+    """Return a cone or a frustum, which rests on its base and its top.
+
+    It rests on its side, too, if the foot of the perpendicular from its centre of mass is between
+    the ends of the side.
+    """
     n, top, height = int(g.integers(20, 100)), g.uniform(0.0, 0.9), g.uniform(0.5, 4.0)
     top = 0.0 if g.random() < 0.3 else top
-    depth = 1 - np.cos(np.pi / n)
-    volume = 1 + top + top**2
-    centre = height * (1 + 2 * top + 3 * top**2) / (4 * volume)
-    # On its side it rests if its centre of mass is above the side, and on its top likewise.
-    tilt = np.arctan2(1 - top, height)
-    slant = np.hypot(1 - top, height)
-    along = (1 - top) * np.sin(tilt) + centre * np.cos(tilt)  # from the rim of the base
-    side = 0 < along < slant
-    known = (
-        abs(along - slant) > 0.1 * slant and abs(along) > 0.1 * slant and (top == 0 or top > 0.1)
-    )
-    points = revolved([(1, 0), (top, height)], n)
-    return Shape(
-        f'cone {n}, {top:.2f}, {height:.2f}', points, (1 + side + (top > 0)) * known or None, depth
-    )
+    centre = height * (1 + 2 * top + 3 * top**2) / (4 * (1 + top + top**2))
+    tilt, slant = np.arctan2(1 - top, height), np.hypot(1 - top, height)
+    foot = (np.sin(tilt) + centre * np.cos(tilt)) / slant  # from the rim of the base, as a share
+    clear = abs(foot - 1) > 0.1 and abs(foot) > 0.1 and (top == 0 or top > 0.1)
+    aspects = 1 + (0 < foot < 1) + (top > 0)
+    name = f'cone {n}, {top:.2f}, {height:.2f}'
+    return known_shape(name, revolved([(1, 0), (top, height)], n), aspects, sagitta(n), clear)
 
 
-def lens(g: np.random.Generator) -> Shape:
+def lens(g: Generator) -> Shape:
+    """Return a lens, which rests on its two sides, and on its rim if this is cylindrical."""
     n, rise, rim = int(g.integers(24, 80)), g.uniform(0.1, 0.6), g.choice([0.0, 0.3])
     radius = (1 + rise**2) / (2 * rise)
-    half = np.arcsin(1 / radius)
+    base = rim / 2 - radius + rise
+    angles = arc(np.arcsin(1 / radius), n)
     profile = [
-        (radius * np.sin(t), end * (rim / 2 + radius * np.cos(t) - radius + rise))
-        for t in arc(0, half, n)
-        for end in (-1, 1)
+        (radius * np.sin(t), z * (base + radius * np.cos(t))) for t in angles for z in (-1, 1)
     ]
-    depth = 2 * radius * (1 - np.cos(np.pi / n))
-    known = np.hypot(1, rim / 2) - 1 > 4 * depth or rim == 0
-    return Shape(
-        f'lens {n}, {rise:.2f}, rim {rim:.1f}',
-        revolved(profile, n),
-        (2 + (rim > 0)) * known or None,
-        depth,
-    )
+    depth = 2 * radius * sagitta(n)
+    clear = rim == 0 or np.hypot(1, rim / 2) - 1 > CERTAIN * depth
+    name = f'lens {n}, {rise:.2f}, rim {rim:.1f}'
+    return known_shape(name, revolved(profile, n), 2 + (rim > 0), depth, clear)
 
 
-def rounded_box(g: np.random.Generator) -> Shape:
+def rounded_box(g: Generator) -> Shape:
+    """Return a box, perhaps with fillets, which rests on its six sides.
+
+    This is known if the barrier over each fillet is above the depth of the mesh.
+    """
     n, fillet = 4 * int(g.integers(4, 13)), g.choice([0.0, g.uniform(0.02, 0.9)])
-    sides = 2 * np.array(
-        [1.0, 1.0, 1.0] if g.random() < 0.5 else [1.0, g.uniform(1, 2), g.uniform(1, 3)]
-    )
-    core = sides / 2 - fillet
-    angles = arc(0, np.pi / 2, n)
-    corner = [
-        (np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)) for t in angles for p in angles
-    ]
-    corner = core + fillet * np.array(corner)
+    cube = g.random() < 0.5
+    half = np.array([1.0, 1.0, 1.0] if cube else [1.0, g.uniform(1, 2), g.uniform(1, 3)])
+    core = half - fillet
+    t, p = (angle.ravel() for angle in np.meshgrid(*[arc(np.pi / 2, n)] * 2, indexing='ij'))
+    octant = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=1)
     signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
-    depth = 2 * fillet * (1 - np.cos(np.pi / n))
-    points = np.concatenate([corner * sign for sign in signs])
-    lowest = min(
-        np.hypot(*np.delete(core, k)) + fillet - sides[j] / 2
-        for k in range(3)
-        for j in range(3)
-        if j != k
-    )
-    return Shape(
-        f'rounded box {sides.round(2).tolist()}, {n}, {fillet:.3f}',
-        points,
-        6 if lowest > 4 * depth + 0.01 else None,
-        depth,
-    )
+    points = np.concatenate([(core + fillet * octant) * sign for sign in signs])
+    depth = 2 * fillet * sagitta(n)
+    pairs = [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2), (2, 1)]
+    barrier = min(np.hypot(core[a], core[b]) + fillet - half[b] for a, b in pairs)
+    name = f'rounded box {(2 * half).round(2).tolist()}, {n}, {fillet:.3f}'
+    return known_shape(name, points, 6, depth, barrier > CERTAIN * depth + 0.01)
 
 
-def needle(g: np.random.Generator) -> Shape:
+def needle(g: Generator) -> Shape:
+    """Return a long prism, which rests on its sides: the barriers of its ends are noise.
+
+    From 15 sides on, with steps below 25 degrees, the sides are the mesh of one round side.
+    """
     n, slender = int(g.integers(3, 65)), 10 ** g.uniform(1.5, 3.3)
-    depth = (1 - np.cos(np.pi / n)) if n > 14 else 0.0
-    return Shape(
-        f'needle of {n} sides, 1:{slender:.0f}',
-        extruded(circle(n), 2 * slender),
-        1 if n > 14 else n,
-        depth,
-    )
+    points = extruded(circle(n), 2 * slender)
+    name = f'needle of {n} sides, 1:{slender:.0f}'
+    return Shape(name, points, 1, sagitta(n)) if n > 14 else Shape(name, points, n, 0.0)
 
 
-def prism(g: np.random.Generator) -> Shape:
+def prism(g: Generator) -> Shape:
+    """Return a prism, which rests on its ends, and on its sides or one round side: see needle."""
     n, height = int(g.integers(3, 301)), g.uniform(0.8, 6.0)
-    depth = (1 - np.cos(np.pi / n)) if n > 14 else 0.0
-    return Shape(
-        f'prism of {n} sides, {height:.2f}',
-        extruded(circle(n), height),
-        3 if n > 14 else n + 2,
-        depth,
-    )
+    points = extruded(circle(n), height)
+    name = f'prism of {n} sides, {height:.2f}'
+    return Shape(name, points, 3, sagitta(n)) if n > 14 else Shape(name, points, n + 2, 0.0)
 
 
-def disc(g: np.random.Generator) -> Shape:
+def disc(g: Generator) -> Shape:
+    """Return a disc, which rests on its faces, and on its rim if the barrier is above noise."""
     n, thickness = int(g.integers(24, 129)), 10 ** g.uniform(-3, -0.5)
-    depth = 1 - np.cos(np.pi / n)
     barrier = np.hypot(1, thickness / 2) - 1
-    aspects = 3 if barrier > 1.3e-3 else 2 if barrier < 0.7e-3 else None
-    return Shape(
-        f'disc {n}, {thickness:.4f} thick', extruded(circle(n), thickness), aspects, depth
-    )
+    aspects = 2 + (barrier > NOISE)
+    points = extruded(circle(n), thickness)
+    name = f'disc {n}, {thickness:.4f} thick'
+    return known_shape(name, points, aspects, sagitta(n), clear_of_noise(barrier))
 
 
-def chamfered_disc(g: np.random.Generator) -> Shape:
-    n, thickness, angle = (
-        int(g.integers(32, 129)),
-        g.uniform(0.3, 0.8),
-        np.radians(g.uniform(10, 24)),
-    )
-    width = g.uniform(0.1, 0.4)
+def chamfered_disc(g: Generator) -> Shape:
+    """Return a disc with chamfers, which rests on its rim if the barrier is above noise.
+
+    A chamfer of up to 24 degrees is not an aspect: the part tips over it onto the face.
+    """
+    n, thickness = int(g.integers(32, 129)), g.uniform(0.3, 0.8)
+    angle, width = np.radians(g.uniform(10, 24)), g.uniform(0.1, 0.4)
     rise = min(width * np.tan(angle), 0.4 * thickness)
-    rim = thickness - 2 * rise
-    barrier = np.hypot(1, rim / 2) - 1
-    depth = 1 - np.cos(np.pi / n)
-    profile = [(1 - width, end * thickness / 2) for end in (-1, 1)] + [
-        (1, end * rim / 2) for end in (-1, 1)
-    ]
-    aspects = 3 if barrier > 1.3e-3 else 2 if barrier < 0.7e-3 else None
-    return Shape(f'chamfered disc {n}, rim {rim:.3f}', revolved(profile, n), aspects, depth)
+    points = chamfered(n, thickness, width, rise)
+    barrier = np.hypot(1, thickness / 2 - rise) - 1
+    aspects = 2 + (barrier > NOISE)
+    name = f'chamfered disc {n}, rim {thickness - 2 * rise:.3f}'
+    return known_shape(name, points, aspects, sagitta(n), clear_of_noise(barrier))
 
 
-def wedge(g: np.random.Generator) -> Shape:
+def chamfered(n: int, thickness: float, width: float, rise: float) -> Array:
+    """Return the corners of a disc of radius 1 with chamfers, ``width`` along its faces."""
+    outer, inner = thickness / 2, thickness / 2 - rise
+    return revolved([(1 - width, -outer), (1 - width, outer), (1, -inner), (1, inner)], n)
+
+
+def wedge(g: Generator) -> Shape:
+    """Return a box whose upper side is two facets with a small angle between them.
+
+    It has seven sides, but if the barrier between these two is noise, they are one aspect.
+    """
     angle, width, height = g.uniform(0.1, 10), g.uniform(1.5, 3), g.uniform(1.0, 1.6)
-    rise = width / 2 * np.tan(np.radians(angle) / 2)
-    outline = [
-        (-width / 2, 0),
-        (width / 2, 0),
-        (width / 2, height),
-        (0, height + rise),
-        (-width / 2, height),
-    ]
-    hull = Landscape(extruded(outline, 1.4))
-    # The two upper sides are two aspects if the barrier between them is above the noise.
-    roof = [
-        barrier / hull.heights[k] for k, barrier in hull.minima() if barrier < 0.02 * hull.radius
-    ]
-    aspects = (
-        5 + 2 * (max(roof, default=0) > 1.1e-3)
-        if not 0.9e-3 < max(roof, default=0) < 1.1e-3
-        else None
-    )
-    aspects = 6 if aspects == 5 else aspects
-    return Shape(f'wedge {angle:.2f} degrees', extruded(outline, 1.4), aspects, 0.0)
+    ridge = height + width / 2 * np.tan(np.radians(angle) / 2)
+    base, sides = [(-width / 2, 0), (width / 2, 0)], [(width / 2, height), (-width / 2, height)]
+    points = extruded([*base, sides[0], (0, ridge), sides[1]], 1.4)
+    hull = Landscape(points)
+    low = [(k, barrier) for k, barrier in hull.minima() if barrier < 0.02 * hull.radius]
+    roof = max((barrier / hull.heights[k] for k, barrier in low), default=0)
+    aspects = 6 + (roof > NOISE)
+    clear = abs(roof / NOISE - 1) > 0.1
+    return known_shape(f'wedge {angle:.2f} degrees', points, aspects, 0.0, clear)
 
 
-def polyhedron(g: np.random.Generator) -> Shape:
+def polyhedron(g: Generator) -> Shape:
+    """Return a hull of random points, whose number of aspects only the landscape tells."""
     n = int(g.integers(5, 17))
     points = g.standard_normal((n, 3)) * g.uniform(0.3, 1, 3)
     return Shape(f'polyhedron {n}', points, None, 0.0)
 
 
-FAMILIES: tuple[Callable[[np.random.Generator], Shape], ...] = (
+FAMILIES: tuple[Callable[[Generator], Shape], ...] = (
     whole_ball, ball_with_flats, ellipsoid, shaft, capsule, cone, lens, rounded_box, needle, prism,
     disc, chamfered_disc, wedge, polyhedron,
 )  # fmt: skip
