@@ -198,8 +198,10 @@ def _generates(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool
 
 def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool:
     # Not only the smallest rotation, which may fit because it hardly moves the surface.
-    steps = 2 ** np.arange(np.ceil(np.log2(n)))[::-1]
-    return all(match.fits(turn[None], order)[0] for turn in turns(axis, 2 * np.pi * steps / n))
+    steps = 2 ** np.arange(np.ceil(np.log2(n)))
+    rotations = turns(axis, 2 * np.pi * steps / n)
+    # First with few samples, because any of the rotations may fail.
+    return all(match.fits(rotations, some).all() for some in (order[:SAMPLES], order))
 
 
 def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:
