@@ -21,7 +21,7 @@ from resting_aspects_ros.core.geometry.rotation_group import (
     surface_frame,
     turns,
 )
-from resting_aspects_ros.core.geometry.surface_match import SurfaceMatch
+from resting_aspects_ros.core.geometry.surface_match import SURFACE_TOLERANCE, SurfaceMatch
 from resting_aspects_ros.core.part import Part
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +31,9 @@ Indices = npt.NDArray[np.int64]
 HIGHEST_ORDER = 256
 # Steps of the azimuth of a perpendicular axis, rad, and their minimum number between two axes.
 STEP, MIN_STEPS = 0.01, 16
+# Maximum distance of a rotated surface point from the surface, R, for products of symmetries, and
+# the highest order of a rotation about an axis that is found as such a product.
+PRODUCT_TOLERANCE, HIGHEST_PRODUCT = 2 * SURFACE_TOLERANCE, 12
 # Maximum deviation of a candidate before its refinement, R.
 ROUGH = 0.01
 # The same for candidates from a search over all rotations, R.
@@ -74,8 +77,11 @@ def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
     """Return the symmetry of the surface of a part about its centre of mass.
 
     Candidates come from second moments of the surface and from the landmarks. A rotation is a
-    symmetry if it and its inverse map the surface onto itself, within SYMMETRY_TOLERANCE plus the
-    effect of the tessellation. The inertia is not used, because it may be given by the user.
+    symmetry if it and its inverse keep the heights at which the part rests, within
+    SYMMETRY_TOLERANCE, and map the surface onto itself, within SURFACE_TOLERANCE, both plus the
+    effect of the tessellation. A product of such rotations may deviate twice as much from the
+    surface: of a thread, a turn by a sixth moves it by p / 6, a half turn by p / 2. The inertia is
+    not used, because it may be given by the user.
 
     Parameters
     ----------
@@ -155,7 +161,7 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
             if contains(group, rotation):
                 break
             larger = generated(np.array([*generators, rotation]))
-            if larger is not None and match.fits(larger, few).all():
+            if larger is not None and match.fits(larger, few, reach=PRODUCT_TOLERANCE).all():
                 group = larger
                 generators.append(rotation)
                 break
@@ -163,7 +169,10 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
 
 
 def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
-    """Return the largest n for which a rotation by 1 / n fits, from its prime powers."""
+    """Return the largest n for which a rotation by 1 / n fits, from its prime powers.
+
+    Or an order whose smallest rotation fits and generates the others, such as that of a nut.
+    """
     n = 1
     for prime in range(2, HIGHEST_ORDER + 1):
         if any(prime % smaller == 0 for smaller in range(2, prime)):
@@ -172,13 +181,27 @@ def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
         while power <= HIGHEST_ORDER and _has_order(match, axis, power, order):
             power *= prime
         n *= power // prime
+    for multiple in range(HIGHEST_PRODUCT, n, -1):
+        if multiple % n == 0 and _generates(match, axis, multiple, order):
+            return multiple
     return n
+
+
+def _generates(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool:
+    """Return whether a rotation by 1 / n fits, and its powers as products of it."""
+    powers = turns(axis, 2 * np.pi * np.arange(1, n) / n)
+    return bool(
+        match.fits(powers[:1], order)[0]
+        and match.fits(powers, order, reach=PRODUCT_TOLERANCE).all()
+    )
 
 
 def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool:
     # Not only the smallest rotation, which may fit because it hardly moves the surface.
-    steps = 2 ** np.arange(np.ceil(np.log2(n)))[::-1]
-    return all(match.fits(turn[None], order)[0] for turn in turns(axis, 2 * np.pi * steps / n))
+    steps = 2 ** np.arange(np.ceil(np.log2(n)))
+    rotations = turns(axis, 2 * np.pi * steps / n)
+    # First with few samples, because any of the rotations may fail.
+    return all(match.fits(rotations, some).all() for some in (order[:SAMPLES], order))
 
 
 def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:

@@ -13,7 +13,7 @@ Found = Callable[[Indices, Indices], Flags]
 # Number of points that descend the tree together, which limits the memory.
 BATCH = 1024
 # Mean number of boxes per point above which one triangle of each box is tested early.
-CROWDED = 32
+CROWDED = 1
 # Maximum number of pairs of points and boxes, unless they are of a single point.
 MAX_PAIRS = 500_000
 # Number of triangles of a point that are tested first; each further step tests this factor more.

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from resting_aspects_ros.core.geometry.hull import outward_hull
 from resting_aspects_ros.core.geometry.surface_distance import TriangleTree, subdivide
 from resting_aspects_ros.core.geometry.tessellation import sagittas
 from resting_aspects_ros.core.part import Part
@@ -14,15 +15,24 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Maximum distance of a rotated surface point from the surface, R, in addition to the effect of the
-# tessellation. It allows for inaccuracies of a part that is designed as symmetric.
+# Maximum difference of the heights at which a part rests before and after a rotation, R, in
+# addition to the effect of the tessellation. It allows for inaccuracies of a part that is designed
+# as symmetric, and a difference of 1 % of a length decides on which side a part rests.
 SYMMETRY_TOLERANCE = 2e-3
+# Maximum distance of a rotated surface point from the surface, R. A sixth of the pitch of a
+# modelled thread is less than this on standard nuts, and so is an engraving; a pocket, hole or
+# boss that a feeder can use is deeper.
+SURFACE_TOLERANCE = 0.03
 # Triangles are subdivided until their edges are shorter than this, R, up to a maximum number, so
 # that samples are evenly distributed and boxes are small.
 MAX_EDGE, MAX_PIECES = 0.15, 60_000
 # Maximum number of samples at corners of the mesh, and at the middles of pieces and other
 # vertices.
 MAX_CORNERS, MAX_OTHERS = 1500, 2500
+# Maximum number of feet on the hull.
+MAX_FEET = 200
+# Maximum distance from the hull of a foot on it, R, due to rounding.
+ON_HULL = 1e-5
 # Number of samples that come first, each as far as possible from those before it.
 SPREAD = 200
 # Numbers of samples after which failed rotations are rejected; most fail at the first few.
@@ -39,7 +49,11 @@ TURNS = 3
 
 
 class SurfaceMatch:
-    """The surface of a part about its centre of mass, in units of R, and samples of it."""
+    """The surface of a part about its centre of mass, in units of R, and samples of it.
+
+    The first samples are the feet of the part: the points of its hull that are beneath its centre
+    of mass when it rests. Their distances from the centre are the heights at which it rests.
+    """
 
     def __init__(self, part: Part) -> None:
         """Sample the surface at corners, vertices and points inside the triangles."""
@@ -68,8 +82,29 @@ class SurfaceMatch:
             [at_vertex[sharp], np.concatenate([at_vertex[other], skins[whole]])[few]]
         )
         order = _spread_first(points)
-        self._points, self._skins = points[order], skins[order]
-        self.order = np.arange(len(points))
+        feet, depth = self._feet(part)
+        self._points = np.concatenate([feet, points[order]])
+        self._skins = np.concatenate([depth, skins[order]])
+        self.order = np.arange(len(self._points))
+        self._is_foot = self.order < len(feet)
+
+    def _feet(self, part: Part) -> tuple[Array, Array]:
+        """Set the tree of the hull; return the feet (k, 3) and their skins (k,), R."""
+        corners, faces, _ = outward_hull(part.hull_vertices)
+        corners = (corners - part.centre_of_mass) / part.hull_radius
+        skins = sagittas(corners, faces)[0]
+        triangles = corners[faces]
+        twice = _normals(triangles)
+        solid = np.linalg.norm(twice, axis=1) > 0
+        triangles, skins, normals = triangles[solid], skins[solid], twice[solid]
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        self._hull = TriangleTree(triangles, skins)
+        feet = np.einsum('ij,ij->i', normals, triangles[:, 0])[:, None] * normals
+        # Skins are not used here, because a foot outside the hull is not one.
+        bare = TriangleTree(triangles, np.zeros(len(triangles)))
+        touching = np.flatnonzero(bare.near(feet, ON_HULL, np.zeros(len(feet))))
+        few = touching[_thinned(feet[touching], normals[touching], MAX_FEET)]
+        return feet[few], skins[few]
 
     def deviating(self, axis: Array | None) -> Flags:
         """Return which samples leave the surface after rotations about an axis (unit vector).
@@ -86,13 +121,21 @@ class SurfaceMatch:
                 angles = generator.uniform(0, 2 * np.pi, len(deviating))
                 turns = Rotation.from_rotvec(angles[:, None] * axis)
             moved = turns.apply(self._points)
-            deviating |= ~self._tree.near(moved, SYMMETRY_TOLERANCE, self._skins)
+            deviating |= ~self._near(moved, self.order, 0.0, SURFACE_TOLERANCE)
         return deviating
 
-    def fits(self, rotations: Array, order: Indices, play: float = 0.0) -> Flags:
-        """Return which rotations, (k, 3, 3), and their inverses map the surface onto itself.
+    def fits(
+        self,
+        rotations: Array,
+        order: Indices,
+        play: float = 0.0,
+        reach: float = SURFACE_TOLERANCE,
+    ) -> Flags:
+        """Return which rotations, (k, 3, 3), and their inverses map the part onto itself.
 
-        ``order`` is the order of the samples; ``play``, R, is added to SYMMETRY_TOLERANCE.
+        They map its feet onto its hull within SYMMETRY_TOLERANCE + ``play``, R, and its surface
+        onto itself within ``reach``, R, or within the same if that is more. ``order`` is the order
+        of the samples.
         """
         left = np.arange(len(rotations))
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]
@@ -100,7 +143,7 @@ class SurfaceMatch:
             some = order[start:stop]
             block = max(1, BATCH // (2 * len(some)))
             parts = [left[i : i + block] for i in range(0, len(left), block)]
-            held = [part[self._hold(rotations[part], some, play)] for part in parts]
+            held = [part[self._hold(rotations[part], some, play, reach)] for part in parts]
             left = np.concatenate(held) if held else left
         fits = np.zeros(len(rotations), dtype=bool)
         fits[left] = True
@@ -112,7 +155,7 @@ class SurfaceMatch:
         It minimizes the squared distances to the planes of the nearest triangles (Chen and Medioni
         1992), in several iterations with decreasing reach.
         """
-        points = self._points[order[: 2 * SPREAD]]
+        points = self._points[order[~self._is_foot[order]][: 2 * SPREAD]]
         for reach in (0.04, 0.02, 0.01, 0.01):
             moved = points @ rotation.T
             index, piece, way = self._tree.nearest(moved, reach)
@@ -123,13 +166,24 @@ class SurfaceMatch:
             rotation = Rotation.from_rotvec(turn).as_matrix() @ rotation
         return rotation
 
-    def _hold(self, rotations: Array, some: Indices, play: float) -> Flags:
+    def _hold(self, rotations: Array, some: Indices, play: float, reach: float) -> Flags:
         there = np.einsum('kij,pj->kpi', rotations, self._points[some])
         back = np.einsum('kji,pj->kpi', rotations, self._points[some])
         points = np.concatenate([there, back], axis=1)
-        skins = np.tile(self._skins[some], 2 * len(rotations))
-        near = self._tree.near(points.reshape(-1, 3), SYMMETRY_TOLERANCE + play, skins)
+        samples = np.tile(some, 2 * len(rotations))
+        near = self._near(points.reshape(-1, 3), samples, play, reach)
         return np.asarray(near.reshape(len(rotations), -1).all(axis=1))
+
+    def _near(self, points: Array, samples: Indices, play: float, reach: float) -> Flags:
+        """Return which points (n, 3), where rotated samples (n,) are, are near the part."""
+        near = np.zeros(len(points), dtype=bool)
+        tight = SYMMETRY_TOLERANCE + play
+        for tree, of, within in (
+            (self._hull, self._is_foot[samples], tight),
+            (self._tree, ~self._is_foot[samples], max(reach, tight)),
+        ):
+            near[of] = tree.near(points[of], within, self._skins[samples[of]])
+        return near
 
 
 def _normals(triangles: Array) -> Array:

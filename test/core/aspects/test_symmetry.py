@@ -161,6 +161,55 @@ def frustum(sides):
     return hull(np.concatenate(ends))
 
 
+def thread(radius, depth, pitch, height, outward, sides=36, steps=6):
+    """The wall of a helical V groove from a radius on, and its outlines below and above."""
+    z = np.linspace(0, height, int(np.ceil(height / pitch * steps)) + 1)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    turn = z[:, None] / pitch - angle / (2 * np.pi)
+    r = radius + depth * np.abs(2 * (turn % 1) - 1)
+    levels = np.broadcast_to(z[:, None], r.shape)
+    at = np.stack([r * np.cos(angle), r * np.sin(angle), levels], axis=2)
+    beside = np.roll(at, -1, axis=1)
+    triangles = [np.stack([at[:-1], beside[:-1], beside[1:]], axis=2)]
+    triangles.append(np.stack([at[:-1], beside[1:], at[1:]], axis=2))
+    wall_ = np.concatenate(triangles).reshape(-1, 3, 3)
+    return wall_ if outward else wall_[:, ::-1], at[0, :, :2], at[-1, :, :2]
+
+
+def hexagon(width, sides=36):
+    """A hexagon with points at the angles of a circle."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    r = width / 2 / np.cos((angle + np.pi / 6) % (np.pi / 3) - np.pi / 6)
+    return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+
+
+def ring(outline, hole, z, up):
+    """A flat face between outlines with points at the same angles."""
+    a, b, c, d = outline, np.roll(outline, -1, axis=0), hole, np.roll(hole, -1, axis=0)
+    triangles = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    triangles = triangles if up else triangles[:, ::-1]
+    return np.concatenate([triangles, np.full((*triangles.shape[:2], 1), z)], axis=2)
+
+
+def soup(parts):
+    triangles = np.concatenate(parts).reshape(-1, 3)
+    return trimesh.Trimesh(triangles, np.arange(len(triangles)).reshape(-1, 3))
+
+
+def threaded_nut(width, height, pitch, minor, depth):
+    inner, low, high = thread(minor, depth, pitch, height, outward=False)
+    outer = hexagon(width)
+    faces = [ring(outer, high, height, True), ring(outer, low, 0.0, False)]
+    return soup([inner, wall(outer, 0, height), *faces])
+
+
+def threaded_bolt(width, head, length, pitch, minor, depth):
+    shaft, low, high = thread(minor, depth, pitch, length, outward=True)
+    outer = hexagon(width)
+    ends = [sheet(high, (), length, True), sheet(outer, (), -head, False)]
+    return soup([shaft, wall(outer, -head, 0), ring(outer, low, 0.0, True), *ends])
+
+
 FINITE = {
     'tetrahedron': (tetrahedron, 12),
     'cube': (lambda: box((9, 9, 9)), 24),
@@ -178,7 +227,7 @@ FINITE = {
     'its_mirror_image': (lambda: twisted(-0.35), 6),
     'irregular': (irregular, 1),
     'disc_with_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 2), 2), 1),
-    'disc_with_small_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 0.2), 0.2), 1),
+    'disc_with_small_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 0.2), 0.5), 1),
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
     'disc_with_three_holes': (lambda: plate(circle(10, 64), 5, around(5, 3, 2)), 6),
@@ -395,7 +444,7 @@ def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divid
             ),
             ('finite', 6),
         ),
-        (lambda: plate(circle(20, 90), 5, [gear(40, SPUR)]), ('finite', 80)),
+        (lambda: plate(circle(11, 90), 5, [gear(40, SPUR)]), ('finite', 80)),
     ],
     ids=['cylinder', 'washer', 'disc_with_three_holes', 'ring_gear'],
 )
@@ -455,3 +504,35 @@ def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     radius = np.linalg.norm(half)
     part = solid(box(2 * half + [2 * gap * radius, 0, 0]))
     assert found(find_symmetry(part, landmarks(part))) == ('finite', order)
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(
+    ('make', 'classes'),
+    [
+        (lambda: threaded_nut(5.5, 2.4, 0.5, 1.23, 0.27), [2, 6]),
+        (lambda: threaded_nut(8, 4, 0.8, 2.07, 0.43), [2, 6]),
+        (lambda: threaded_bolt(5.5, 2, 10, 0.5, 1.2, 0.3), [1, 1, 6]),
+    ],
+    ids=['nut_m3', 'nut_m5', 'bolt_m3'],
+)
+def test_modelled_threads_keep_the_sides_of_a_hexagon_in_one_class(solid, make, classes):
+    part = solid(make())
+    assert not np.isnan(part.volume)
+    aspects = find_aspects(part)
+    assert sorted(len(members) for members in aspects.classes()) == classes
+    assert_is_group(aspects.symmetry)
+
+
+@pytest.mark.parametrize(('depth', 'sizes'), [(0.05, [1, 1, 4]), (0.01, [2, 4])])
+def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes):
+    square, pocket = (circle(r, 4, phase=np.pi / 4) for r in (10, 1))
+    part = solid(plate(square, 8, [pocket], depth * np.hypot(10, 4)))  # in R
+    classes = find_aspects(part).classes()
+    assert sorted(len(members) for members in classes) == sizes
+
+
+@pytest.mark.parametrize(('share', 'classes'), [(0.99, [2, 4]), (1.001, [6])])
+def test_one_percent_of_a_length_splits_the_sides_of_a_cube(solid, share, classes):
+    aspects = find_aspects(solid(box((10, 10, 10 * share))))
+    assert sorted(len(members) for members in aspects.classes()) == classes
