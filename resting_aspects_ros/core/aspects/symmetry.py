@@ -47,6 +47,8 @@ TRIED, MAX_TRIED = 0.05, 100
 FEW_ANYWHERE = 60
 # Maximum number of candidates that are refined in a search.
 MAX_REFINED = 20
+# A part with fewer flat sides beside an axis is no body of revolution: a shaft with a shallow flat.
+MIN_AROUND = 8
 # Maximum number of directions that are tried as the axis of a body of revolution.
 MAX_AXES = 12
 
@@ -87,22 +89,22 @@ def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
     ----------
     part : Part
     landmarks : (k, 3) float
-        Unit directions, part frame, that the group permutes, with errors up to 1e-3, such as those
-        of flat aspects; may be empty.
+        Unit directions, part frame, of the flat sides on which the part rests, with errors up to
+        1e-3. The group permutes them; there may be none.
     """
     match = SurfaceMatch(part)
-    if not match.deviating(None).any():
+    if not len(landmarks) and not match.deviating(None).any():
         return Symmetry('spherical', 1, None, np.eye(3)[None])
     axes, alone = surface_frame(match.triangles)
     for axis in _directions(axes if alone.any() else np.concatenate([axes, landmarks])):
-        if _is_axial(match, axis):
+        if _beside(axis, landmarks) not in range(1, MIN_AROUND) and _is_axial(match, axis):
             return _axial(match, axis)
     if alone.all():
         rotations = _from(match, half_turns(axes), ROUGH)
     elif alone.any():
         axis = axes[alone][0]
         order = np.argsort(~match.deviating(axis), kind='stable')  # the most significant first
-        n = _cyclic_order(match, axis, order)
+        n = _cyclic_order(match, axis, order, _beside(axis, landmarks))
         if n > HIGHEST_ORDER:
             # Some samples deviate at some angle, but no finite order is found.
             return _axial(match, axis)
@@ -128,6 +130,11 @@ def _across(axis: Array) -> Array:
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
+
+
+def _beside(axis: Array, landmarks: Array) -> int:
+    """Return the number of landmarks beside an axis; a rotation of order n permutes n each."""
+    return int((np.linalg.norm(np.cross(landmarks, axis), axis=1) > STEP).sum())
 
 
 def _is_axial(match: SurfaceMatch, axis: Array) -> bool:
@@ -168,21 +175,26 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     return group
 
 
-def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
+def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices, beside: int) -> int:
     """Return the largest n for which a rotation by 1 / n fits, from its prime powers.
 
-    Or an order whose smallest rotation fits and generates the others, such as that of a nut.
+    Or an order whose smallest rotation fits and generates the others, such as that of a nut. It
+    divides the number of landmarks ``beside`` the axis.
     """
     n = 1
     for prime in range(2, HIGHEST_ORDER + 1):
         if any(prime % smaller == 0 for smaller in range(2, prime)):
             continue
         power = prime
-        while power <= HIGHEST_ORDER and _has_order(match, axis, power, order):
+        while (
+            power <= HIGHEST_ORDER
+            and beside % power == 0
+            and _has_order(match, axis, power, order)
+        ):
             power *= prime
         n *= power // prime
     for multiple in range(HIGHEST_PRODUCT, n, -1):
-        if multiple % n == 0 and _generates(match, axis, multiple, order):
+        if multiple % n == beside % multiple == 0 and _generates(match, axis, multiple, order):
             return multiple
     return n
 

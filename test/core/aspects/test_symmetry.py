@@ -297,7 +297,9 @@ def slow(*names):
 
 
 def landmarks(part):
-    return np.array([a.down_in_part for a in find_aspects(part).aspects]).reshape(-1, 3)
+    """The directions of flat sides."""
+    aspects = find_aspects(part).aspects
+    return np.array([a.down_in_part for a in aspects if not a.sweep.curved]).reshape(-1, 3)
 
 
 def found(symmetry):
@@ -347,6 +349,21 @@ def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     np.testing.assert_allclose(
         symmetry.rotations @ symmetry.axis, [symmetry.axis, -symmetry.axis][:order], atol=1e-12
     )
+
+
+@pytest.mark.parametrize(('sides', 'level'), [(32, 0.97), (32, 0.99), (64, 0.99)])
+def test_shaft_with_a_flat_is_no_body_of_revolution(solid, sides, level):
+    """The flat is as wide as two or three of the flats that the mesh makes of the round side."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outline = outline[outline[:, 1] < level]
+    half = np.sqrt(1 - level**2)
+    corners = 10 * np.array([*outline, (half, level), (-half, level)])
+    hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (-20, 20)])
+    part = solid(hull)
+    aspects = find_aspects(part)
+    assert found(aspects.symmetry) == ('finite', 2)  # it can be turned end over end
+    assert len(aspects.classes()) == 3
 
 
 @pytest.mark.quick_cases(1)
