@@ -47,7 +47,7 @@ TRIED, MAX_TRIED = 0.05, 100
 FEW_ANYWHERE = 60
 # Maximum number of candidates that are refined in a search.
 MAX_REFINED = 20
-# A part with fewer flat sides beside an axis is no body of revolution: a shaft with a shallow flat.
+# A part with fewer flat sides beside an axis, such as a D shaft, is no body of revolution.
 MIN_AROUND = 8
 # Maximum number of directions that are tried as the axis of a body of revolution.
 MAX_AXES = 12
