@@ -23,6 +23,9 @@ from resting_aspects_ros.core.rotations import angle_between
 NOISE_BARRIER = 1e-3
 # A side whose facets are within this angle is flat, rad: its steps are noise.
 ONE_FLAT = np.radians(3.0)
+# Depth of a flat below a curved side as a multiple of the barrier to the next flat, at most: 4 for
+# an equilateral triangle on a sphere.
+MAX_RISE = 4.0
 # A part that must roll by more than this angle before it reaches the exit of a minimum can rest
 # there, however low the barrier is: a ball with a small flat.
 PLATEAU = CURVED_STEP
@@ -148,7 +151,8 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     low, saddles = groups.low, landscape.saddles
     facets = landscape.minima[minima]
     curved = bool(groups.curved[k])
-    rise = float(edges.typical_depth[facets[0]]) if curved else 0.0
+    rise = min(float(edges.typical_depth[facets[0]]), MAX_RISE * float(groups.ignored[k]))
+    rise *= curved
     leaves = own[saddles.between].sum(axis=1) == 1
     exit_ = saddles.heights[leaves].min(initial=np.inf) / landscape.radius
     top = low[k] + max(rise, NOISE_BARRIER * low[k] * (curved & groups.noisy[k]))
