@@ -36,6 +36,8 @@ _PLANAR = 0.1
 # Directions around a centre fill a cap, not a ring, if the nearest is closer to the centre than
 # this share of the furthest.
 _RING_WIDTH = 0.5
+# Length of the mean of unit vectors that are directions of one side.
+ONE_SIDE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,12 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
         _aspect(landscape, each, number, barriers[number], moments)
         for number, each in enumerate(unnumbered, start=1)
     )
-    flat = [a.down_in_part for a in aspects if a.sweep is Sweep.POINT]
+    # Sides that were joined around an axis, such as the teeth of a gear, have no direction.
+    flat = [
+        a.down_in_part
+        for a in aspects
+        if not a.sweep.curved and np.linalg.norm(a.directions.mean(axis=0)) > ONE_SIDE
+    ]
     symmetry = find_symmetry(part, np.array(flat).reshape(-1, 3))
     return with_symmetry_classes(
         AspectSet(part.part_sha256, aspects, symmetry), symmetry, part.hull_radius

@@ -47,8 +47,9 @@ TRIED, MAX_TRIED = 0.05, 100
 FEW_ANYWHERE = 60
 # Maximum number of candidates that are refined in a search.
 MAX_REFINED = 20
-# A part with fewer flat sides beside an axis, such as a D shaft, is no body of revolution.
-MIN_AROUND = 8
+# A part with fewer flat sides beside an axis, such as a D shaft, is no body of revolution. Beside:
+# at more than this angle, rad; small slopes of one flat side can be joined to one direction.
+MIN_AROUND, BESIDE = 8, 0.1
 # Maximum number of directions that are tried as the axis of a body of revolution.
 MAX_AXES = 12
 
@@ -134,7 +135,7 @@ def _across(axis: Array) -> Array:
 
 def _beside(axis: Array, landmarks: Array) -> int:
     """Return the number of landmarks beside an axis; a rotation of order n permutes n each."""
-    return int((np.linalg.norm(np.cross(landmarks, axis), axis=1) > STEP).sum())
+    return int((np.linalg.norm(np.cross(landmarks, axis), axis=1) > BESIDE).sum())
 
 
 def _is_axial(match: SurfaceMatch, axis: Array) -> bool:

@@ -296,12 +296,6 @@ def slow(*names):
     return [pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
-def landmarks(part):
-    """The directions of flat sides."""
-    aspects = find_aspects(part).aspects
-    return np.array([a.down_in_part for a in aspects if not a.sweep.curved]).reshape(-1, 3)
-
-
 def found(symmetry):
     return symmetry.kind, symmetry.order
 
@@ -331,7 +325,7 @@ def assert_maps_corners(part, rotations):
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
     part = solid(make())
-    symmetry = find_symmetry(part, landmarks(part))
+    symmetry = find_aspects(part).symmetry
     assert found(symmetry) == ('finite', order)
     assert symmetry.axis is None
     assert_is_group(symmetry)
@@ -342,7 +336,7 @@ def test_order_of_finite_groups(solid, name):
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
     part = solid(make())
-    symmetry = find_symmetry(part, landmarks(part))
+    symmetry = find_aspects(part).symmetry
     assert found(symmetry) == ('axial', order)
     np.testing.assert_allclose(np.abs(symmetry.axis), [0, 0, 1], atol=1e-4)
     # The other half of the group turns the axis round.
@@ -366,11 +360,24 @@ def test_shaft_with_a_flat_is_no_body_of_revolution(solid, sides, level):
     assert len(aspects.classes()) == 3
 
 
+def test_slopes_of_one_side_do_not_limit_the_order(solid):
+    """The ends of a hexagonal prism are pyramids whose slopes are joined to one side."""
+    rim = [(x, y, z) for x, y in circle(10, 6) for z in (-10, 10)]
+    slope = 5 * np.sqrt(3) * np.tan(np.radians(1.5))
+    aspects = find_aspects(
+        solid(
+            trimesh.convex.convex_hull([*rim, *np.eye(3)[[2, 2]] * [[10 + slope], [-10 - slope]]])
+        )
+    )
+    assert len(aspects.aspects) == 8
+    assert found(aspects.symmetry) == ('finite', 12)
+
+
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', SPHERES)
 def test_ball_is_spherical_for_any_mesh(solid, name):
     part = solid(SPHERES[name]())
-    symmetry = find_symmetry(part, landmarks(part))
+    symmetry = find_aspects(part).symmetry
     assert found(symmetry) == ('spherical', 1)
     np.testing.assert_array_equal(symmetry.rotations, [np.eye(3)])
 
@@ -378,7 +385,7 @@ def test_ball_is_spherical_for_any_mesh(solid, name):
 @pytest.mark.parametrize('name', EXAMPLES)
 def test_groups_of_the_example_parts(part, name):
     shape = part(name)
-    symmetry = find_symmetry(shape, landmarks(shape))
+    symmetry = find_aspects(shape).symmetry
     assert found(symmetry) == ('finite', EXAMPLES[name])
     assert_maps_corners(shape, symmetry.rotations)
 
@@ -387,7 +394,7 @@ def test_groups_of_the_example_parts(part, name):
 @pytest.mark.parametrize('name', ['cylinder_d20_h20', 'washer'])
 def test_round_example_parts_can_be_turned_end_over_end(part, name):
     shape = part(name)
-    assert found(find_symmetry(shape, landmarks(shape))) == ('axial', 2)
+    assert found(find_aspects(shape).symmetry) == ('axial', 2)
 
 
 @pytest.mark.quick_cases(1)
@@ -406,7 +413,7 @@ def test_without_landmarks_the_group_is_the_same(solid, name):
 def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
     part = solid(make())
-    exact = landmarks(part)
+    exact = np.array([a.down_in_part for a in find_aspects(part).aspects])
     rough = exact + 1e-3 * np.random.default_rng(1).uniform(-0.5, 0.5, exact.shape)
     rough /= np.linalg.norm(rough, axis=1, keepdims=True)
     symmetry = find_symmetry(part, rough)
@@ -439,7 +446,7 @@ def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divid
     mesh = make()
     moved = turned(mesh.subdivide() if divided else mesh, turn, (30, -50, 7))
     part = solid(moved)
-    symmetry = find_symmetry(part, landmarks(part))
+    symmetry = find_aspects(part).symmetry
     assert found(symmetry) == (kind, order)
     if kind == 'axial':
         assert abs(symmetry.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)
@@ -498,7 +505,7 @@ def test_rotation_of_an_n_gon_has_order_n(solid):
 )
 def test_group_preserves_the_given_centre_of_mass(solid, centre, expected):
     part = solid(cylinder(10, 20, sections=64), centre_of_mass=centre)
-    assert found(find_symmetry(part, landmarks(part))) == expected
+    assert found(find_aspects(part).symmetry) == expected
 
 
 def test_given_inertia_does_not_affect_the_group(solid):
@@ -520,7 +527,7 @@ def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     half = np.array([10.0, 10.0, 20.0])
     radius = np.linalg.norm(half)
     part = solid(box(2 * half + [2 * gap * radius, 0, 0]))
-    assert found(find_symmetry(part, landmarks(part))) == ('finite', order)
+    assert found(find_aspects(part).symmetry) == ('finite', order)
 
 
 @pytest.mark.quick_cases(2)
