@@ -6,6 +6,7 @@ reduces their start time to a fraction.
 """
 
 import warnings
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,16 @@ Array = npt.NDArray[np.float64]
 LENGTH_TOLERANCE = 1e-3
 # Maximum deviation of the cosine between two directions that are aligned.
 ALIGNED = 1e-9
+
+
+class Random(Protocol):
+    """Independent random numbers, such as those of numpy's Generator."""
+
+    def random(self, shape: Any, /) -> Any:
+        """Return numbers that are uniform between 0 and 1."""
+
+    def standard_normal(self, shape: Any, /) -> Any:
+        """Return numbers from the standard normal distribution."""
 
 
 def wxyz_from_xyzw(xyzw: Array) -> Array:
@@ -71,13 +82,13 @@ def _unit(xyzw: Array) -> Array:
     return np.asarray(xyzw / np.sqrt(x * x + y * y + z * z + w * w)[:, None])
 
 
-def random_orientations(generator: np.random.Generator, n: int) -> Array:
+def random_orientations(random: Random, n: int) -> Array:
     """Return quaternions (n, 4) that are independent and uniform on SO(3) (Haar measure).
 
     A normal vector in four dimensions has no preferred direction, so its direction is uniform on
     the unit quaternions (Muller 1959).
     """
-    return canonical(generator.standard_normal((n, 4)))
+    return canonical(random.standard_normal((n, 4)))
 
 
 def down_in_part(xyzw: Array, normal: Array | None = None) -> Array:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.core.rotations import Array, Random, rotate
 from resting_aspects_ros.simulation.quantity import check_quantities, quantities_of, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
@@ -69,14 +69,12 @@ class Kick:
         up = self.speed + 3 * self.speed_spread
         return math.hypot(up, 3 * self.horizontal_spread) + 3 * self.spin * body.radius
 
-    def applied(
-        self, states: States, row: Indices, _body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
         """See Impulse."""
         n = len(row)
         spread = np.array([self.horizontal_spread, self.horizontal_spread, self.speed_spread])
-        velocity = generator.standard_normal((n, 3)) * spread + [0.0, 0.0, self.speed]
-        spin = generator.standard_normal((n, 3)) * self.spin
+        velocity = random.standard_normal((n, 3)) * spread + [0.0, 0.0, self.speed]
+        spin = random.standard_normal((n, 3)) * self.spin
         return States(states.position, states.orientation, velocity, spin)
 
 
@@ -102,11 +100,9 @@ class Disturbance:
         squares = 1 + (body.mass * levers**2 / moments).sum(axis=1).max()
         return math.sqrt(2 * self.gravity * float(self.lift.max()) * squares)
 
-    def applied(
-        self, states: States, row: Indices, body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
         """See Impulse."""
-        direction = generator.standard_normal((len(row), 6))
+        direction = random.standard_normal((len(row), 6))
         direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
         velocity = direction[:, :3] * np.sqrt(2 * self.gravity * self.lift[row])[:, None]
         velocity[:, 2] = np.abs(velocity[:, 2])

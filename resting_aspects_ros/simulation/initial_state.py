@@ -6,9 +6,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array, composed, down_in_part, random_orientations
+from resting_aspects_ros.core.rotations import (
+    Array,
+    composed,
+    down_in_part,
+    Random,
+    random_orientations,
+)
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.drop_random import DropRandom
 from resting_aspects_ros.simulation.starts import Starts, States
 from resting_aspects_ros.simulation.surroundings.release import in_scene_axes, released
 from resting_aspects_ros.simulation.surroundings.scene import Scene
@@ -65,22 +72,22 @@ class BodyStates:
         )
 
 
-def initial_states(job: DropJob, chunk: int) -> InitialState:
-    """Return the initial states of all drops of a chunk.
+def initial_states(job: DropJob, first: int, end: int) -> InitialState:
+    """Return the initial states of the drops ``first`` to ``end - 1``.
 
-    Always all drops, so that the state of a drop does not depend on which others are simulated.
+    That of a drop depends only on the job and its index.
     """
-    generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
-    if job.starts is None:
-        return _released(job, generator) if job.scene is None else _in_scene(job, generator)
-    return _started(job, job.starts, np.arange(chunk * CHUNK, (chunk + 1) * CHUNK), generator)
+    random, n = DropRandom(job.seed, first, end), end - first
+    if job.starts is not None:
+        return _started(job, job.starts, np.arange(first, end), random)
+    return _released(job, random, n) if job.scene is None else _in_scene(job, random, n)
 
 
 def _started(
-    job: DropJob, starts: Starts, index: npt.NDArray[np.int64], generator: np.random.Generator
+    job: DropJob, starts: Starts, index: npt.NDArray[np.int64], random: Random
 ) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
-    states = starts.states(index, generator)
+    states = starts.states(index, random)
     if job.scene is not None:
         return _started_in_scene(job, job.scene, states)
     of_body = body_from_part(states.orientation, job.axes)
@@ -93,19 +100,19 @@ def _started(
     )
 
 
-def _released(job: DropJob, generator: np.random.Generator) -> InitialState:
+def _released(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are dropped in random orientations."""
     c, unit = job.conditions, job.time_unit
-    of_part = random_orientations(generator, CHUNK)
+    of_part = random_orientations(random, n)
     deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
-    velocity = generator.standard_normal((CHUNK, 3)) * deviations * unit / job.radius
-    spin = generator.standard_normal((CHUNK, 3)) * c.spin * unit
+    velocity = random.standard_normal((n, 3)) * deviations * unit / job.radius
+    spin = random.standard_normal((n, 3)) * c.spin * unit
 
     of_body = body_from_part(of_part, job.axes)
     depth = depth_of(of_body, job.hull)
-    height = np.full(CHUNK, c.height / job.radius)
+    height = np.full(n, c.height / job.radius)
     clearance = height if c.height_of is HeightOf.LOWEST_POINT else height - depth
-    elapsed = np.zeros(CHUNK)
+    elapsed = np.zeros(n)
     if c.spin == 0:
         start = np.minimum(clearance, START_CLEARANCE)
         speed = np.sqrt(velocity[:, 2] ** 2 + 2 * (clearance - start))
@@ -113,7 +120,7 @@ def _released(job: DropJob, generator: np.random.Generator) -> InitialState:
         elapsed = velocity[:, 2] + speed
         velocity[:, 2] = -speed
         clearance = start
-    position = np.zeros((CHUNK, 3))
+    position = np.zeros((n, 3))
     position[:, :2] = velocity[:, :2] * elapsed[:, None]
     position[:, 2] = clearance + depth
     return InitialState(position, of_body, velocity, spin, elapsed)
@@ -131,20 +138,20 @@ def _started_in_scene(job: DropJob, scene: Scene, states: States) -> InitialStat
     )
 
 
-def _in_scene(job: DropJob, generator: np.random.Generator) -> InitialState:
+def _in_scene(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are released in surroundings, scene frame."""
     scene, c, unit = job.scene, job.conditions, job.time_unit
     assert scene is not None
     corners = job.hull * job.radius
-    position, of_body, velocity, spin = released(scene, c, corners, job.axes, generator, CHUNK)
+    position, of_body, velocity, spin = released(scene, c, corners, job.axes, random, n)
     position /= job.radius
-    elapsed = np.zeros(CHUNK)
+    elapsed = np.zeros(n)
     fall = c.height / job.radius - START_CLEARANCE
     still = c.speed_horizontal == c.speed_vertical == c.spin == 0
     if still and fall > 0 and c.height_of is HeightOf.LOWEST_POINT:
         position += fall * scene.down
         elapsed += np.sqrt(2 * fall)
-        velocity = np.tile(np.sqrt(2 * fall) * scene.down, (CHUNK, 1))
+        velocity = np.tile(np.sqrt(2 * fall) * scene.down, (n, 1))
     else:
         velocity *= unit / job.radius
     return InitialState(position, of_body, velocity, spin * unit, elapsed)

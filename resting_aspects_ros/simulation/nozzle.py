@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array, random_orientations, rotate
+from resting_aspects_ros.core.rotations import Array, Random, random_orientations, rotate
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
@@ -65,22 +65,20 @@ class Nozzle:
 
     def max_speed(self, body: Body) -> float:
         """See Impulse; for 3 standard deviations, the fastest of many random orientations."""
-        generator = np.random.default_rng(0)
+        random = np.random.default_rng(0)
         zero = np.zeros((SAMPLE, 3))
-        states = States(zero, random_orientations(generator, SAMPLE), zero, zero)
+        states = States(zero, random_orientations(random, SAMPLE), zero, zero)
         strong = replace(self, impulse=self.impulse + 3 * self.impulse_spread, impulse_spread=0.0)
-        after = strong.applied(states, np.arange(SAMPLE), body, generator)
+        after = strong.applied(states, np.arange(SAMPLE), body, random)
         spin = rotate(after.orientation * _CONJUGATE, after.spin)
         turning = np.linalg.norm(np.cross(spin[:, None], body.corners), axis=2).max(axis=1)
         return float((np.linalg.norm(after.velocity, axis=1) + turning).max())
 
-    def applied(
-        self, states: States, row: Indices, body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
         """See Impulse."""
         n = len(row)
-        impulse = self.impulse + generator.standard_normal(n) * self.impulse_spread
-        aside = generator.standard_normal(n) * self.place_spread
+        impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
+        aside = random.standard_normal(n) * self.place_spread
         point, along, met = self._hit(states, aside, body)
         push = np.where(met, np.maximum(impulse, 0.0), 0.0)[:, None] * along
         # In part axes, where the inertia is constant; solved row by row.

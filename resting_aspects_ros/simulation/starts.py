@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, canonical, product, rotate
+from resting_aspects_ros.core.rotations import Array, canonical, product, Random, rotate
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.noise import Noise
@@ -38,7 +38,7 @@ class States:
 
 
 class Starts(Protocol):
-    """Where and how the parts of a run start; determined by the index and the generator."""
+    """Where and how the parts of a run start; determined by the index and the random numbers."""
 
     @property
     def rows(self) -> int:
@@ -56,7 +56,7 @@ class Starts(Protocol):
     def edge(self) -> Edge | None:
         """Edge that the parts pass before they are on the surface; None: there is none."""
 
-    def states(self, index: Indices, generator: np.random.Generator) -> States:
+    def states(self, index: Indices, random: Random) -> States:
         """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
 
 
@@ -138,19 +138,19 @@ class GivenStarts:
         fall = 2 * gravity * np.maximum(given.position[:, 2], 0)
         self.max_speed = float((np.sqrt(velocity**2 + fall) + spin * radius).max())
 
-    def states(self, index: Indices, generator: np.random.Generator) -> States:
+    def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
         row, s = index % self.rows, self._states
         chosen = States(s.position[row], s.orientation[row], s.velocity[row], s.spin[row])
-        return _with_noise(chosen, self._noise, generator)
+        return _with_noise(chosen, self._noise, random)
 
 
-def _with_noise(states: States, noise: Noise, generator: np.random.Generator) -> States:
+def _with_noise(states: States, noise: Noise, random: Random) -> States:
     """Return the states with independent errors."""
     shape = states.position.shape
-    turn = generator.standard_normal(shape) * noise.orientation
-    velocity = states.velocity + generator.standard_normal(shape) * noise.velocity
-    spin = states.spin + generator.standard_normal(shape) * noise.spin
+    turn = random.standard_normal(shape) * noise.orientation
+    velocity = states.velocity + random.standard_normal(shape) * noise.velocity
+    spin = states.spin + random.standard_normal(shape) * noise.spin
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
     vector = turn / 2 * np.sinc(angle / 2 / np.pi)
@@ -194,9 +194,7 @@ class Impulse(Protocol):
     def max_speed(self, body: Body) -> float:
         """Return the speed that the fastest point of the part can have after it, m/s."""
 
-    def applied(
-        self, states: States, row: Indices, body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
         """Return the states after the disturbance; ``row`` (n,) are the rows of the starts."""
 
 
@@ -232,11 +230,11 @@ class RestStarts:
         """See Starts."""
         return self.impulse.max_speed(self.body)
 
-    def states(self, index: Indices, generator: np.random.Generator) -> States:
+    def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
         row = index % self.rows
         n = len(index)
-        share, half_yaw = generator.random(n), generator.random(n) * np.pi
+        share, half_yaw = random.random(n), random.random(n) * np.pi
         orientation = np.empty((n, 4))
         for r in np.unique(row).tolist():
             here = row == r
@@ -247,4 +245,4 @@ class RestStarts:
         yaw = np.stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)], axis=-1)
         none = np.zeros((n, 3))
         states = States(none, product(yaw, orientation), none, none)
-        return self.impulse.applied(states, row, self.body, generator)
+        return self.impulse.applied(states, row, self.body, random)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.core.rotations import Array, Random, rotate
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
@@ -114,11 +114,9 @@ class OnBelt:
         """See Impulse."""
         return fall_speed(self.edge, self.gravity, body.radius)
 
-    def applied(
-        self, states: States, row: Indices, body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
         """Return the states relative to the wall below the edge; see Impulse and Edge."""
-        del row, generator
+        del row, random
         position = states.position + 0.0
         for k, orientation in enumerate(states.orientation):
             x, z = self._place(orientation, body)

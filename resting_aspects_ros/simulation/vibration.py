@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.rotations import Array, Random
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
@@ -130,12 +130,10 @@ class Vibration:
         """See Impulse; IMPACT_SPEED times that of the plate."""
         return IMPACT_SPEED * self._max_speed
 
-    def applied(
-        self, states: States, row: Indices, _body: Body, generator: np.random.Generator, /
-    ) -> States:
+    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
         """Return the states at random places of the plate; see Impulse."""
         place = states.position.copy()
-        place[:, :2] = (generator.random((len(row), 2)) - 0.5) * self.plate_size
+        place[:, :2] = (random.random((len(row), 2)) - 0.5) * self.plate_size
         return States(place, states.orientation, states.velocity, states.spin)
 
     def pose(self, time: Array) -> tuple[Array, Array]:

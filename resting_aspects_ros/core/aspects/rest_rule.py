@@ -11,6 +11,7 @@ import numpy as np
 
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.geometry.polyhedron import SAME_FACET, Indices
+from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.rotations import Array
 
 if TYPE_CHECKING:
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 # Required distance below the saddle, m g R, because an engine can add energy at impacts. Without
 # it 3 of 800 drops of an L bracket were decided incorrectly, with it none.
 ENERGY_MARGIN = 0.01
+# The directions of a round side all around are in a plane, and their mean is zero, within this
+# share; at least this number of flats is a round side.
+ROUND, MIN_AROUND = 0.1, 8
 # Maximum angle, rad, between the direction of gravity and that of the flat side of a part that
 # lies on it while it slides.
 FLAT_ANGLE = 0.005
@@ -33,11 +37,14 @@ class RestRule:
         margin: there only the stillness of the part decides.
     margins : (k,) float
         For each minimum the distance, R, on the surface from the point below the centre of mass
-        to the nearest edge of the flat side on which the part lies.
+        to the nearest edge of the flat side on which the part lies, or to the nearest end of the
+        line on which it rolls.
+    rollers : (k, 3) float
+        Axes of round sides all around, on which the part can roll for ever; zero for others.
     """
 
     def __init__(self, landscape: Landscape, aspects: 'list[JoinedMinima]') -> None:
-        self._landscape = landscape
+        self.landscape = landscape
         aspect = np.empty(len(landscape.minima), dtype=np.int64)
         for number, joined in enumerate(aspects):
             aspect[joined.minima] = aspect[joined.drained] = number
@@ -53,11 +60,31 @@ class RestRule:
         self.exits: Array = np.where(too_shallow, -np.inf, over - ENERGY_MARGIN)[aspect]
         # A part in such a minimum may stay there, in no aspect.
         self.exits[np.concatenate([a.drained for a in aspects])] = -np.inf
+        self.rollers = np.zeros((len(aspect), 3))
+        for joined in aspects:
+            self._roll(joined)
 
     @property
     def directions(self) -> Array:
         """(k, 3) unit vectors of gravity in the minima, part frame."""
-        return self._landscape.directions
+        return self.landscape.directions
+
+    def _roll(self, joined: 'JoinedMinima') -> None:
+        """Set rollers and margins of the minima of a round side on which the part can roll."""
+        hull = self.landscape.hull
+        level = self.directions[joined.minima[: joined.level]]
+        if joined.level < MIN_AROUND or np.linalg.norm(level.mean(axis=0)) > ROUND:
+            return
+        size, axes = np.linalg.svd(level, full_matrices=False)[1:]
+        if size[2] > ROUND * size[1]:
+            return
+        azimuth = np.sort(np.arctan2(*(level @ axes[:2].T).T))
+        if np.diff(azimuth, append=azimuth[0] + 2 * np.pi).max() > 2 * CURVED_STEP:
+            return
+        for minimum in joined.minima:
+            along = hull.points[hull.corners(self.landscape.minima[minimum])] @ axes[2]
+            self.margins[minimum] = max(0.0, min(along.max(), -along.min()))
+            self.rollers[minimum] = axes[2]
 
     def decided(self, down: Array, energy: Array) -> Indices:
         """Return the minimum (n,) to which each part rolls, or -1 if its aspect is undecided.
@@ -65,7 +92,7 @@ class RestRule:
         ``down`` are the directions (n, 3) of gravity, ``energy`` the sums (n,) of the kinetic
         energy and the height above the surface, m g R. Above ``highest`` no aspect is decided.
         """
-        minima = self._landscape.descend(down)
+        minima = self.landscape.descend(down)
         return np.where(energy < self.exits[minima], minima, -1)
 
     def sliding(self, down: Array, tipping: Array, energy: Array) -> Indices:
@@ -84,7 +111,7 @@ class RestRule:
         energy : (n,) float
             Height above the surface and kinetic energy without that of the sliding, m g R.
         """
-        minima = self._landscape.descend(down)
+        minima = self.landscape.descend(down)
         flat = (self.directions[minima] * down).sum(axis=1) > np.cos(FLAT_ANGLE)
         stays = flat & (tipping < self.margins[minima] / 2) & (energy < self.exits[minima])
         return np.where(stays, minima, -1)

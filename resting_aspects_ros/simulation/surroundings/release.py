@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, product, random_orientations, rotate
+from resting_aspects_ros.core.rotations import Array, product, Random, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
 
@@ -25,7 +25,7 @@ def released(
     conditions: DropConditions,
     corners: Array,
     axes: Array,
-    generator: np.random.Generator,
+    random: Random,
     n: int,
 ) -> tuple[Array, Array, Array, Array]:
     """Return position, orientation, velocity and spin of n parts at release, SI, scene frame.
@@ -46,11 +46,11 @@ def released(
     velocity, spin : (n, 3) float
     """
     c = conditions
-    of_part = random_orientations(generator, n)
+    of_part = random_orientations(random, n)
     deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
-    velocity = generator.standard_normal((n, 3)) * deviations
-    spin = generator.standard_normal((n, 3)) * c.spin
-    place = generator.random((n, 2))
+    velocity = random.standard_normal((n, 3)) * deviations
+    spin = random.standard_normal((n, 3)) * c.spin
+    place = random.random((n, 2))
     if scene.orientation is not None:
         of_part = np.tile(scene.orientation, (n, 1))
     x, y = (low + (high - low) * place[:, k] for k, (low, high) in enumerate(scene.region))

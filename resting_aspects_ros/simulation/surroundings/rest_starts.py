@@ -9,7 +9,7 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.core.rotations import Array, Random, rotate
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.starts import Body, Impulse, Indices, States
@@ -53,10 +53,10 @@ class FoundStarts:
         speed = 0.0 if self.impulse is None else self.impulse.max_speed(self.body)
         return max(self.fall_speed, speed + float(np.linalg.norm(self.carried)))
 
-    def states(self, index: Indices, generator: np.random.Generator) -> States:
+    def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
         row, n = index % self.rows, len(index)
-        share = generator.random(n)
+        share = random.random(n)
         position, orientation = np.empty((n, 3)), np.empty((n, 4))
         for r in np.unique(row).tolist():
             here = row == r
@@ -66,7 +66,7 @@ class FoundStarts:
         none = np.zeros((n, 3))
         states = States(position, orientation, none, none)
         if self.impulse is not None:
-            states = self.impulse.applied(states, row, self.body, generator)
+            states = self.impulse.applied(states, row, self.body, random)
         return States(position, orientation, states.velocity + self.carried, states.spin)
 
 

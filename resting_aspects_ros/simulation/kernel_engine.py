@@ -1,0 +1,182 @@
+"""The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import initial_states
+from resting_aspects_ros.simulation.settling import TIME_LIMIT, resting_poses
+from resting_aspects_ros.simulation.surroundings.scene_settling import poses_in_scene
+from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
+
+# A part that is faster than this multiple of the speed of its first impact slides for ever.
+MAX_SPEEDUP = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """How n drops have ended, in R and T, in the axes of the surroundings.
+
+    position, orientation : (n, 3) and (n, 4) float
+        Of the centre of mass, and xyzw, from body axes.
+    status, minimum : (n,) int
+        Codes of RestStatus, and the minimum of the landscape that the energy decided, or -1.
+    time, growth : (n,) float
+        From release to the end, and the largest growth of the energy, m g R.
+    """
+
+    position: Array
+    orientation: Array
+    status: npt.NDArray[np.uint8]
+    minimum: npt.NDArray[np.int64]
+    time: Array
+    growth: Array
+
+    @property
+    def decided_by(self) -> npt.NDArray[np.uint8]:
+        """(n,) codes of DecidedBy."""
+        by_energy = self.minimum >= 0
+        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
+
+
+def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
+    """Simulate the drops ``first`` to ``end - 1`` until they end.
+
+    The pose of a drop depends only on the job and its index. Several threads can simulate ranges
+    at the same time: the compiled code holds no lock of Python.
+    """
+    states = initial_states(job, first, end)
+    ends, codes = np.empty((end - first, 9)), np.empty((end - first, 2), dtype=np.int64)
+    motion = job.motion
+    limit = TIME_LIMIT + states.flight
+    if motion is not None:
+        limit += motion.duration / job.time_unit
+    numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
+    kernel.simulate(
+        body_of(job),
+        ground_of(job),
+        numerics,
+        limit,
+        states.position,
+        states.velocity,
+        states.spin,
+        states.orientation,
+        ends,
+        codes,
+    )
+    found = Ends(
+        position=ends[:, :3],
+        orientation=ends[:, 3:7],
+        status=codes[:, 0].astype(np.uint8),
+        minimum=codes[:, 1],
+        time=ends[:, 7] + states.elapsed,
+        growth=ends[:, 8],
+    )
+    return (resting_poses if job.scene is None else poses_in_scene)(job, first, found)
+
+
+@lru_cache(maxsize=16)
+def body_of(job: DropJob) -> kernel.Body:
+    """Return the part of a job for the kernel."""
+    rule, axes = job.rest, Rotation.from_quat(job.axes)
+    hull, landscape = rule.landscape.hull, rule.landscape
+
+    def in_body(vectors: Array) -> Array:
+        return np.ascontiguousarray(axes.apply(vectors, inverse=True))
+
+    around = hull.edges_of_points
+    edges = np.concatenate([np.array(each) for each in around])
+    corner = np.repeat(np.arange(len(around)), [len(each) for each in around])
+    ends = hull.ends[edges]
+    return kernel.Body(
+        points=np.ascontiguousarray(in_body(hull.points).T),
+        starts=np.cumsum([0, *(len(each) for each in around)]),
+        near=np.where(ends[:, 0] == corner, ends[:, 1], ends[:, 0]),
+        edges=edges,
+        ends=np.ascontiguousarray(hull.ends),
+        sides=np.ascontiguousarray(hull.sides),
+        feet=np.ascontiguousarray(hull.feet),
+        normals=in_body(hull.normals),
+        minima=np.ascontiguousarray(landscape.minima_of_facets),
+        directions=in_body(landscape.directions),
+        exits=np.ascontiguousarray(rule.exits),
+        margins=np.ascontiguousarray(rule.margins),
+        heights=landscape.heights / landscape.radius,
+        rollers=in_body(rule.rollers),
+        moments=np.ascontiguousarray(job.moments),
+    )
+
+
+@lru_cache(maxsize=16)
+def ground_of(job: DropJob) -> kernel.Ground:
+    """Return what the part of a job touches, for the kernel."""
+    scale = job.time_unit / job.radius
+    scene, c = job.scene, job.conditions
+    rows = []
+    if scene is None:
+        contact = (c.restitution, c.friction, c.rolling_friction * job.rolling_length)
+        rows.append(_plane(np.array([0.0, 0.0, 1.0]), 0.0, contact, np.zeros(3)))
+    else:
+        for space in scene.half_spaces:
+            values = space.contact
+            contact = (
+                values.restitution,
+                values.friction,
+                values.rolling_friction * job.rolling_length,
+            )
+            rows.append(
+                _plane(space.normal, space.offset / job.radius, contact, space.velocity * scale)
+            )
+    planes = np.array(rows)
+    planes[:, kernel.SPIN] = c.spinning_friction
+    driven = scene is not None and scene.driven
+    return kernel.Ground(
+        planes=planes,
+        gravity=job.down,
+        carriers=np.zeros((1, 3)) if scene is None else scene.velocities() * scale,
+        motion=_motion(job),
+        level=scene is None,
+        endless=2 if scene is None else scene.free,
+        driven=driven,
+        fastest=max(kernel.MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
+    )
+
+
+def _plane(
+    normal: Array, offset: float, contact: tuple[float, float, float], velocity: Array
+) -> Array:
+    row = np.zeros(kernel.PLANE)
+    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    across /= np.linalg.norm(across)
+    row[:9] = np.concatenate([normal, np.cross(across, normal), across])
+    row[kernel.OFFSET] = offset
+    row[kernel.RESTITUTION], row[kernel.FRICTION], row[kernel.ROLL] = contact
+    row[kernel.CARRIES : kernel.CARRIES + 3] = velocity
+    return row
+
+
+def _motion(job: DropJob) -> Array:
+    """Return the numbers of the motion of the surface, in R and T."""
+    numbers = np.zeros(kernel.MOTION)
+    motion = job.motion
+    if motion is None:
+        return numbers
+    assert isinstance(motion, Vibration)
+    unit, radius = job.time_unit, job.radius
+    numbers[kernel.RATE] = 2 * np.pi * motion.frequency * unit
+    numbers[kernel.RAMP] = RAMP_PERIODS / motion.frequency / unit
+    numbers[kernel.DURATION] = motion.duration / unit
+    numbers[kernel.LIFT] = motion.vertical_amplitude / radius
+    numbers[kernel.SHIFT] = motion.horizontal_amplitude / radius
+    numbers[kernel.SHIFT_PHASE] = motion.horizontal_phase
+    numbers[kernel.ROCK_X], numbers[kernel.ROCK_Y] = motion.rocking_x, motion.rocking_y
+    numbers[kernel.ROCK_PHASE] = motion.rocking_phase
+    numbers[kernel.SIZE] = motion.plate_size / radius
+    return numbers
