@@ -31,6 +31,8 @@ RECOVERY = 0.25
 RESIDUAL, ITERATIONS = 1e-5, 500
 # Steps of Newton's method for the direction of a slip, and its accuracy, R / T.
 NEWTON, SLIP = 12, 1e-6
+# Where it does not converge, directions between which a root is searched, and its bisections.
+DIRECTIONS, BISECTIONS = 24, 40
 # Maximum number of contacts of a plane; of more corners, those that span the largest area.
 CONTACTS = 4
 # Hulls of at most this number of corners are searched completely for those that touch.
@@ -507,17 +509,16 @@ def _impulse(con, i, un, ux, uy, mu):
         sx, sy, square = -px, -py, px * px + py * py
     length = 1 / sqrt(square)
     sx, sy = sx * length, sy * length
+    found = False
     for _ in range(NEWTON):
-        # The denominator of a part that friction pulls into the plane could be negative.
-        inverse = 1 / max(kn - mu * (nx * sx + ny * sy), 0.05 * kn)
-        pn = -un * inverse
-        limit = mu * pn
-        fx, fy = kxx * sx + kxy * sy, kxy * sx + kyy * sy
-        gx, gy = nx - mu * fx, ny - mu * fy
-        tx, ty = ux + gx * pn, uy + gy * pn
+        pn, tx, ty, inverse = _slipping(con, i, un, ux, uy, mu, sx, sy)
         along, across = sx * tx + sy * ty, sx * ty - sy * tx
-        if abs(across) <= SLIP and along >= 0:
+        if abs(across) <= SLIP:
+            found = along >= 0
             break
+        limit = mu * pn
+        gx = nx - mu * (kxx * sx + kxy * sy)
+        gy = ny - mu * (kxy * sx + kyy * sy)
         rate = limit * (ny * sx - nx * sy) * inverse
         dx = gx * rate + limit * (kxx * sy - kxy * sx)
         dy = gy * rate + limit * (kxy * sy - kyy * sx)
@@ -529,7 +530,53 @@ def _impulse(con, i, un, ux, uy, mu):
         sx, sy = sx - step * sy, sy + step * sx
         unit = 1.5 - 0.5 * (sx * sx + sy * sy)
         sx, sy = sx * unit, sy * unit
+    if not found:
+        sx, sy = _searched(con, i, un, ux, uy, mu, sx, sy)
+        pn = _slipping(con, i, un, ux, uy, mu, sx, sy)[0]
+    limit = mu * pn / sqrt(sx * sx + sy * sy)
     return pn, -limit * sx, -limit * sy
+
+
+@jit
+def _slipping(con, i, un, ux, uy, mu, sx, sy):
+    """Return the normal impulse of a contact that slips in a direction, and the slip after it."""
+    kn, nx, ny = con[i, KN], con[i, KNX], con[i, KNY]
+    # The denominator of a part that friction pulls into the plane could be negative.
+    inverse = 1 / max(kn - mu * (nx * sx + ny * sy), 0.05 * kn)
+    pn = -un * inverse
+    px, py = -mu * pn * sx, -mu * pn * sy
+    tx = ux + nx * pn + con[i, KXX] * px + con[i, KXY] * py
+    ty = uy + ny * pn + con[i, KXY] * px + con[i, KYY] * py
+    return pn, tx, ty, inverse
+
+
+@jit
+def _searched(con, i, un, ux, uy, mu, sx, sy):
+    """Return a direction of slip by bisection, if there is one; otherwise the given one."""
+    best, nearest = 0.0, -2.0
+    for k in range(DIRECTIONS):
+        low, high = 2 * pi * k / DIRECTIONS, 2 * pi * (k + 1) / DIRECTIONS
+        if not (_across(con, i, un, ux, uy, mu, low) >= 0 > _across(con, i, un, ux, uy, mu, high)):
+            continue
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            if _across(con, i, un, ux, uy, mu, middle) >= 0:
+                low = middle
+            else:
+                high = middle
+        cosine = cos(low) * sx + sin(low) * sy
+        _, tx, ty, _ = _slipping(con, i, un, ux, uy, mu, cos(low), sin(low))
+        if cos(low) * tx + sin(low) * ty >= 0 and cosine > nearest:
+            best, nearest = low, cosine
+    return (cos(best), sin(best)) if nearest > -2 else (sx, sy)
+
+
+@jit
+def _across(con, i, un, ux, uy, mu, angle):
+    """Return how far the slip turns from a direction: positive to the left."""
+    sx, sy = cos(angle), sin(angle)
+    _, tx, ty, _ = _slipping(con, i, un, ux, uy, mu, sx, sy)
+    return sx * ty - sy * tx
 
 
 @jit
@@ -896,8 +943,8 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
     for i in range(count):
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
-        # To second order, as far as the spin does not change.
-        bend = _dot(w, n) * _dot(w, r) - _dot(w, w) * _dot(n, r)
+        # To second order, by the rotation without the impulses.
+        bend = _dot(w, n) * _dot(w, r) - _dot(w, w) * _dot(n, r) + _dot(r, _cross(n, spun))
         con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - bend * dt / 2
         if moving and pl == 0:
             at = _plus(_world(axes, r), 1.0, c)
@@ -921,7 +968,7 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         count,
         inverse,
         v,
-        _plus(w, dt, spun),
+        w,
     )
     work.counts[5] = count
     for i in range(count):
@@ -1046,7 +1093,7 @@ def _left(work, motion, c):
 
 @jit
 def _drop(body, ground, numerics, work, limit, c, v, w, q):
-    """Simulate a drop; returns status, minimum or -1, time, growth of the energy and its pose."""
+    """Simulate a drop; returns status, minimum or -1, time, growth of energy, and its state."""
     moments, gravity = _at2(body.moments), _at2(ground.gravity)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
@@ -1095,7 +1142,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             decide = False
         else:
             if deepest < -DEEP or c[2] != c[2]:
-                return FAILED, -1, t, growth, c, q
+                return FAILED, -1, t, growth, c, v, w, q
             impact = slowest < -BOUNCE
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
@@ -1119,7 +1166,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 )
                 v = _world(axes, vb)
                 c = _plus(c, dt, v)
-                q = _turned(q, w, dt)
+                q, w = _rotated(q, w, moments, inverse, dt)
                 t += dt
                 contacts += 1
                 decide = contacts % ATTEMPTS == 0
@@ -1132,47 +1179,29 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 + c[2] - min(deepest, 0.0)
             k = _decided(body, work.lowest[0], mu, moments, c, v, w, q, energy)
             if k >= 0:
-                return SETTLED, k, t, growth, c, q
+                return SETTLED, k, t, growth, c, v, w, q
         if t >= check:
             check = t + CHECK
             if motion[SIZE] > 0 and _left(work, motion, c):
-                return LOST, -1, t, growth, c, q
+                return LOST, -1, t, growth, c, v, w, q
             if moving:
                 track[0], track[8], track[9] = -inf, 0.0, -inf
             else:
                 status = _check(ground, track, t, limit, c, v, q)
                 if status >= 0:
-                    return status, -1, t, growth, c, q
-    return UNSETTLED, -1, t, growth, c, q
+                    return status, -1, t, growth, c, v, w, q
+    return UNSETTLED, -1, t, growth, c, v, w, q
 
 
-@njit(error_model='numpy', nogil=True, cache=True)
-def simulate(body, ground, numerics, limit, position, velocity, spin, orientation, ends, codes):
-    """Simulate drops from their states until each has ended.
-
-    Parameters
-    ----------
-    limit : float
-        Time at which a drop that still moves is unsettled.
-    position, velocity, spin : (n, 3) float
-        Of the centre of mass; the spin in the axes of the world.
-    orientation : (n, 4) float
-        Quaternions xyzw, world from body.
-    ends : (n, 9) float
-        Where position, orientation xyzw, time and growth of the energy at the end are written.
-    codes : (n, 2) int
-        Where the codes of RestStatus and the minima, or -1, are written.
-
-    Returns
-    -------
-    (4,) int, total numbers of steps, impacts, steps of lasting contact and iterations
-    """
+@njit(error_model='numpy', nogil=True)
+def _work(body, ground):
+    """Return the arrays of a thread."""
     corners, planes = body.points.shape[1], len(ground.planes)
     found = np.empty((planes, corners), np.int64)
     for i in range(planes):
         for k in range(corners):
             found[i, k] = k
-    work = Work(
+    return Work(
         np.zeros((planes, PLANE)),
         np.zeros((planes, 9)),
         found,
@@ -1191,13 +1220,69 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
         np.zeros(15),
         np.zeros(6, np.int64),
     )
+
+
+@njit(error_model='numpy', nogil=True, cache=True)
+def simulate(body, ground, numerics, limit, position, velocity, spin, orientation, ends, codes):
+    """Simulate drops from their states until each has ended.
+
+    Parameters
+    ----------
+    limit : float
+        Time at which a drop that still moves is unsettled.
+    position, velocity, spin : (n, 3) float
+        Of the centre of mass; the spin in the axes of the world.
+    orientation : (n, 4) float
+        Quaternions xyzw, world from body.
+    ends : (n, 15) float
+        Where position, orientation xyzw, time, growth of the energy, velocity and spin at the end
+        are written.
+    codes : (n, 2) int
+        Where the codes of RestStatus and the minima, or -1, are written.
+
+    Returns
+    -------
+    (4,) int, total numbers of steps, impacts, steps of lasting contact and iterations
+    """
+    work = _work(body, ground)
     for i in range(len(position)):
         c, v = _at(position, i, 0), _at(velocity, i, 0)
         q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
         w = _body(_axes(q), _at(spin, i, 0))
-        status, minimum, t, growth, c, q = _drop(body, ground, numerics, work, limit, c, v, w, q)
+        status, minimum, t, growth, c, v, w, q = _drop(
+            body, ground, numerics, work, limit, c, v, w, q
+        )
         codes[i, 0], codes[i, 1] = status, minimum
-        ends[i, 0], ends[i, 1], ends[i, 2] = c
+        _put(ends, i, 0, c)
         ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
         ends[i, 7], ends[i, 8] = t, growth
+        _put(ends, i, 9, v)
+        _put(ends, i, 12, _world(_axes(q), w))
     return work.counts[:4].copy()
+
+
+@njit(error_model='numpy', nogil=True, cache=True)
+def collide(body, ground, position, velocity, spin, orientation, gap, after):
+    """Find the velocities of parts after one impact.
+
+    See simulate for the states. All corners closer to a plane than ``gap`` take part; ``after``
+    (n, 6) is where velocity and spin are written, which stay as they are if no corner approaches.
+    """
+    work = _work(body, ground)
+    moments = _at2(body.moments)
+    inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
+    for i in range(len(ground.planes)):
+        for j in range(PLANE):
+            work.planes[i, j] = ground.planes[i, j]
+    for i in range(len(position)):
+        c, v = _at(position, i, 0), _at(velocity, i, 0)
+        axes = _axes((orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2]))
+        w = _body(axes, _at(spin, i, 0))
+        spun = _torque_free(moments, inverse, w)
+        slowest = _look(body, ground, work, False, axes, c, v, w, spun, 0.0, gap)[1]
+        if slowest < 0:
+            count = _contacts(body, work, False, True, axes, c, inverse)
+            vb, w = _impact(work, count, True, moments, inverse, _body(axes, v), w)
+            v = _world(axes, vb)
+        _put(after, i, 0, v)
+        _put(after, i, 3, _world(axes, w))

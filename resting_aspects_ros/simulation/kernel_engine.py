@@ -53,7 +53,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     at the same time: the compiled code holds no lock of Python.
     """
     states = initial_states(job, first, end)
-    ends, codes = np.empty((end - first, 9)), np.empty((end - first, 2), dtype=np.int64)
+    ends, codes = np.empty((end - first, 15)), np.empty((end - first, 2), dtype=np.int64)
     motion = job.motion
     limit = TIME_LIMIT + states.flight
     if motion is not None:
