@@ -21,6 +21,8 @@ GAP = 1e-5
 # Impacts slower than this do not bounce; corners that leave a plane faster than the second number
 # do not touch it any more.
 BOUNCE, LEAVE = 0.05, 0.005
+# Corners that approach faster than this are stopped, or bounce, before a step of lasting contact.
+TOUCHING = 2e-3
 # Maximum rotation, rad, and duration of a step of flight.
 TURN, FLIGHT = 0.25, 0.5
 # Time steps per T of lasting contact, and their maximum rotation, rad.
@@ -943,9 +945,11 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
     for i in range(count):
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
-        # To second order, by the rotation without the impulses.
-        bend = _dot(w, n) * _dot(w, r) - _dot(w, w) * _dot(n, r) + _dot(r, _cross(n, spun))
-        con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - bend * dt / 2
+        # At the end of the step, the corner must not approach the plane.
+        bend = _plus(_plus(_cross(spun, r), _dot(w, r), w), -_dot(w, w), r)
+        con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt
+        con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt
+        con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt
         if moving and pl == 0:
             at = _plus(_world(axes, r), 1.0, c)
             end = _dot(_at(planes, 0, NORMAL), at) - planes[0, OFFSET]
@@ -968,7 +972,7 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         count,
         inverse,
         v,
-        w,
+        _plus(w, dt, spun),
     )
     work.counts[5] = count
     for i in range(count):
@@ -1143,7 +1147,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
         else:
             if deepest < -DEEP or c[2] != c[2]:
                 return FAILED, -1, t, growth, c, v, w, q
-            impact = slowest < -BOUNCE
+            impact = slowest < -TOUCHING
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
             if impact:
@@ -1161,12 +1165,14 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                     dt = max(first, dt / 32)
                 if moving:
                     _moved(work.planes, motion, t + dt)
-                vb, w = _pressed(
+                v1, w1 = _pressed(
                     body, ground, work, count, moving, axes, c, dt, inverse, spun, vb, w
                 )
-                v = _world(axes, vb)
-                c = _plus(c, dt, v)
-                q, w = _rotated(q, w, moments, inverse, dt)
+                # With the mean of the velocities at both ends of the step.
+                v1 = _world(axes, v1)
+                c = _plus(_plus(c, dt / 2, v), dt / 2, v1)
+                q = _turned(q, _plus(_scaled(0.5, w), 0.5, w1), dt)
+                v, w = v1, w1
                 t += dt
                 contacts += 1
                 decide = contacts % ATTEMPTS == 0

@@ -140,26 +140,34 @@ def test_sliding_distance(lab, friction, speed):
     assert ends[0, 0] == pytest.approx(speed**2 / (2 * friction), abs=speed * step / friction)
 
 
-def test_a_round_part_rolls_as_far_as_rolling_friction_lets_it(lab):
-    """A cylinder of 3000 sides: energy (1 + I / r^2) v^2 / 2 is used up by the moment."""
-    share, speed = 0.05, 1.0
+@pytest.mark.parametrize('sides', [60, 200])
+def test_a_prism_rolls_as_far_as_its_edges_and_rolling_friction_let_it(lab, sides):
+    """Of each edge it loses a share of its energy, without restitution; of each radian a moment.
+
+    McGeer 1990, rimless wheel: w' / w = (cos d + k) / (1 + k) for an angle d between edges, with
+    k = I / (m r^2).
+    """
+    share, speed = 0.01, 0.5  # slow enough to stay on the plane: v^2 < g r
     part = lab(
-        trimesh.creation.cylinder(10, 12, sections=3000),
+        trimesh.creation.cylinder(10, 12, sections=sides),
         friction=0.5,
         restitution=0.0,
         rolling_friction=share,
     )
-    q = (Rotation.from_euler('x', 90, degrees=True) * Rotation.from_quat(part.job.axes)).as_quat()
-    q = q[None]
+    turn = Rotation.from_euler('x', 90, degrees=True) * Rotation.from_quat(part.job.axes)
+    q = turn.as_quat()[None]
     radius = part.depth(q)[0]
     spin = np.array([[0.0, speed / radius, 0.0]])
     ends, codes = part.run(part.put(q), np.array([[speed, 0.0, 0.0]]), spin, q, 500.0)
     assert codes[0, 0] == kernel.SETTLED
     inertia = part.moments[np.argmax(np.abs(part.moments - np.median(part.moments)))]
-    expected = (
-        (1 + inertia / radius**2) * speed**2 / 2 * radius / (share * part.job.rolling_length)
-    )
-    assert ends[0, 0] == pytest.approx(expected, rel=0.05)
+    ratio, step = inertia / radius**2, 2 * np.pi / sides
+    energy = (1 + ratio) * speed**2 / 2
+    loss = (1 - ((np.cos(step) + ratio) / (1 + ratio)) ** 2) / step  # of each radian
+    moment = share * part.job.rolling_length
+    angle = np.log(1 + loss * energy / moment) / loss
+    # It stops between edges over which it cannot roll any more: a hump is step^2 / 8 high.
+    assert ends[0, 0] == pytest.approx(angle * radius, rel=0.04, abs=step)
 
 
 def test_free_rotation_is_that_of_euler_and_newton(lab):
@@ -239,7 +247,8 @@ def test_no_impact_adds_energy(lab, name, restitution, friction):
     gain = part.energy(position, v, w, q) - before
     assert gain.max() < 1e-9
     if restitution == 1 and friction == 0:
-        assert np.abs(gain).max() < 1e-6
+        # Corners that approach slowly do not bounce.
+        assert gain.min() > -kernel.BOUNCE
 
 
 @pytest.mark.parametrize('name', SHAPES)
@@ -275,7 +284,7 @@ def test_without_friction_momentum_is_kept(lab, name):
         return turn.apply(part.moments * turn.inv().apply(spin))[:, 2]
 
     after = about_the_vertical(ends[:, 3:7], ends[:, 12:])
-    assert after == pytest.approx(about_the_vertical(q, spin), abs=2e-4)
+    assert after == pytest.approx(about_the_vertical(q, spin), abs=1e-3)
 
 
 @pytest.mark.parametrize('name', SHAPES)
