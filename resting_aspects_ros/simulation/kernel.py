@@ -868,7 +868,8 @@ def _contacts(body, work, moving, impact, axes, c, inverse):
     for i in range(len(planes)):
         if work.touching[i, 0] == 0:
             continue
-        n = _at(work.axes, i, 0)
+        n = _body(axes, _at(planes, i, NORMAL))
+        _put(work.axes, i, 0, n)
         x, y = _body(axes, _at(planes, i, TANGENT)), _body(axes, _at(planes, i, ACROSS))
         _put(work.axes, i, 3, x)
         _put(work.axes, i, 6, y)
@@ -945,11 +946,11 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
     for i in range(count):
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
-        # At the end of the step, the corner must not approach the plane.
-        bend = _plus(_plus(_cross(spun, r), _dot(w, r), w), -_dot(w, w), r)
-        con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt
-        con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt
-        con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt
+        # Of the middle of the step, in which the corner turns towards its velocity at the end.
+        bend = _plus(_scaled(_dot(w, r), w), -_dot(w, w), r)
+        con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt / 2
+        con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt / 2
+        con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt / 2
         if moving and pl == 0:
             at = _plus(_world(axes, r), 1.0, c)
             end = _dot(_at(planes, 0, NORMAL), at) - planes[0, OFFSET]
@@ -1148,6 +1149,14 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             if deepest < -DEEP or c[2] != c[2]:
                 return FAILED, -1, t, growth, c, v, w, q
             impact = slowest < -TOUCHING
+            if not impact:
+                dt = min(1 / numerics.steps, numerics.swing / sqrt(_dot(w, w) + 1e-12))
+                if moving:
+                    dt = min(dt, 2 * pi / (PER_PERIOD * motion[RATE]))
+                if first < dt:
+                    dt = max(first, dt / 32)
+                # The forces act in the middle of the step, where they do no work.
+                axes = _axes(_turned(q, w, dt / 2))
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
             if impact:
@@ -1158,11 +1167,6 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 decide = True
             else:
                 work.counts[2] += 1
-                dt = min(1 / numerics.steps, numerics.swing / sqrt(_dot(w, w) + 1e-12))
-                if moving:
-                    dt = min(dt, 2 * pi / (PER_PERIOD * motion[RATE]))
-                if first < dt:
-                    dt = max(first, dt / 32)
                 if moving:
                     _moved(work.planes, motion, t + dt)
                 v1, w1 = _pressed(
