@@ -947,7 +947,7 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
         # Of the middle of the step, in which the corner turns towards its velocity at the end.
-        bend = _plus(_scaled(_dot(w, r), w), -_dot(w, w), r)
+        bend = _plus(_plus(_cross(spun, r), _dot(w, r), w), -_dot(w, w), r)
         con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt / 2
         con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt / 2
         con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt / 2
@@ -973,7 +973,7 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         count,
         inverse,
         v,
-        _plus(w, dt, spun),
+        w,
     )
     work.counts[5] = count
     for i in range(count):
@@ -1156,7 +1156,8 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 if first < dt:
                     dt = max(first, dt / 32)
                 # The forces act in the middle of the step, where they do no work.
-                axes = _axes(_turned(q, w, dt / 2))
+                q, w = _rotated(q, w, moments, inverse, dt / 2)
+                axes, spun = _axes(q), _torque_free(moments, inverse, w)
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
             if impact:
@@ -1169,14 +1170,12 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 work.counts[2] += 1
                 if moving:
                     _moved(work.planes, motion, t + dt)
-                v1, w1 = _pressed(
+                v1, w = _pressed(
                     body, ground, work, count, moving, axes, c, dt, inverse, spun, vb, w
                 )
-                # With the mean of the velocities at both ends of the step.
                 v1 = _world(axes, v1)
-                c = _plus(_plus(c, dt / 2, v), dt / 2, v1)
-                q = _turned(q, _plus(_scaled(0.5, w), 0.5, w1), dt)
-                v, w = v1, w1
+                c, v = _plus(_plus(c, dt / 2, v), dt / 2, v1), v1
+                q, w = _rotated(q, w, moments, inverse, dt / 2)
                 t += dt
                 contacts += 1
                 decide = contacts % ATTEMPTS == 0
