@@ -36,8 +36,6 @@ _PLANAR = 0.1
 # Directions around a centre fill a cap, not a ring, if the nearest is closer to the centre than
 # this share of the furthest.
 _RING_WIDTH = 0.5
-# Length of the mean of unit vectors that are directions of one side.
-ONE_SIDE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +73,12 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
         _aspect(landscape, each, number, barriers[number], moments)
         for number, each in enumerate(unnumbered, start=1)
     )
-    # Sides that were joined around an axis, such as the teeth of a gear, have no direction.
-    flat = [
-        a.down_in_part
-        for a in aspects
-        if not a.sweep.curved and np.linalg.norm(a.directions.mean(axis=0)) > ONE_SIDE
-    ]
-    symmetry = find_symmetry(part, np.array(flat).reshape(-1, 3))
+    flat = [a.directions for a in aspects if not a.sweep.curved]
+    symmetry = find_symmetry(
+        part,
+        np.array([each[0] for each in flat]).reshape(-1, 3),
+        np.concatenate([np.zeros((0, 3)), *flat]),
+    )
     return with_symmetry_classes(
         AspectSet(part.part_sha256, aspects, symmetry), symmetry, part.hull_radius
     )
@@ -143,7 +140,9 @@ def _sweep(
     if len(directions) == 2:
         axis = np.cross(*directions)
         return Sweep.ARC, _signed(axis / np.linalg.norm(axis), frame), middle
-    if size[1] > _PLANAR * size[0] and angle_between(directions, pole).max() <= 1.5 * step:
+    # An arc is curved towards the pole, but not across.
+    beside = np.linalg.svd(directions - (directions @ pole)[:, None] * pole, compute_uv=False)
+    if beside[1] > _PLANAR * beside[0] and angle_between(directions, pole).max() <= 1.5 * step:
         return Sweep.DOME, pole, middle
     along = directions @ axes.T
     if (np.abs([along.min(axis=0), along.max(axis=0)]) > np.cos(CURVED_STEP)).all():

@@ -75,11 +75,23 @@ class CurvedEdges:
         largest = np.zeros(len(hull.points))
         np.maximum.at(largest, ends.ravel(), np.repeat(hull.angles, 2))
         typical = np.array([np.median(hull.angles[edges]) for edges in hull.edges_of_points])
+        # A triangle can touch the rim of the curved side with one corner; a strip beside the rim
+        # is followed by no small step.
+        beyond = self._largest_at_corners(largest)
+        fits = (self._corners == 3) | ((self._corners == 4) & (beyond <= CURVED_STEP))
         return np.asarray(
-            ((self._corners <= 4) & self._is_small)[hull.sides].all(axis=1)
+            (fits & self._is_small)[hull.sides].all(axis=1)
             & (largest[ends] <= CURVED_STEP).all(axis=1)
             & (hull.angles <= MAX_IRREGULARITY * typical[ends].max(axis=1))
         )
+
+    def _largest_at_corners(self, values: Array) -> Array:
+        """Return the maximum of values (v,) of the corners of each facet, (f,)."""
+        hull = self._hull
+        largest = np.zeros(len(hull.normals))
+        for end in hull.ends.T:
+            np.maximum.at(largest, hull.sides.ravel(), np.repeat(values[end], 2))
+        return largest
 
     @cached_property
     def _is_small(self) -> Flags:
