@@ -1,6 +1,5 @@
 """Steps in which a file stores coordinates: of float32, or of the last written digit."""
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -80,7 +79,7 @@ def _written_step(words: Iterable[bytes], largest: float) -> float:
 
 
 def _rounded_step(words: Iterable[bytes], largest: float) -> float:
-    """Return the step of decimals to which most of the coordinates are rounded; 0 if there is none.
+    """Return the step of decimals to which most coordinates are rounded; 0 if there is none.
 
     Integers are design values.
     """
@@ -88,8 +87,9 @@ def _rounded_step(words: Iterable[bytes], largest: float) -> float:
     large = [word for word in words if 0.1 * largest <= abs(float(word)) > 0]
     if digits <= {b'0', b'5'} or not any(set(word) & set(b'.e') for word in large):
         return 0.0
-    ((last, count),) = Counter(map(_last_digit, large)).most_common(1)
-    return float(10.0**last) if count >= ROUNDED_SHARE * len(large) else 0.0
+    exponents = [_last_digit(word) for word in large]
+    last = int(np.median(exponents))
+    return float(10.0**last) if exponents.count(last) >= ROUNDED_SHARE * len(large) else 0.0
 
 
 def _last_digit(word: bytes) -> int:
