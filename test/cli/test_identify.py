@@ -61,6 +61,17 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
         ended = run(*words, '--camera', wrong)
         assert (ended.returncode, ended.stdout) == (2, '')
         assert 'expected' in ended.stderr
+    wrong = run(*words, '--camera', '0mm,0mm,0mm').stderr
+    assert '--camera' in wrong
+    assert '[0.0, 0.0, 0.0]' in wrong
+    for height in (20, 30):  # of the box 30 mm high
+        low = run(*words, '--camera', f'0mm,0mm,{height}mm').stderr
+        for word in (
+            f'invalid height {height / 1000:g} m of the camera',
+            '0.03 m',
+            'box_10x20x30',
+        ):
+            assert word in low
 
 
 def test_more_noise_accepts_a_larger_difference(run, polygon):
@@ -101,6 +112,12 @@ def test_outline_with_y_down_is_answered_with_a_note(run, polygon):
         ('{}', 'expected outer'),
         ({'outer': [[0, 0], [200, 0], [200, 100]]}, 'pixels'),
         ({'outer': [[0, 0], [0.2, 0.1], [0.2, 0], [0, 0.1]]}, 'cross'),
+        ({**RECTANGLE, 'hole': []}, "seen.json': invalid key 'hole': expected one of outer"),
+        pytest.param(
+            '{"outer": [[' + '9' * 400 + ', 0], [1, 0], [1, 1]]}',
+            'not a finite number',
+            id='large integer',
+        ),
         ({'outlines': [RECTANGLE]}, 'this is the document of resting_aspects outlines'),
     ],
 )
