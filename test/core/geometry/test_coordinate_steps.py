@@ -95,6 +95,7 @@ def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
     assert warned
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('file', DOUBLE)
 @pytest.mark.parametrize('washer', WASHERS)
 @pytest.mark.parametrize('tilted', [False, True])
