@@ -31,6 +31,8 @@ from resting_aspects_ros.core.rotations import (
 ASPECT_NUMBERING = 4
 # Ids are ordered by centre of mass height, R, and by share; both are compared in steps of this.
 ORDER_STEP = 1e-3
+# Maximum difference of the heights of saddles that count as equally high, hull radii.
+SAME_SADDLE = 1e-5
 # Maximum distance of directions on a circle from its plane, as a share of the radius.
 _PLANAR = 0.1
 # Directions around a centre fill a cap, not a ring, if the nearest is closer to the centre than
@@ -212,14 +214,22 @@ def _grouped(
 def _barriers(
     landscape: Landscape, owner: Indices, aspects: Sequence[_UnnumberedAspect]
 ) -> dict[int, tuple[float, int]]:
-    """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads."""
+    """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads.
+
+    If several saddles are equally high, it is the neighbour with the lowest number.
+    """
     min_rises = dict.fromkeys(range(1, len(aspects) + 1), (np.inf, 0))
     saddles = landscape.saddles
     for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
         for one, other in (pair, pair[::-1]):
             rise = float(height) - aspects[one - 1].rest
-            if one != other and rise < min_rises[int(one)][0]:
+            if one == other:
+                continue
+            barrier, neighbour = min_rises[int(one)]  # of a lower saddle
+            if not neighbour:
                 min_rises[int(one)] = (rise, int(other))
+            elif rise <= barrier + SAME_SADDLE * landscape.radius:
+                min_rises[int(one)] = (barrier, min(neighbour, int(other)))
     return min_rises
 
 
