@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
 
@@ -126,6 +127,16 @@ def test_wrong_polygons_are_refused(run, polygon, document, words):
     assert ended.returncode == 2
     assert words in ended.stderr
     assert ended.stdout == ''
+
+
+def test_a_part_that_is_given_twice_is_one_candidate(run, polygon, tmp_path):
+    for name in ('box', 'copy'):
+        trimesh.creation.box((40, 20, 10)).export(tmp_path / f'{name}.stl')
+    words = ('--polygon', polygon(RECTANGLE), '--json')
+    once = json.loads(run('identify', 'box.stl', *words).stdout)
+    ended = run('identify', 'box.stl', 'copy.stl', 'box.stl', *words)
+    assert json.loads(ended.stdout) == once
+    assert 'copy is the same part as box' in ended.stderr
 
 
 def test_reason_and_equal_outlines_are_stated(run, polygon):
