@@ -39,8 +39,8 @@ ON_HULL = 1e-5
 SPREAD = 200
 # Numbers of samples after which failed rotations are rejected; most fail at the first few.
 STAGES = (5, 25, 125, 625)
-# A side that consists of several flats is in their directions within this angle, rad.
-SAME_SIDE = np.radians(3.0)
+# A side and the one to which it is mapped are within this angle, rad, because of noise in both.
+SAME_SIDE = np.radians(6.0)
 # Number of points that are processed at once, to limit the memory.
 BATCH = 200_000
 # Combines the indices of a cell, -2000 to 2000, and the direction of a normal, 0 to 4, in one
@@ -98,6 +98,8 @@ class SurfaceMatch:
         height = np.linalg.norm(feet, axis=1)
         # Feet of needles are exact within the rounding of the hull.
         self._tight = np.clip(HEIGHT_TOLERANCE * height, ON_HULL, SYMMETRY_TOLERANCE)
+        # A simplified hull can err in both positions.
+        self._tight += 2 * part.hull_error / part.hull_radius
         self._unit = min(1.0, MAX_SLENDER * float(height.min(initial=1.0)))
         self._sides, self._flats = sides, flats
         hull = (part.hull_vertices - part.centre_of_mass) / part.hull_radius
