@@ -75,23 +75,20 @@ class CurvedEdges:
         largest = np.zeros(len(hull.points))
         np.maximum.at(largest, ends.ravel(), np.repeat(hull.angles, 2))
         typical = np.array([np.median(hull.angles[edges]) for edges in hull.edges_of_points])
-        # A triangle can touch the rim of the curved side with one corner; a strip beside the rim
-        # is followed by no small step.
-        beyond = self._largest_at_corners(largest)
-        fits = (self._corners == 3) | ((self._corners == 4) & (beyond <= CURVED_STEP))
+        # The mesh continues at one of the sides, at least: a flat side among strips with a sharp
+        # edge on the other side, such as those of fillets with two chords, is no mesh.
+        sides, is_step = hull.sides, hull.angles <= CURVED_STEP
+        sharp = np.zeros(len(hull.normals), dtype=np.bool_)
+        sharp[sides[~is_step]] = True
+        core = (self._corners == 3) | ((self._corners == 4) & ~sharp)
+        continues = np.zeros(len(core), dtype=np.bool_)
+        continues[sides[is_step & core[sides].all(axis=1)]] = True
         return np.asarray(
-            (fits & self._is_small)[hull.sides].all(axis=1)
+            ((self._corners <= 4) & self._is_small)[sides].all(axis=1)
+            & (core & continues)[sides].any(axis=1)
             & (largest[ends] <= CURVED_STEP).all(axis=1)
             & (hull.angles <= MAX_IRREGULARITY * typical[ends].max(axis=1))
         )
-
-    def _largest_at_corners(self, values: Array) -> Array:
-        """Return the maximum of values (v,) of the corners of each facet, (f,)."""
-        hull = self._hull
-        largest = np.zeros(len(hull.normals))
-        for end in hull.ends.T:
-            np.maximum.at(largest, hull.sides.ravel(), np.repeat(values[end], 2))
-        return largest
 
     @cached_property
     def _is_small(self) -> Flags:

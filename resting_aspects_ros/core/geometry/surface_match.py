@@ -39,7 +39,8 @@ ON_HULL = 1e-5
 SPREAD = 200
 # Numbers of samples after which failed rotations are rejected; most fail at the first few.
 STAGES = (5, 25, 125, 625)
-# A side and the one to which it is mapped are within this angle, rad, because of noise in both.
+# A side and the one to which it is mapped are within this angle, rad: noise turns each of them by
+# up to the 3 degrees within which a pose belongs to an aspect.
 SAME_SIDE = np.radians(6.0)
 # Number of points that are processed at once, to limit the memory.
 BATCH = 200_000
@@ -153,7 +154,8 @@ class SurfaceMatch:
 
         They map its feet onto its hull within the tolerance of heights + ``play``, R, and its
         surface onto itself within ``reach``, R, less for a slender part, or within ``play`` if
-        that is more. ``order`` is the order of the samples.
+        that is more. Without ``play``, they map each side to a flat of the same height. ``order``
+        is the order of the samples.
         """
         left = np.arange(len(rotations))
         if play == 0:
@@ -173,8 +175,9 @@ class SurfaceMatch:
         """Return which rotations, (k, 3, 3), map each side to a flat of the same height."""
         side, flat = self._heights
         alike = np.abs(side[:, None] - flat) <= HEIGHT_TOLERANCE * side[:, None]
-        cosine = np.einsum('kij,sj,fi->ksf', rotations, self._sides, self._flats, optimize=True)
-        return np.asarray(((cosine >= np.cos(SAME_SIDE)) & alike).any(axis=2).all(axis=1))
+        # One rotation at a time, which limits the memory.
+        near = (self._sides @ r.T @ self._flats.T >= np.cos(SAME_SIDE) for r in rotations)
+        return np.array([bool((each & alike).any(axis=1).all()) for each in near], dtype=bool)
 
     def refined(self, rotation: Array, order: Indices) -> Array:
         """Return the rotation that fits best, starting from one that nearly fits.
