@@ -82,7 +82,17 @@ def test_random_parts_have_the_aspects_of_the_landscape(name):
 
 @pytest.mark.slow
 def test_many_random_parts_have_the_aspects_of_the_landscape():
-    assert list(fuzz_aspects.findings(280, 1)) == []
+    assert list(fuzz_aspects.findings(range(280), 1)) == []
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(
+    ('seed', 'number'),
+    [(101, 41), (301, 505), (101, 195), (301, 85), (302, 869)],
+    ids=['polyhedron', 'spiral_ball', 'polyhedron_14', 'simplified_ball', 'simplified_ball_64'],
+)
+def test_parts_that_were_wrong_once_are_right(seed, number):
+    assert list(fuzz_aspects.findings([number], seed)) == []
 
 
 def test_a_wrong_number_of_aspects_is_found():
