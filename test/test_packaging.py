@@ -15,6 +15,7 @@ from catkin_pkg.packages import find_packages
 import resting_aspects_ros
 
 ROOT = Path(__file__).resolve().parent.parent
+SHARED = ('config', 'launch', 'rviz')
 SUITE = ROOT / 'package.xml'
 INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 
@@ -230,20 +231,43 @@ def test_versions_agree():
     } == {resting_aspects_ros.__version__}
 
 
+def copied_to(source):
+    """Return a copy of the suite, as a build leaves files behind."""
+    source.mkdir()
+    for name in ('setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml', 'README.md'):
+        shutil.copy(ROOT / name, source)
+    for name in (*SHARED, 'resource', 'resting_aspects_ros'):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns('*.pyc'))
+    return source
+
+
+def test_script_beside_a_clone_named_like_the_package_imports_it(tmp_path):
+    clone = copied_to(tmp_path / 'resting_aspects_ros')
+    build = 'import setuptools.build_meta as b, sys; b.build_editable(sys.argv[1])'
+    subprocess.run([sys.executable, '-c', build, tmp_path], cwd=clone, check=True)
+    site = tmp_path / 'site'
+    (wheel,) = tmp_path.glob('*.whl')
+    with ZipFile(wheel) as packed:
+        packed.extractall(site)
+    script = tmp_path / 'script.py'
+    script.write_text(
+        'import site, sys\nsite.addsitedir(sys.argv[1])\n'
+        'import resting_aspects_ros\nprint(resting_aspects_ros.__file__)\n'
+    )
+    # -S: without the site-packages of this virtual environment, where the suite is installed, too.
+    found = subprocess.run(
+        [sys.executable, '-S', script, site], env={}, capture_output=True, text=True, check=True
+    )
+    assert found.stdout.split() == [str(clone / 'resting_aspects_ros' / '__init__.py')]
+
+
 def test_wheel_has_all_shared_files(tmp_path):
-    folders = ('config', 'launch', 'rviz')
-    files = {path for folder in folders for path in (ROOT / folder).rglob('*.*')} - {
-        path for folder in folders for path in (ROOT / folder).rglob('*.pyc')
+    files = {path for folder in SHARED for path in (ROOT / folder).rglob('*.*')} - {
+        path for folder in SHARED for path in (ROOT / folder).rglob('*.pyc')
     }
     shared = {path.relative_to(ROOT).as_posix() for path in files if path.is_file()}
     assert {'config/surfaces.yaml', 'launch/resting_aspects.launch.py'} <= shared
-    # A copy, as a build leaves files behind.
-    source = tmp_path / 'source'
-    for name in ('setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml', 'README.md'):
-        source.mkdir(exist_ok=True)
-        shutil.copy(ROOT / name, source)
-    for name in (*folders, 'resource', 'resting_aspects_ros'):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns('*.pyc'))
+    source = copied_to(tmp_path / 'source')
     options = ('--no-deps', '--no-build-isolation', '--no-index', '--quiet')
     subprocess.run(
         [sys.executable, '-m', 'pip', 'wheel', *options, '--wheel-dir', tmp_path, source],

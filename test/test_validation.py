@@ -48,6 +48,7 @@ def test_spread_matches_fits_to_noisy_measurements(problem):
     np.testing.assert_allclose(steps.std(axis=0), fit(*problem).spread, rtol=4 / np.sqrt(2 * n))
 
 
+@pytest.mark.slow
 def test_measured_faces_are_aspects_of_the_bodies():
     for case in cases():
         aspects = find_aspects(case.part)

@@ -7,7 +7,7 @@ the exit code is 1 if anything does.
 import argparse
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import trimesh
@@ -92,9 +92,9 @@ def _minima(aspects: AspectSet, truth: Landscape, tolerance: float, limit: float
             yield f'no aspect for the minimum {normal.round(3)}, barrier {barrier:g} m'
 
 
-def findings(parts: int, seed: int) -> Iterator[str]:
-    """Yield what is wrong with random parts; parts of another number are the same."""
-    for number in range(parts):
+def findings(numbers: Iterable[int], seed: int) -> Iterator[str]:
+    """Yield what is wrong with random parts; seed and number determine a part."""
+    for number in numbers:
         generator = np.random.default_rng([seed, number])
         shape = FAMILIES[number % len(FAMILIES)](generator)
         try:
@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1)
     given = parser.parse_args()
     count = 0
-    for finding in findings(given.parts, given.seed):
+    for finding in findings(range(given.parts), given.seed):
         print(finding, flush=True)
         count += 1
     print(f'{given.parts} parts, {count} findings')

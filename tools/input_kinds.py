@@ -236,6 +236,21 @@ def csv_kinds(part: ra.Part) -> dict[str, Kind]:
     }
 
 
+# A prism with polygons of 5 and 4 corners.
+PRISM = """OFF  # a comment
+10 7 15
+0 0 0  20 0 0  25 10 0  10 20 0  -5 10 0
+0 0 8  20 0 8  25 10 8  10 20 8  -5 10 8
+5 4 3 2 1 0
+5 5 6 7 8 9
+4 0 1 6 5
+4 1 2 7 6
+4 2 3 8 7
+4 3 4 9 8
+4 4 0 5 9
+"""
+
+
 def mesh_kinds() -> dict[str, Kind]:
     """Return the kinds of meshes."""
     box = trimesh.creation.box((10, 20, 30))
@@ -243,11 +258,15 @@ def mesh_kinds() -> dict[str, Kind]:
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     binary, text = box.export(file_type='stl'), box.export(file_type='stl_ascii')
     obj, ply = box.export(file_type='obj'), box.export(file_type='ply', encoding='ascii')
+    pair = trimesh.Scene({'one': box, 'other': box.copy().apply_translation((0, 0, 30))})
     meshes = {
         'stl': (binary, text),
         'obj': (obj,),
         'ply': (ply, box.export(file_type='ply')),
         'step': (step_text(corners * 10, sides),),
+        'off': (box.export(file_type='off'), PRISM),
+        'glb': (box.export(file_type='glb'), pair.export(file_type='glb')),
+        '3mf': (box.export(file_type='3mf'), pair.export(file_type='3mf')),
     }
     return {
         f'mesh {ending}': Kind(

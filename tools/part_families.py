@@ -293,6 +293,9 @@ def cone(g: Generator) -> Shape:
     tilt, slant = np.arctan2(1 - top, height), np.hypot(1 - top, height)
     foot = (np.sin(tilt) + centre * np.cos(tilt)) / slant  # from the rim of the base, as a share
     clear = abs(foot - 1) > 0.1 and abs(foot) > 0.1 and (top == 0 or top > 0.1)
+    # Noise can tip it over from a narrow top.
+    above = height - centre
+    clear &= top == 0 or np.hypot(above, top * np.cos(np.pi / n)) / above - 1 > 2 * NOISE
     aspects = 1 + (0 < foot < 1) + (top > 0)
     name = f'cone {n}, {top:.2f}, {height:.2f}'
     return known_shape(name, revolved([(1, 0), (top, height)], n), aspects, sagitta(n), clear)

@@ -10,6 +10,7 @@ import shapely
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.footprint import Footprint, Grip
+from resting_aspects_ros.core.geometry.hull import smallest_rectangle
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.schema import FileModel, FromOne, Number, validated
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
@@ -126,9 +127,9 @@ def grips_of(grasps: Sequence[Grasp], placement: Placement) -> tuple[Grip, ...]:
     model of free parts represents the part.
     """
     outline = placement.outline
-    rectangle = shapely.minimum_rotated_rectangle(outline.polygon)
-    middle = outline.polygon if outline.yaw_symmetry == 0 else rectangle
-    centre = np.array(middle.centroid.coords[0])
+    centre = outline.centroid
+    if outline.yaw_symmetry != 0:
+        centre = smallest_rectangle(shapely.get_coordinates(outline.polygon))[0]
     cos, sin = math.cos(outline.long_axis), math.sin(outline.long_axis)
     found = []
     for grasp in grasps:

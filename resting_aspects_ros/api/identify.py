@@ -13,7 +13,7 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.core.estimators.estimate import Estimate, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
@@ -100,7 +100,7 @@ def identify_part(
         Tray frame, m; seen from above, x right and y up. See `observed_polygon`.
     parts : KnownPart, Part, str or Path, or several
         Candidates, equally probable before. Others than a KnownPart are prepared at each call,
-        which takes most of the time.
+        which takes most of the time. Of equal parts, the first is used.
     noise : OutlineNoise, optional
         Errors of the boundary, by default 0.1 mm (standard deviation), independent after 1 mm.
     camera : Telecentric or Pinhole, optional
@@ -133,8 +133,13 @@ def identify_part(
         )
     if isinstance(parts, KnownPart | Part | str | Path):
         parts = [parts]
-    known = [each if isinstance(each, KnownPart) else known_part(each) for each in parts]
-    return identify(seen, known, noise, camera)
+    known: dict[str, KnownPart] = {}
+    for each in parts:
+        one = each if isinstance(each, KnownPart) else known_part(each)
+        first = known.setdefault(one.part.part_sha256, one)
+        if first is not one:
+            warn(f'{one.part.name} is the same part as {first.part.name}: it is left out')
+    return identify(seen, list(known.values()), noise, camera)
 
 
 def locate_part(

@@ -7,7 +7,7 @@ from typing import Any
 
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import FILE_FORMATS
+from resting_aspects_ros.core.part_loading import FILE_FORMATS, body_number
 from resting_aspects_ros.core.part_loading import load_part as load_mesh
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -62,8 +62,8 @@ def load_part(
         )
     if body is not None:
         raise InvalidValueError(
-            f'invalid body {shown(body)}: expected only with a mesh file; {shown(text)} is '
-            'the name of a part, whose body is that of its YAML file'
+            f'invalid body {shown(body_number(body))}: expected only with a mesh file; '
+            f'{shown(text)} is the name of a part, whose body is that of its YAML file'
         )
     if folder is not None and not Path(folder).is_dir():
         raise InvalidValueError(
@@ -112,12 +112,12 @@ def _yaml_values(mesh: Path, unit: str | None, body: int | str | None) -> dict[s
     yaml_file = mesh.parent / f'{mesh.stem}.yaml'
     values = read_part_yaml(yaml_file, mesh) if yaml_file.exists() else {}
     if body is not None:
-        if values.get('body') not in (None, body):
+        if body_number(values.get('body', body)) != body_number(body):
             raise InvalidValueError(
-                f'invalid body {shown(body)}: expected {values["body"]}, the body in '
+                f'invalid body {shown(body_number(body))}: expected {values["body"]}, the body in '
                 f'{shown(str(yaml_file))}'
             )
-        values['body'] = body
+        values.setdefault('body', body)
     if unit is None:
         return values
     if unit not in UNITS:

@@ -4,6 +4,7 @@ import csv
 import fcntl
 import glob
 import os
+import tempfile
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -23,12 +24,14 @@ POSES_HEADER = (
 
 
 def make_folder(flag: str, folder: Path) -> None:
-    """Make the folder that a flag names; raises InvalidValueError if that is impossible."""
+    """Make the folder that a flag names; InvalidValueError if nothing can be written into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):  # not access(2): the file system may be read-only
+            pass
     except (OSError, ValueError) as error:
         raise InvalidValueError(
-            f'invalid {flag} {str(folder)!r}: expected a folder that exists or can be made: '
+            f'invalid {flag} {str(folder)!r}: expected a folder that can be made and written: '
             f'{_reason(error)}'
         ) from None
 

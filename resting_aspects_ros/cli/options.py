@@ -36,20 +36,12 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--body',
         metavar='BODY',
-        type=_body,
         help='body of a mesh file to use, if it has several: its name, or its number; 1 is the '
         'largest',
     )
     parser.add_argument(
         '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
     )
-
-
-def _body(text: str) -> int | str:
-    try:
-        return parse_integer(text)
-    except argparse.ArgumentTypeError:
-        return text
 
 
 def add_confidence(parser: argparse.ArgumentParser) -> None:

@@ -48,10 +48,7 @@ class FeederWatch:
     ----------
     done : Future
         Done with the first image after these minutes.
-    picks, missed, images, supplied : int
-    choices : dict of str to int
-        How often the robot picked parts after an image, and the feeder flipped, spread or only
-        supplied parts.
+    images, supplied : int
     on_tray : int
         Parts in the newest image; parts that touch count as one.
     advice : FeederAdvice or None
@@ -62,16 +59,18 @@ class FeederWatch:
 
     def __init__(self, node: Node, part: str, minutes: float) -> None:
         self.done = Future()
-        self.picks = self.missed = self.images = self.supplied = self.on_tray = 0
-        self.choices = dict.fromkeys(('pick', 'flip', 'spread', 'supply'), 0)
+        self.images = self.supplied = self.on_tray = 0
         self.advice: FeederAdvice | None = None
         self.best: Moment | None = None
         self._topic = f'{FEEDER_ADVICE}/{part}'
         self._length = round(60e9 * minutes)
-        self._begin, self._now = 0, 0
+        self._begin, self._now = 0, 0  # time of the first image, and newest time until the end
         self._images: dict[int, Image] = {}  # the newest ones, by time
         self._seen: DetectionArray | None = None
-        self._picked = 0  # image of the newest pick
+        # Time, image and result of each pick, also before the begin and after the end: the results
+        # of an image can arrive before the image.
+        self._results: list[tuple[int, int, int]] = []
+        self._moved = dict.fromkeys(('flip', 'spread', 'supply'), 0)
         # Messages on different topics arrive in any order. A move is counted once it is known
         # before which image it happened, and what was advised for the image before it.
         self._exposed: list[tuple[int, int]] = []  # time and number of each image
@@ -100,14 +99,29 @@ class FeederWatch:
             self._node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
 
     @property
+    def picks(self) -> int:
+        """Number of parts that the robot picked."""
+        return sum(result == PickResult.PICKED for _, result in self._picks())
+
+    @property
+    def missed(self) -> int:
+        """Number of picks that failed."""
+        return sum(result == PickResult.MISSED for _, result in self._picks())
+
+    @property
+    def choices(self) -> dict[str, int]:
+        """How often the robot picked after an image, and the feeder only moved or supplied."""
+        return {'pick': len({image for image, _ in self._picks()}), **self._moved}
+
+    @property
     def minutes(self) -> float:
         """Simulated time since the first image, min."""
-        return (self._now - self._begin) / 60e9
+        return (self._now - self._begin) / 60e9 if self._begin else 0.0
 
     @property
     def rate(self) -> float:
         """Parts per minute so far; 0 before the first action is over."""
-        return self.picks / self.minutes if self._now > self._begin else 0.0
+        return self.picks / self.minutes if self.minutes > 0 else 0.0
 
     @property
     def silence(self) -> float:
@@ -157,10 +171,11 @@ class FeederWatch:
             return
         self._seen = message
         self._begin = self._begin or stamp
-        self._now = stamp
+        self._now = max(self._now, stamp)
         self._exposed.append((stamp, message.image))
         self._count_moves()
         if stamp - self._begin >= self._length:
+            self._now = stamp
             self.done.set_result(None)
             return
         self.images += 1
@@ -168,17 +183,13 @@ class FeederWatch:
 
     def _on_result(self, message: PickResult) -> None:
         stamp = nanoseconds(message.stamp)
-        if not self._begin or (self.done.done() and stamp > self._now):
-            return
-        self._now = max(self._now, stamp)
-        self.picks += message.result == PickResult.PICKED
-        self.missed += message.result == PickResult.MISSED
+        if not self.done.done():
+            self._now = max(self._now, stamp)
         if message.result == PickResult.MOVED:
             self._moves.append(stamp)
             self._count_moves()
-        elif message.image != self._picked:
-            self.choices['pick'] += 1
-            self._picked = message.image
+        else:
+            self._results.append((stamp, message.image, message.result))
 
     def _on_advice(self, message: FeederAdvice) -> None:
         self._hears_controller = True
@@ -198,6 +209,12 @@ class FeederWatch:
         ):
             self.best = Moment(image, seen, message)
 
+    def _picks(self) -> list[tuple[int, int]]:
+        """Return image and result of each pick between the first image and the end."""
+        if not self._begin:
+            return []
+        return [(k, result) for t, k, result in self._results if self._begin < t <= self._now]
+
     def _count_moves(self) -> None:
         """Count the moves of which everything is known: each is that advised before it."""
         waiting = []
@@ -209,6 +226,6 @@ class FeederWatch:
             elif after:
                 move, supply = self._advised[image]
                 self.supplied += supply
-                if move in self.choices:
-                    self.choices[move] += 1
+                if move in self._moved:
+                    self._moved[move] += 1
         self._moves = waiting

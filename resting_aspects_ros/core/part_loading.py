@@ -1,5 +1,6 @@
 """Load a part from a mesh file, or make it from the bytes of one."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,11 @@ def load_part(
     return replace(part, warnings=(*notes, *part.warnings))
 
 
+def body_number(body: int | str | None) -> int | str | None:
+    """Return the number of a body if its text is one; names of bodies take precedence."""
+    return int(body) if isinstance(body, str) and re.fullmatch(r'[0-9]{1,9}', body) else body
+
+
 def part_from_bytes(
     data: bytes,
     mesh_format: str,
@@ -106,8 +112,9 @@ def part_from_bytes(
     inertia : (6,) or (3, 3) array_like, optional
         kg m^2 about the centre of mass, part axes; six numbers are ixx ixy ixz iyy iyz izz.
     body : int or str, optional
-        Number of the body of the mesh, from 1, largest first, or its name in a GLB or 3MF;
-        required if the mesh has several bodies that do not touch each other.
+        Number of the body of the mesh, from 1, largest first, or its name in a GLB or 3MF. Text
+        that is not a name of a body can be a number. Required if the mesh has several bodies that
+        do not touch each other.
 
     Raises
     ------
@@ -157,7 +164,7 @@ def _part(
     file = (name, data, mesh_format)
     if mesh_format not in SCENE_FORMATS:
         mesh = read_triangles(data, mesh_format, label)
-        return mesh_part(label, mesh, unit, chosen_body, given, file)
+        return mesh_part(label, mesh, unit, body_number(chosen_body), given, file)
     scene = read_scene(data, mesh_format, label)
     if unit not in (None, scene.unit):
         raise InvalidValueError(
@@ -185,6 +192,8 @@ def _scene_part(
 ) -> Part:
     """Return the part that is a body of a scene, or all its bodies if none is chosen."""
     several = len(scene.bodies) > 1
+    if chosen not in [body.name for body in scene.bodies]:
+        chosen = body_number(chosen)
     if isinstance(chosen, str) or (several and chosen is not None):
         number = scene.number(chosen, label)
         chosen = None

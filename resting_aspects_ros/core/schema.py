@@ -78,7 +78,8 @@ def validated(
     try:
         return model(**{name: document[key] for name, key in keys.items()})
     except ValidationError as found:
-        first = found.errors()[0]
+        # A misspelt key comes before the key that is missing instead.
+        first = min(found.errors(), key=lambda e: len(e['loc']) > 1 or 'extra' not in e['type'])
     name = str(first['loc'][0])
     if len(first['loc']) == 1 and 'extra' in first['type']:
         raise error(

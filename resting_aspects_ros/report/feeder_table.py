@@ -15,13 +15,19 @@ class _Advice(Protocol):
 class _Watch(Protocol):
     """What was counted; see client/feeder_watch.py."""
 
-    picks: int
-    missed: int
     images: int
     supplied: int
     on_tray: int
-    choices: dict[str, int]
     advice: _Advice | None
+
+    @property
+    def picks(self) -> int: ...
+
+    @property
+    def missed(self) -> int: ...
+
+    @property
+    def choices(self) -> dict[str, int]: ...
 
     @property
     def minutes(self) -> float: ...

@@ -88,7 +88,7 @@ def convergence_figure(
         shares = [each.probability for each in history]
         axes.fill_between(drops, lower, upper, color=rows[k].colour, alpha=0.22, linewidth=0)
         axes.plot(drops, shares, color=rows[k].colour, linewidth=1.8)
-        top = max(top, *upper[len(upper) // 3 :])
+        top = max(top, *upper)
         ends.append((shares[-1], rows[k].colour, labels[k]))
     axes.set_xscale('log')
     axes.set_xlim(float(drops[0]), float(drops[-1]))

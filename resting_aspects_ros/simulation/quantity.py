@@ -51,7 +51,8 @@ class Quantity:
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
+        plain = f'a plain number in {self.unit}, ' if isinstance(value, str) and self.unit else ''
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {plain}{self.allowed()}')
 
 
 def quantity(label: str, unit: str, text: str, *, default: Any = ..., **options: Any) -> Any:

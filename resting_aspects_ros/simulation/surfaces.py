@@ -26,10 +26,10 @@ MAX_CHANGES = 4
 MIN_SAMPLES, MAX_SAMPLES = 8, 1000
 UNCERTAINTY = 'uncertainty'
 
-_fields: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
+_fields: dict[str, Any] = dict.fromkeys(QUANTITIES, (Any, ...))
 _fields['height_of'] = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
 _samples: Any = dict[Literal[tuple(QUANTITIES)], list[Number]]  # type: ignore[misc]
-# An entry of a surfaces file. Bounds are checked by DropConditions.
+# An entry of a surfaces file. Its numbers are checked by DropConditions.
 SurfaceEntry: Any = create_model(
     'SurfaceEntry',
     __base__=FileModel,
@@ -37,7 +37,7 @@ SurfaceEntry: Any = create_model(
     source=(Any, ''),
     uncertainty=(_samples, {}),
 )
-EXPECTED = {name: each.allowed() for name, each in QUANTITIES.items()} | {
+EXPECTED = {
     'height_of': ' or '.join(each.name for each in HeightOf),
     UNCERTAINTY: 'a mapping of conditions to lists of equal length, with '
     f'{MIN_SAMPLES} to {MAX_SAMPLES} values each',

@@ -138,7 +138,9 @@ def read_spec(
             f'invalid {named("study", path)}: expected a mapping with parts and vary'
         )
     with located(named('study', path)):
-        return make_spec({**document, **(changes or {})}, path.parent, surfaces)
+        spec = make_spec({**document, **(changes or {})}, path.parent, surfaces)
+        spec.points()  # raises an error of the design
+    return spec
 
 
 def make_spec(

@@ -5,6 +5,7 @@ import json
 import pytest
 import trimesh
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.cli import main
 
 
@@ -67,6 +68,20 @@ def test_body_is_chosen_by_its_name_or_number(two, ended, body):
     code, _, error = ended('aspects', 'two.stl', '--body', 'small box')
     assert code == 2
     assert "invalid body 'small box' of mesh 'two.stl': expected 1 to 2" in error
+
+
+def test_name_that_is_a_number_takes_precedence(two, ended):
+    small, large = sorted(trimesh.load_mesh('two.stl').split(), key=lambda mesh: mesh.volume)
+    trimesh.Scene({'1': small, '7': large}).export('two.3mf')
+    for body, size in (('1', '10 x 12 x 14'), ('7', '20 x 30 x 40'), ('2', '10 x 12 x 14')):
+        code, out, _ = ended('aspects', 'two.3mf', '--body', body)
+        assert (code, f'{size} mm' in out) == (0, True)
+    # A number in a result or in Python is a number.
+    assert ra.load_part('two.3mf', body='1').body == 2
+    assert ra.load_part('two.3mf', body=1).body == 1
+    (two / 'two.yaml').write_text('body: "7"')
+    assert ended('aspects', 'two.3mf', '--body', '7')[0] == 0
+    assert ended('aspects', 'two.3mf', '--body', '1')[0] == 2
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ def counts(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_files_are_written_and_read_again(run, counts, tmp_path):
     out = tmp_path / 'out'
     first = run('calibrate', counts, '--out', out, *FEW)

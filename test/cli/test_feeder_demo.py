@@ -129,6 +129,40 @@ def test_only_actions_that_happened_are_counted():
     assert (fields['supplied'], fields['picks'], fields['missed']) == (9, 2, 1)
 
 
+def test_messages_in_any_order_give_the_same_counts():
+    def sent(order):
+        cell = Watched()
+        cell.advise(1, PICK, then=FLIP, supply=5)
+        cell.advise(2, PICK, then=FLIP, supply=9)
+        for message in order:
+            message(cell)
+        return cell.watch.done.done(), cell.watch.fields()
+
+    messages = [
+        lambda cell: cell.result(9, PickResult.PICKED, 8),  # before the first image
+        lambda cell: cell.seen(1, 10),
+        lambda cell: cell.result(20, PickResult.PICKED, 1),
+        lambda cell: cell.result(30, PickResult.DROPPED, 1),
+        lambda cell: cell.result(40, PickResult.MOVED),
+        lambda cell: cell.seen(2, 40),
+        lambda cell: cell.result(60, PickResult.MISSED, 2),
+        lambda cell: cell.seen(3, 75),
+        lambda cell: cell.result(80, PickResult.PICKED, 3),  # after the end
+        lambda cell: cell.result(81, PickResult.MISSED, 3),
+        lambda cell: cell.result(82, PickResult.MOVED),
+    ]
+    seen, results = (
+        [messages[k] for k in (1, 5, 7)],
+        [messages[k] for k in (0, 2, 3, 4, 6, 8, 9, 10)],
+    )
+    done, fields = sent(messages)
+    assert done
+    assert (fields['picks'], fields['missed'], fields['supplied']) == (1, 1, 5)
+    assert fields['choices'] == {'pick': 2, 'flip': 1, 'spread': 0, 'supply': 0}
+    assert fields['minutes'] == pytest.approx(65 / 60)
+    assert sent([*results, *seen]) == sent([*seen, *results]) == (done, fields)
+
+
 def test_time_begins_with_the_first_image_of_the_camera():
     cell = Watched()
     cell.image(10)

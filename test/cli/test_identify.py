@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
 
@@ -61,6 +62,17 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
         ended = run(*words, '--camera', wrong)
         assert (ended.returncode, ended.stdout) == (2, '')
         assert 'expected' in ended.stderr
+    wrong = run(*words, '--camera', '0mm,0mm,0mm').stderr
+    assert '--camera' in wrong
+    assert '[0.0, 0.0, 0.0]' in wrong
+    for height in (20, 30):  # of the box 30 mm high
+        low = run(*words, '--camera', f'0mm,0mm,{height}mm').stderr
+        for word in (
+            f'invalid height {height / 1000:g} m of the camera',
+            '0.03 m',
+            'box_10x20x30',
+        ):
+            assert word in low
 
 
 def test_more_noise_accepts_a_larger_difference(run, polygon):
@@ -101,6 +113,12 @@ def test_outline_with_y_down_is_answered_with_a_note(run, polygon):
         ('{}', 'expected outer'),
         ({'outer': [[0, 0], [200, 0], [200, 100]]}, 'pixels'),
         ({'outer': [[0, 0], [0.2, 0.1], [0.2, 0], [0, 0.1]]}, 'cross'),
+        ({**RECTANGLE, 'hole': []}, "seen.json': invalid key 'hole': expected one of outer"),
+        pytest.param(
+            '{"outer": [[' + '9' * 400 + ', 0], [1, 0], [1, 1]]}',
+            'not a finite number',
+            id='large integer',
+        ),
         ({'outlines': [RECTANGLE]}, 'this is the document of resting_aspects outlines'),
     ],
 )
@@ -109,6 +127,16 @@ def test_wrong_polygons_are_refused(run, polygon, document, words):
     assert ended.returncode == 2
     assert words in ended.stderr
     assert ended.stdout == ''
+
+
+def test_a_part_that_is_given_twice_is_one_candidate(run, polygon, tmp_path):
+    for name in ('box', 'copy'):
+        trimesh.creation.box((40, 20, 10)).export(tmp_path / f'{name}.stl')
+    words = ('--polygon', polygon(RECTANGLE), '--json')
+    once = json.loads(run('identify', 'box.stl', *words).stdout)
+    ended = run('identify', 'box.stl', 'copy.stl', 'box.stl', *words)
+    assert json.loads(ended.stdout) == once
+    assert 'copy is the same part as box' in ended.stderr
 
 
 def test_reason_and_equal_outlines_are_stated(run, polygon):

@@ -56,7 +56,7 @@ def dropped(part, surfaces):
 def log(tmp_path, part, dropped):
     """Write a log like the recorder, in batches of 100; ``batches``: unfinished after these."""
 
-    def log(name='run', batches=None, described=True):
+    def log(name='run', batches=None, described=True, counted=True):
         run, poses = dropped
         written = RunLog(tmp_path, name)
         written.add_metadata('run', {'run_id': run.run_id})
@@ -66,9 +66,10 @@ def log(tmp_path, part, dropped):
             end = 100 * (k + 1)
             batch = poses_msg(poses.between(100 * k, end), run, Time(), end == DROPS)
             written.write(POSES, serialize_message(batch), 2 + k)
-            counted = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
-            found = distribution_msg(counted, run, Time(), end == DROPS)
-            written.write(DISTRIBUTION, serialize_message(found), 2 + k)
+            if counted:
+                found = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
+                message = distribution_msg(found, run, Time(), end == DROPS)
+                written.write(DISTRIBUTION, serialize_message(message), 2 + k)
             written.flush()
         size = written.path.stat().st_size
         if batches is None:
@@ -129,6 +130,10 @@ def test_info_fields_have_the_same_types_without_distribution(run, log, dropped,
     with RunLog(log('other').parent, 'bare') as bare:
         bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         batch = poses_msg(dropped[1].between(0, 100), dropped[0], Time(), False)
+        bare.write(POSES, serialize_message(batch), 2)
+    # Its drops are counted.
+    assert types_of(json.loads(run('info', bare.path, '--json').stdout)) == types_of(whole)
+    with RunLog(log('third').parent, 'without_part') as bare:
         bare.write(POSES, serialize_message(batch), 2)
     without = json.loads(run('info', bare.path, '--json').stdout)
     assert whole['conditions']['height_of'] == 'LOWEST_POINT'
@@ -284,6 +289,15 @@ def test_info_of_an_unfinished_log(run, log):
     document = json.loads(run('info', folder, '--json').stdout)
     assert (document['log']['whole'], document['log']['poses']) == (False, 200)
     assert (document['complete'], document['drops'], document['drops_asked']) == (False, 200, 300)
+
+
+def test_info_counts_the_drops_of_a_log_without_a_distribution(run, log, dropped, part):
+    folder = log(batches=2, counted=False)  # as `drop --log` leaves it when it is killed
+    expected = count_poses(find_aspects(part('l_bracket')), dropped[1].between(0, 200))
+    document = json.loads(run('info', folder, '--json').stdout)
+    assert [each['count'] for each in document['aspects']] == expected.counts.tolist()
+    assert (document['complete'], document['drops']) == (False, 200)
+    assert 'Distribution of 200 drops of an unfinished run' in run('info', folder).stdout
 
 
 def test_info_of_a_log_without_drops(run, log):

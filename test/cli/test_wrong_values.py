@@ -76,7 +76,8 @@ def blocked(tmp_path):
         ('--out', 'file/below', 'Not a directory'),
         ('--poses', 'nowhere/p.csv', "the folder 'nowhere' does not exist"),
         ('--poses', 'folder', 'this is a folder'),
-        ('--out', '/proc/self', 'expected a file that can be written'),
+        ('--out', '/proc/self', 'expected a folder that can be made and written'),
+        ('--log', '/proc/self', 'expected a folder that can be made and written'),
         ('--poses', '/proc/p.csv', 'expected a file that can be written'),
     ],
 )

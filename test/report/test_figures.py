@@ -60,6 +60,26 @@ def test_last_number_of_drops_is_labelled(rows, width, drops):
 
 
 @WIDTHS
+def test_lines_and_bands_of_the_convergence_are_inside_the_axes(rows, width):
+    looks = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
+    bands = [
+        [
+            Interval(p, max(0.0, p - p / np.sqrt(n)), min(1.0, p + 1 / np.sqrt(n)))
+            for p in (0.5, 0.2, 0.2, 0.1)
+        ]
+        for n in looks
+    ]
+    (axes,) = convergence_figure(rows, looks, bands, width).axes
+    shapes = [line.get_xydata() for line in axes.lines if line.get_clip_on()]
+    shapes += [path.vertices for band in axes.collections for path in band.get_paths()]
+    assert len(shapes) == 2 * len(rows)
+    for points in shapes:
+        for values, (low, high) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
+            assert low <= values.min()
+            assert values.max() <= high
+
+
+@WIDTHS
 @pytest.mark.parametrize(
     'differences',
     [

@@ -71,8 +71,13 @@ def test_bounds_are_inclusive_and_enforced(name):
 def test_invalid_numbers_are_rejected(name, value):
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, **{name: value})
-    allowed = QUANTITIES[name].allowed()
-    assert str(caught.value) == f'invalid {name} {shown(value)}: expected {allowed}'
+    quantity = QUANTITIES[name]
+    message = str(caught.value)
+    assert message.startswith(f'invalid {name} {shown(value)}: expected ')
+    assert message.endswith(quantity.allowed())
+    # Text may have a unit, which a file does not take.
+    plain = isinstance(value, str) and quantity.unit
+    assert (f'a plain number in {quantity.unit}, ' in message) == bool(plain)
 
 
 @pytest.mark.parametrize(

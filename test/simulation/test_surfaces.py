@@ -86,6 +86,11 @@ def test_a_file_reads_back_what_was_written(file):
         ),
         ({'height_of': [1]}, 'rubber_mat: invalid height_of [1]: expected LOWEST_POINT or '),
         ({'frction': 1}, "rubber_mat: invalid key 'frction': expected one of height, restitution"),
+        (
+            {'frction': 1, 'drop': ('friction',)},
+            "rubber_mat: invalid key 'frction': expected one of height, restitution",
+        ),
+        ({'height': '50mm'}, "rubber_mat: invalid height '50mm': expected a plain number in m,"),
         ({'drop': ('spin',)}, 'rubber_mat: missing spin'),
         ({'uncertainty': {'spin': [1] * 7}}, "rubber_mat: invalid uncertainty {'spin': [1, 1,"),
         ({'uncertainty': {'spin': 3}}, "rubber_mat: invalid uncertainty {'spin': 3}: expected"),

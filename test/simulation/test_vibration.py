@@ -341,6 +341,7 @@ def test_time_step_resolves_the_vibration(part, mat):
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
+        ({'duration': '200ms'}, "invalid duration '200ms': expected a plain number in s, "),
         ({'frequency': 0.0}, 'invalid frequency 0.0: expected more than 0 and at most 1000 Hz'),
         ({'vertical_amplitude': math.nan}, 'invalid vertical_amplitude nan: expected 0 to 0.1 m'),
         ({'plate_size': 0}, 'invalid plate_size 0: expected more than 0 and at most 100 m'),

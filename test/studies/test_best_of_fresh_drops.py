@@ -10,6 +10,7 @@ from resting_aspects_ros.studies.optimum_comparison import certainty_of_best
 FEW = {'points': 4, 'drops': 20, 'budget': 200}
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_best_has_the_best_value_of_the_compared_conditions(here, seed):
     # No conditions are better than others for a tetrahedron, so that the fresh drops decide.

@@ -242,6 +242,14 @@ def test_invalid_study_is_refused(changes, message):
         spec(**changes).points()
 
 
+@pytest.mark.parametrize('text', ['points: 0', 'points: []', 'points: [-1]'])
+def test_invalid_number_of_points_names_the_file(tmp_path, text):
+    path = tmp_path / 'odd.yaml'
+    path.write_text(f'parts: tetrahedron\nvary: {{friction: "0.1:0.5"}}\n{text}\n')
+    with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid number of points'):
+        read_spec(path)
+
+
 def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):
     parquet = pytest.importorskip('pyarrow.parquet')
     result = run_study(spec(points=2, drops=10), None, workers=here())

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.core.errors import MAX_SHOWN, InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH
 
 
@@ -50,7 +50,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _finite(text: str) -> float:
     if math.isfinite(number := float(text)):
         return number
-    raise ValueError(f'{text} is not a finite number')
+    raise ValueError(f'{one_line(text, MAX_SHOWN)} is not a finite number')
 
 
 def _integer(text: str) -> int:

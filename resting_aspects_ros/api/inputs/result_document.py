@@ -31,7 +31,7 @@ def document_result(
     part_text: str | None,
     unit: str | None,
     parts: Path | None,
-    body: int | None,
+    body: int | str | None,
 ) -> DropResult:
     """Read a result; the part is ``part_text``, else that of the document if it is found.
 
@@ -85,7 +85,7 @@ def _part(
     text: str | None,
     unit: str | None,
     parts: Path | None,
-    body: int | None,
+    body: int | str | None,
 ) -> Part | None:
     """Return the part of the document; raises RestingAspectsError if ``text`` is another part."""
     if text is not None:

@@ -89,7 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='write distribution.json, distribution.png and poses.csv into this folder',
+        help='write distribution.json, distribution.png and, of a single part, poses.csv into '
+        'this folder',
     )
     parser.add_argument(
         '--report',

@@ -10,7 +10,7 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, located, shown
 
 if TYPE_CHECKING:
     from resting_aspects_ros.core.vision.camera import Pinhole
@@ -101,7 +101,9 @@ def _camera(text: str | None) -> 'Pinhole | None':
         raise InvalidValueError(
             f'invalid --camera {shown(text)}: expected x, y and height, such as 0mm,50mm,600mm'
         )
-    return surface_pinhole([parse_quantity('--camera', value, 'm') for value in values])
+    position = [parse_quantity('--camera', value, 'm') for value in values]
+    with located('--camera'):
+        return surface_pinhole(position)
 
 
 def _show(found: 'Identification', name: str, hint: str) -> None:

@@ -27,6 +27,7 @@ from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.transition_conversions import action_from
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
 from resting_aspects_ros.run_logs.feeder_contents import read_feeder_log
+from resting_aspects_ros.run_logs.logged_result import logged_result
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -53,13 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read a log and show its contents; returns the exit code. Raises LogError."""
     found = read_logged_run(arguments.log)
+    counted = _counted(found)
     if arguments.json:
-        sys.stdout.write(to_json(_document(found)))
+        sys.stdout.write(to_json(_document(found, counted)))
         return 0
     for label, text in _lines(found):
         print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
-    if found.last_distribution is not None:
-        distribution, _, complete = found.last_distribution
+    if counted is not None:
+        distribution, complete = counted
         print()
         of = '' if complete else ' of an unfinished run'
         title = f'Distribution of {distribution.drops} drops{of}'
@@ -67,6 +69,18 @@ def run(arguments: argparse.Namespace) -> int:
         if distribution.contacts is not None:
             show_table(make_console(), contact_table(distribution.contacts, distribution))
     return 0
+
+
+def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
+    """Return the distribution in a log, or of its drops if it has none, and if it is complete."""
+    if found.last_distribution is not None:
+        distribution, _, complete = found.last_distribution
+        return distribution, complete
+    run, part = found.run, found.part
+    if run is None or part is None or part.part_sha256 != run.part_sha256:
+        return None
+    result = logged_result(found.log)
+    return dataclasses.replace(result.distribution, contacts=result.contacts), result.complete
 
 
 def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
@@ -131,7 +145,7 @@ def _drops(run: RunDescription, found: LoggedRun) -> str:
     return words + (rest_of_run(run, found.outcome) if found.finished else '')
 
 
-def _document(found: LoggedRun) -> dict[str, object]:
+def _document(found: LoggedRun, counted: tuple[Distribution, bool] | None) -> dict[str, object]:
     run, part, action = _run(found), found.part, _action(found)
     log = {
         'path': str(found.path),
@@ -154,9 +168,9 @@ def _document(found: LoggedRun) -> dict[str, object]:
         log['actions'] = found.outcome.drops
     elif run is not None:
         fields['drops_asked'] = run.drops
-    if found.last_distribution is None:
+    if counted is None:
         return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
-    distribution, _, complete = found.last_distribution
+    distribution, complete = counted
     fields |= {'method': METHOD, 'complete': complete, 'log': log}
     if distribution.contacts is not None:
         fields['contacts'] = contact_rows(distribution.contacts, distribution)

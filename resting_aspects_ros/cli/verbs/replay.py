@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.options import (
     add_ros_args,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import is_printable
 
 if TYPE_CHECKING:
@@ -59,10 +59,15 @@ def run(arguments: argparse.Namespace) -> int:
             f'invalid log {str(arguments.log)!r}: expected a name in UTF-8, as ROS requires'
         )
     given: dict[str, object] = {'log': str(arguments.log)}
+    from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE, LogReplayer
+
     if arguments.rate is not None:
-        given['rate'] = parse_quantity('--rate', arguments.rate, '')
+        given['rate'] = rate = parse_quantity('--rate', arguments.rate, '')
+        if not MIN_RATE <= rate <= MAX_RATE:
+            raise InvalidValueError(
+                f'invalid --rate {shown(arguments.rate)}: expected {MIN_RATE:g} to {MAX_RATE:g}'
+            )
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
     from resting_aspects_ros.ros.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []

@@ -31,13 +31,13 @@ from resting_aspects_ros.core.rotations import (
 ASPECT_NUMBERING = 4
 # Ids are ordered by centre of mass height, R, and by share; both are compared in steps of this.
 ORDER_STEP = 1e-3
+# Maximum difference of the heights of saddles that count as equally high, hull radii.
+SAME_SADDLE = 1e-5
 # Maximum distance of directions on a circle from its plane, as a share of the radius.
 _PLANAR = 0.1
 # Directions around a centre fill a cap, not a ring, if the nearest is closer to the centre than
 # this share of the furthest.
 _RING_WIDTH = 0.5
-# Length of the mean of unit vectors that are directions of one side.
-ONE_SIDE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +75,12 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
         _aspect(landscape, each, number, barriers[number], moments)
         for number, each in enumerate(unnumbered, start=1)
     )
-    # Sides that were joined around an axis, such as the teeth of a gear, have no direction.
-    flat = [
-        a.down_in_part
-        for a in aspects
-        if not a.sweep.curved and np.linalg.norm(a.directions.mean(axis=0)) > ONE_SIDE
-    ]
-    symmetry = find_symmetry(part, np.array(flat).reshape(-1, 3))
+    flat = [a.directions for a in aspects if not a.sweep.curved]
+    symmetry = find_symmetry(
+        part,
+        np.array([each[0] for each in flat]).reshape(-1, 3),
+        np.concatenate([np.zeros((0, 3)), *flat]),
+    )
     return with_symmetry_classes(
         AspectSet(part.part_sha256, aspects, symmetry), symmetry, part.hull_radius
     )
@@ -143,7 +142,9 @@ def _sweep(
     if len(directions) == 2:
         axis = np.cross(*directions)
         return Sweep.ARC, _signed(axis / np.linalg.norm(axis), frame), middle
-    if size[1] > _PLANAR * size[0] and angle_between(directions, pole).max() <= 1.5 * step:
+    # An arc is curved towards the pole, but not across.
+    beside = np.linalg.svd(directions - (directions @ pole)[:, None] * pole, compute_uv=False)
+    if beside[1] > _PLANAR * beside[0] and angle_between(directions, pole).max() <= 1.5 * step:
         return Sweep.DOME, pole, middle
     along = directions @ axes.T
     if (np.abs([along.min(axis=0), along.max(axis=0)]) > np.cos(CURVED_STEP)).all():
@@ -213,14 +214,22 @@ def _grouped(
 def _barriers(
     landscape: Landscape, owner: Indices, aspects: Sequence[_UnnumberedAspect]
 ) -> dict[int, tuple[float, int]]:
-    """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads."""
+    """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads.
+
+    If several saddles are equally high, it is the neighbour with the lowest number.
+    """
     min_rises = dict.fromkeys(range(1, len(aspects) + 1), (np.inf, 0))
     saddles = landscape.saddles
     for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
         for one, other in (pair, pair[::-1]):
             rise = float(height) - aspects[one - 1].rest
-            if one != other and rise < min_rises[int(one)][0]:
+            if one == other:
+                continue
+            barrier, neighbour = min_rises[int(one)]  # of a lower saddle
+            if not neighbour:
                 min_rises[int(one)] = (rise, int(other))
+            elif rise <= barrier + SAME_SADDLE * landscape.radius:
+                min_rises[int(one)] = (barrier, min(neighbour, int(other)))
     return min_rises
 
 

@@ -238,9 +238,9 @@ class _DirectionMap:
         self._linked = _linked(links.astype(np.int64), len(self._directions))
         self._reach = np.zeros(len(self._directions))
         for aspect, k in zip(aspects, first, strict=True):
-            if aspect.sweep is Sweep.SPHERE:
-                self._reach[k : k + len(aspect.directions)] = np.pi
-            elif aspect.sweep is Sweep.DOME and len(aspect.links):
+            if len(aspects) == 1 and aspect.sweep is Sweep.SPHERE:
+                self._reach[:] = np.pi
+            elif aspect.sweep in {Sweep.DOME, Sweep.SPHERE} and len(aspect.links):
                 a, b = np.moveaxis(aspect.directions[aspect.links], 1, 0)
                 self._reach[k : k + len(aspect.directions)] = (
                     _DOME_REACH * angle_between(a, b).max()

@@ -160,7 +160,7 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     inner = np.isin(saddles.between, minima[level]).all(axis=1)
     inner &= saddles.between[:, 0] != saddles.between[:, 1]
     heights = saddles.heights[inner] / landscape.radius
-    heights = heights[heights <= low[k] + 2 * rise]
+    heights = heights[heights <= max(top, low[k] + 2 * rise)]
     side = landscape.hull.normals[edges.sides == edges.sides[facets[0]]]
     curved &= bool(angle_between(side, landscape.directions[minima[0]]).max() > ONE_FLAT)
     return JoinedMinima(

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, Sweep
 from resting_aspects_ros.core.aspects.contact import ContactRegion, contact_regions
+from resting_aspects_ros.core.geometry.hull import smallest_rectangle
 from resting_aspects_ros.core.geometry.polyhedron import COPLANAR
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.part import Part
@@ -191,16 +192,7 @@ def _diameter(region: ContactRegion) -> float:
 
 def _rectangle_text(outline: Array) -> str:
     """Return the sides of the smallest rectangle around points on the surface: '12 x 30 mm'."""
-    corners = outline[ConvexHull(outline).vertices]
-    edges = np.roll(corners, -1, axis=0) - corners
-    edges /= np.linalg.norm(edges, axis=1)[:, None]
-    sides = np.stack(
-        [
-            np.ptp(corners @ edges.T, axis=0),
-            np.ptp(corners @ np.stack([-edges[:, 1], edges[:, 0]]), axis=0),
-        ]
-    )
-    short, long = np.sort(sides[:, sides.prod(axis=0).argmin()])
+    long, short = np.linalg.norm(smallest_rectangle(outline)[1], axis=1)
     return f'{_mm(short)} x {_mm(long)} mm'
 
 

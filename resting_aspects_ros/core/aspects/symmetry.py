@@ -47,9 +47,6 @@ TRIED, MAX_TRIED = 0.05, 100
 FEW_ANYWHERE = 60
 # Maximum number of candidates that are refined in a search.
 MAX_REFINED = 20
-# A part with fewer flat sides beside an axis, such as a D shaft, is no body of revolution. Beside:
-# at more than this angle, rad; small slopes of one flat side can be joined to one direction.
-MIN_AROUND, BESIDE = 8, 0.1
 # Maximum number of directions that are tried as the axis of a body of revolution.
 MAX_AXES = 12
 
@@ -76,36 +73,39 @@ class Symmetry:
     rotations: Array
 
 
-def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
+def find_symmetry(part: Part, landmarks: Array, flats: Array | None = None) -> Symmetry:
     """Return the symmetry of the surface of a part about its centre of mass.
 
     Candidates come from second moments of the surface and from the landmarks. A rotation is a
-    symmetry if it and its inverse keep the heights at which the part rests, within
-    SYMMETRY_TOLERANCE, and map the surface onto itself, within SURFACE_TOLERANCE, both plus the
-    effect of the tessellation. A product of such rotations may deviate twice as much from the
-    surface: of a thread, a turn by a sixth moves it by p / 6, a half turn by p / 2. The inertia is
-    not used, because it may be given by the user.
+    symmetry if it and its inverse keep the heights at which the part rests, within 0.2 % of R and
+    0.5 % of the height, and map the surface onto itself, within SURFACE_TOLERANCE, both plus the
+    effect of the tessellation, and if it maps each landmark to a flat of the same height. A
+    product of such rotations may deviate twice as much from the surface: of a thread, a turn by a
+    sixth moves it by p / 6, a half turn by p / 2. The inertia is not used, because it may be given
+    by the user.
 
     Parameters
     ----------
     part : Part
     landmarks : (k, 3) float
         Unit directions, part frame, of the flat sides on which the part rests, with errors up to
-        1e-3. The group permutes them; there may be none.
+        1e-3; there may be none.
+    flats : (m, 3) float, optional
+        The directions of all flats of which these sides consist; by default the landmarks.
     """
-    match = SurfaceMatch(part)
+    match = SurfaceMatch(part, landmarks, landmarks if flats is None else flats)
     if not len(landmarks) and not match.deviating(None).any():
         return Symmetry('spherical', 1, None, np.eye(3)[None])
     axes, alone = surface_frame(match.triangles)
     for axis in _directions(axes if alone.any() else np.concatenate([axes, landmarks])):
-        if _beside(axis, landmarks) not in range(1, MIN_AROUND) and _is_axial(match, axis):
+        if _is_axial(match, axis):
             return _axial(match, axis)
     if alone.all():
         rotations = _from(match, half_turns(axes), ROUGH)
     elif alone.any():
         axis = axes[alone][0]
         order = np.argsort(~match.deviating(axis), kind='stable')  # the most significant first
-        n = _cyclic_order(match, axis, order, _beside(axis, landmarks))
+        n = _cyclic_order(match, axis, order)
         if n > HIGHEST_ORDER:
             # Some samples deviate at some angle, but no finite order is found.
             return _axial(match, axis)
@@ -131,11 +131,6 @@ def _across(axis: Array) -> Array:
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
-
-
-def _beside(axis: Array, landmarks: Array) -> int:
-    """Return the number of landmarks beside an axis; a rotation of order n permutes n each."""
-    return int((np.linalg.norm(np.cross(landmarks, axis), axis=1) > BESIDE).sum())
 
 
 def _is_axial(match: SurfaceMatch, axis: Array) -> bool:
@@ -176,26 +171,21 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     return group
 
 
-def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices, beside: int) -> int:
+def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
     """Return the largest n for which a rotation by 1 / n fits, from its prime powers.
 
-    Or an order whose smallest rotation fits and generates the others, such as that of a nut. It
-    divides the number of landmarks ``beside`` the axis.
+    Or an order whose smallest rotation fits and generates the others, such as that of a nut.
     """
     n = 1
     for prime in range(2, HIGHEST_ORDER + 1):
         if any(prime % smaller == 0 for smaller in range(2, prime)):
             continue
         power = prime
-        while (
-            power <= HIGHEST_ORDER
-            and beside % power == 0
-            and _has_order(match, axis, power, order)
-        ):
+        while power <= HIGHEST_ORDER and _has_order(match, axis, power, order):
             power *= prime
         n *= power // prime
     for multiple in range(HIGHEST_PRODUCT, n, -1):
-        if multiple % n == beside % multiple == 0 and _generates(match, axis, multiple, order):
+        if multiple % n == 0 and _generates(match, axis, multiple, order):
             return multiple
     return n
 
@@ -246,5 +236,5 @@ def _polyhedral(match: SurfaceMatch, axes: Array, landmarks: Array) -> Array:
     some = candidates[:: len(candidates) // FEW_ANYWHERE]
     if match.fits(some, match.order[:SAMPLES], ROUGH_ANYWHERE).mean() > 0.5:
         # Nearly a ball: all rotations fit roughly, and checking them would take minutes.
-        return np.eye(3)[None]
+        return _from(match, half_turns(axes), ROUGH)
     return _from(match, candidates, ROUGH_ANYWHERE)

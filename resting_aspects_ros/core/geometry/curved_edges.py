@@ -28,6 +28,8 @@ MAX_CHORD_RATIO = 2.0
 # a flat at most this multiple of the mean area of those around it: triangles between random points
 # on a sphere reach 4 and 8.
 MAX_IRREGULARITY, MAX_AREA_RATIO = 5.0, 10.0
+# Maximum number of corners of a flat of an irregular mesh: a quadrilateral that was cut has five.
+MAX_CORNERS = 5
 # A flat is wider than its neighbour, not only irregular, from this ratio of their widths on. Then
 # the step to it is at most MAX_TANGENT_RATIO times the next one.
 WIDE, MAX_TANGENT_RATIO = 1.5, 1.25
@@ -75,8 +77,17 @@ class CurvedEdges:
         largest = np.zeros(len(hull.points))
         np.maximum.at(largest, ends.ravel(), np.repeat(hull.angles, 2))
         typical = np.array([np.median(hull.angles[edges]) for edges in hull.edges_of_points])
+        # The mesh continues at one of the sides, at least: a flat side among strips with a sharp
+        # edge on the other side, such as those of fillets with two chords, is no mesh.
+        sides, is_step = hull.sides, hull.angles <= CURVED_STEP
+        sharp = np.zeros(len(hull.normals), dtype=np.bool_)
+        sharp[sides[~is_step]] = True
+        core = (self._corners == 3) | ((self._corners == 4) & ~sharp)
+        continues = np.zeros(len(core), dtype=np.bool_)
+        continues[sides[is_step & core[sides].all(axis=1)]] = True
         return np.asarray(
-            ((self._corners <= 4) & self._is_small)[hull.sides].all(axis=1)
+            ((self._corners <= MAX_CORNERS) & self._is_small)[sides].all(axis=1)
+            & (core & continues)[sides].any(axis=1)
             & (largest[ends] <= CURVED_STEP).all(axis=1)
             & (hull.angles <= MAX_IRREGULARITY * typical[ends].max(axis=1))
         )

@@ -22,6 +22,9 @@ THIN = 2e-5
 # Further away, exact coordinates must not be merged; for others there is a warning that they are
 # coarse.
 MAX_REACH = 50.0
+# Maximum difference of the areas of rectangles that count as equal, as a share. All rectangles
+# along the sides of an acute or a right triangle have the same area.
+SAME_AREA = 1e-5
 
 
 def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
@@ -87,3 +90,39 @@ def outward_hull(hull_vertices: Array) -> tuple[Array, Faces, float]:
     a, b, c = np.moveaxis(hull_vertices[faces], 1, 0)
     inward = np.einsum('ij,ij->i', np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     return hull_vertices, np.where(inward[:, None], faces[:, ::-1], faces), float(hull.volume)
+
+
+def smallest_rectangle(points: Array) -> tuple[Array, Array]:
+    """Return the middle and the sides of the rectangle of minimum area around points of a plane.
+
+    Of several with this area, it is the one with the shortest perimeter, and of these the one
+    whose longer side has the smallest angle, from 0 to pi. So it does not depend on rounding.
+
+    Parameters
+    ----------
+    points : (n, 2) float64
+        m, not on a line.
+
+    Returns
+    -------
+    middle : (2,) float64
+        m.
+    sides : (2, 2) float64
+        The longer and the shorter side as vectors, m.
+    """
+    corners = points[ConvexHull(points).vertices]
+    edges = np.diff(corners, axis=0, append=corners[:1])
+    edges /= np.linalg.norm(edges, axis=1)[:, None]
+    axes = np.stack([edges, np.column_stack([-edges[:, 1], edges[:, 0]])], axis=1)
+    places = axes @ corners.T
+    sizes = np.ptp(places, axis=2)
+    across = sizes[:, 0] < (1 - SAME_AREA) * sizes[:, 1]
+    angles = np.arctan2(*edges.T[::-1]) + np.pi / 2 * across
+    keys = np.round(angles % np.pi, 5) % np.round(np.pi, 5)
+    for key in (sizes.prod(axis=1), sizes.sum(axis=1)):
+        best = key[np.isfinite(keys)].min()
+        keys[key > (1 + SAME_AREA) * best] = np.inf
+    k = keys.argmin()
+    middle = (places[k].min(axis=1) + places[k].max(axis=1)) / 2 @ axes[k]
+    sides = sizes[k][:, None] * axes[k]
+    return middle, sides[::-1] if across[k] else sides

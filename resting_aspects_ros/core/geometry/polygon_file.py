@@ -1,7 +1,7 @@
-"""Read an OBJ, PLY or OFF file with trimesh, after checks that trimesh does not make.
+"""Read an OBJ or PLY file with trimesh, after checks that trimesh does not make, or an OFF file.
 
 trimesh stops reading at the first word that is not a number, without an error, so the text is
-checked first.
+checked first. It reads an OFF only with one row in each line and at most four corners.
 """
 
 import io
@@ -48,8 +48,11 @@ def read_ply(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
 
 def read_off(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     """Return the vertices and faces of an OFF file, and the words of the coordinates."""
-    data, rows = _checked_off(data, label)
-    return *_read_with_trimesh(data, 'off', label), rows
+    rows, polygons = _off_rows(data, label)
+    vertices = np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
+    triangles = [(row[0], *row[k : k + 2]) for row in polygons for k in range(1, len(row) - 1)]
+    faces = np.array(triangles, dtype=np.bytes_).astype(np.int64).reshape(-1, 3)
+    return vertices, faces, rows
 
 
 def check_encoding(data: bytes, label: str) -> None:
@@ -71,7 +74,8 @@ def _checked_obj(data: bytes, label: str) -> bytes:
     check_encoding(data, label)
     if b'\0' in data:
         raise PartError(f'{label} is not an OBJ: it is binary, and an OBJ is text')
-    data = data.decode('utf-8-sig', errors='replace').encode().replace(b'\r\n', b'\n')
+    data = data.decode('utf-8-sig', errors='replace').encode()
+    data = data.replace(b'\r\n', b'\n').replace(b'\r', b'\n')
     data = re.sub(rb'#[^\n]*', b'', data.replace(b'\\\n', b''))
     data = re.sub(rb'^ ', b'', re.sub(rb'[ \t]+', b' ', data), flags=re.MULTILINE)
     broken = _INVALID_OBJ_LINE.search(data)
@@ -137,8 +141,8 @@ def _checked_ply_rows(header: bytes, lines: list[bytes], label: str) -> list[lis
     return [[row[k] for k in columns] for row in words if len(row) > max(columns)]
 
 
-def _checked_off(data: bytes, label: str) -> tuple[bytes, list[list[bytes]]]:
-    """Return an OFF without comments, and the words of its vertices; raise PartError if broken."""
+def _off_rows(data: bytes, label: str) -> tuple[list[list[bytes]], list[list[bytes]]]:
+    """Return the words of the vertices and of the faces of an OFF; raise PartError if broken."""
     check_encoding(data, label)
     data = re.sub(rb'#[^\n]*', b'', data.removeprefix(b'\xef\xbb\xbf').replace(b'\r', b'\n'))
     # Colours and normals of vertices follow their coordinates, and are ignored.
@@ -151,8 +155,11 @@ def _checked_off(data: bytes, label: str) -> tuple[bytes, list[list[bytes]]]:
         raise PartError(
             f'{label} is a broken OFF: it has {_shown(broken)}, expected finite numbers'
         )
-    counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
-    if len(counts) < 2 or not all(word.isdigit() and len(word) < 18 for word in counts[:2]):
+    if match[0].strip() == b'OFF' and (lines := _off_lines(body.split())):
+        counts = lines.pop(0)
+    else:
+        counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
+    if len(counts) < 2 or not all(map(_is_natural, counts[:2])):
         raise PartError(
             f"{label} is a broken OFF: expected the numbers of vertices and faces after 'OFF'"
         )
@@ -164,15 +171,45 @@ def _checked_off(data: bytes, label: str) -> tuple[bytes, list[list[bytes]]]:
         )
     rows = [line[:3] for line in lines[:vertices]]
     polygons = lines[vertices : vertices + faces]
-    if any(len(row) < 3 for row in rows) or not all(
-        row[0].isdigit() and 3 <= int(row[0][:9]) < len(row) for row in polygons
-    ):
+    if any(len(row) < 3 for row in rows) or not all(map(_is_polygon, polygons)):
         raise PartError(
             f'{label} is a broken OFF: expected three numbers for a vertex, and for a face the '
             'number of its corners, at least 3, and their vertex numbers'
         )
-    used = [[*counts[:2], b'0'], *rows, *(row[: int(row[0]) + 1] for row in polygons)]
-    return b'OFF\n' + b'\n'.join(map(b' '.join, used)), rows
+    return rows, [row[1 : int(row[0]) + 1] for row in polygons]
+
+
+def _off_lines(words: list[bytes]) -> list[list[bytes]]:
+    """Return the counts, vertices and faces in words with any line breaks.
+
+    The list is empty if the words are not exactly these, because colours follow the faces.
+    """
+    if not all(map(_is_natural, words[:3])):
+        return []
+    vertices, faces, *_ = map(int, (*words[:3], b'0', b'0'))
+    if len(words) < 3 + 3 * vertices + 4 * faces:
+        return []
+    end = 3 + 3 * vertices
+    lines = [words[k : k + 3] for k in range(0, end, 3)]
+    for _ in range(faces):
+        corners = int(words[end]) if end < len(words) and _is_natural(words[end]) else 0
+        row = words[end : end + 1 + corners]
+        if not _is_polygon(row):
+            return []
+        lines.append(row)
+        end += len(row)
+    return lines if end == len(words) else []
+
+
+def _is_polygon(row: list[bytes]) -> bool:
+    """Return whether a row begins with the number of corners of a face and these."""
+    if not row or not _is_natural(row[0]) or not 3 <= int(row[0]) < len(row):
+        return False
+    return all(map(_is_natural, row[: int(row[0]) + 1]))
+
+
+def _is_natural(word: bytes) -> bool:
+    return word.isdigit() and len(word) < 18
 
 
 def _shown(match: re.Match[bytes]) -> str:

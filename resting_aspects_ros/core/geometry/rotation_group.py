@@ -45,14 +45,13 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
     mean /= area
     moments.append(np.outer(mean, mean) / max(float(np.linalg.norm(mean)), ALIKE**2))
     size = float(np.trace(moments[0]))
-    best = np.eye(3), np.zeros(3, dtype=bool)
+    found = []
     for moment in moments:
         values, axes = np.linalg.eigh(moment / max(float(np.trace(moment)), size * ALIKE))
         gaps = np.diff(values) > ALIKE
         alone = np.array([gaps[0], gaps.all(), gaps[1]])
-        if not best[1].any() or alone.sum() > best[1].sum():
-            best = axes.T, alone
-    return best
+        found.append((axes.T, alone))
+    return max(found, key=lambda each: each[1].sum())
 
 
 def _quadrature(triangles: Array) -> tuple[Array, Array]:

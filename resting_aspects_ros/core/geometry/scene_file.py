@@ -99,6 +99,8 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
         # trimesh would guess the encoding of text that is not UTF-8, with a further package.
         why = f'{type(error).__name__}: {one_line(str(error), 200)}'
         why = 'its text is not UTF-8' if isinstance(error, ImportError) else why
+        # The root of the graph has no children.
+        why = 'it has no build item' if error.args == ('world',) else why
         raise PartError(f'{label} is not a readable {mesh_format.upper()} ({why})') from None
     bodies = [SceneBody(name, _joined(meshes)) for name, meshes in sorted(found.items())]
     if not bodies:

@@ -26,6 +26,10 @@ _TEXT = rb"'((?:[^']|'')*)'"
 _REPRESENTATION = re.compile(
     rb'=\s*\w*SHAPE_REPRESENTATION\s*\(\s*' + _TEXT + rb'\s*,\s*\(([\s,#\d]*)\)'
 )
+_DIRECTIVE = re.compile(
+    r'\\\\|\\X2\\((?:[0-9A-Fa-f]{4})+)\\X0\\|\\X4\\((?:[0-9A-Fa-f]{8})+)\\X0\\'
+    r'|\\X\\([0-9A-Fa-f]{2})|\\P([A-I])\\|\\S\\([ -~])'
+)
 _ENTITY = re.compile(rb'#(\d+)\s*=\s*(\w+)\s*\(\s*(?:' + _TEXT + rb')?')
 
 
@@ -46,7 +50,7 @@ class StepItems:
         shapes = [re.findall(rb'#(\d+)', found[1]) for found in _REPRESENTATION.findall(data)]
         wanted = {number for numbers in shapes for number in numbers}
         items = {
-            number: (kind.decode().upper(), name.decode(errors='replace').replace("''", "'"))
+            number: (kind.decode().upper(), _decoded(name.decode(errors='replace')))
             for number, kind, name in _ENTITY.findall(data)
             if number in wanted
         }
@@ -75,6 +79,28 @@ class StepItems:
         if not others or (surfaces and found >= expected):
             return 0
         return max(expected - found, 1)
+
+
+def _decoded(text: str) -> str:
+    """Return a text of a STEP file without the control directives of ISO 10303-21."""
+    page = 'iso8859-1'
+
+    def character(found: re.Match[str]) -> str:
+        nonlocal page
+        two, four, byte, letter, low = found.groups()
+        if letter:
+            page = f'iso8859-{ord(letter) - ord("A") + 1}'
+            return ''
+        if low:
+            return bytes([ord(low) + 128]).decode(page, 'replace')
+        if byte:
+            return chr(int(byte, 16))
+        if two or four:
+            codec = 'utf-16-be' if two else 'utf-32-be'
+            return bytes.fromhex(two or four).decode(codec, 'replace')
+        return '\\'
+
+    return _DIRECTIVE.sub(character, text.replace("''", "'"))
 
 
 def solid_triangles(

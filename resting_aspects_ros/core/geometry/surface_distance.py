@@ -48,8 +48,8 @@ class TriangleTree:
             high = high.reshape(-1, 2, 3).max(axis=1)
             self._levels.insert(0, (low, high))
 
-    def near(self, points: Array, reach: float, skins: Array) -> Flags:
-        """Return which points (n, 3) are within reach of the surface, m.
+    def near(self, points: Array, reach: Array, skins: Array) -> Flags:
+        """Return which points (n, 3) are within their reach (n,) of the surface, m.
 
         The larger of the skin of the triangle and the skin of the point, (n,) m, is added to it.
         """
@@ -57,7 +57,7 @@ class TriangleTree:
 
         def found(at: Indices, piece: Indices) -> Flags:
             apart = _ways_to(self._corners[piece], points[at])
-            max_distance = reach + np.maximum(skins[at], self._skins[piece])
+            max_distance = reach[at] + np.maximum(skins[at], self._skins[piece])
             near[at[np.einsum('ij,ij->i', apart, apart) <= max_distance**2]] = True
             return near[at]
 

@@ -15,14 +15,16 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Maximum difference of the heights at which a part rests before and after a rotation, R, in
-# addition to the effect of the tessellation. It allows for inaccuracies of a part that is designed
-# as symmetric, and a difference of 1 % of a length decides on which side a part rests.
-SYMMETRY_TOLERANCE = 2e-3
+# Maximum difference of the heights at which a part rests before and after a rotation, R and as a
+# share of the height, in addition to the effect of the tessellation. It allows for inaccuracies of
+# a part that is designed as symmetric, and a difference of 1 % of a length decides on which side a
+# part rests.
+SYMMETRY_TOLERANCE, HEIGHT_TOLERANCE = 2e-3, 5e-3
 # Maximum distance of a rotated surface point from the surface, R. A sixth of the pitch of a
 # modelled thread is less than this on standard nuts, and so is an engraving; a pocket, hole or
-# boss that a feeder can use is deeper.
-SURFACE_TOLERANCE = 0.03
+# boss that a feeder can use is deeper. For a slender or thin part it is less: R is at most this
+# multiple of the least height at which the part rests.
+SURFACE_TOLERANCE, MAX_SLENDER = 0.03, 4.0
 # Triangles are subdivided until their edges are shorter than this, R, up to a maximum number, so
 # that samples are evenly distributed and boxes are small.
 MAX_EDGE, MAX_PIECES = 0.15, 60_000
@@ -37,6 +39,9 @@ ON_HULL = 1e-5
 SPREAD = 200
 # Numbers of samples after which failed rotations are rejected; most fail at the first few.
 STAGES = (5, 25, 125, 625)
+# A side and the one to which it is mapped are within this angle, rad: noise turns each of them by
+# up to the 3 degrees within which a pose belongs to an aspect.
+SAME_SIDE = np.radians(6.0)
 # Number of points that are processed at once, to limit the memory.
 BATCH = 200_000
 # Combines the indices of a cell, -2000 to 2000, and the direction of a normal, 0 to 4, in one
@@ -55,8 +60,12 @@ class SurfaceMatch:
     of mass when it rests. Their distances from the centre are the heights at which it rests.
     """
 
-    def __init__(self, part: Part) -> None:
-        """Sample the surface at corners, vertices and points inside the triangles."""
+    def __init__(self, part: Part, sides: Array, flats: Array) -> None:
+        """Sample the surface at corners, vertices and points inside the triangles.
+
+        ``sides`` (k, 3) and ``flats`` (m, 3) are unit directions, part frame; a symmetry maps each
+        side to a flat of the same height.
+        """
         vertices = (part.vertices - part.centre_of_mass) / part.hull_radius
         faces = part.faces
         skins, corner = sagittas(vertices, faces)
@@ -87,6 +96,15 @@ class SurfaceMatch:
         self._skins = np.concatenate([depth, skins[order]])
         self.order = np.arange(len(self._points))
         self._is_foot = self.order < len(feet)
+        height = np.linalg.norm(feet, axis=1)
+        # Feet of needles are exact within the rounding of the hull.
+        self._tight = np.clip(HEIGHT_TOLERANCE * height, ON_HULL, SYMMETRY_TOLERANCE)
+        # A simplified hull can err in both positions.
+        self._tight += 2 * part.hull_error / part.hull_radius
+        self._unit = min(1.0, MAX_SLENDER * float(height.min(initial=1.0)))
+        self._sides, self._flats = sides, flats
+        hull = (part.hull_vertices - part.centre_of_mass) / part.hull_radius
+        self._heights = [(hull @ each.T).max(axis=0) for each in (sides, flats)]
 
     def _feet(self, part: Part) -> tuple[Array, Array]:
         """Set the tree of the hull; return the feet (k, 3) and their skins (k,), R."""
@@ -102,7 +120,8 @@ class SurfaceMatch:
         feet = np.einsum('ij,ij->i', normals, triangles[:, 0])[:, None] * normals
         # Skins are not used here, because a foot outside the hull is not one.
         bare = TriangleTree(triangles, np.zeros(len(triangles)))
-        touching = np.flatnonzero(bare.near(feet, ON_HULL, np.zeros(len(feet))))
+        reach, none = np.full(len(feet), ON_HULL), np.zeros(len(feet))
+        touching = np.flatnonzero(bare.near(feet, reach, none))
         few = touching[_thinned(feet[touching], normals[touching], MAX_FEET)]
         return feet[few], skins[few]
 
@@ -133,11 +152,14 @@ class SurfaceMatch:
     ) -> Flags:
         """Return which rotations, (k, 3, 3), and their inverses map the part onto itself.
 
-        They map its feet onto its hull within SYMMETRY_TOLERANCE + ``play``, R, and its surface
-        onto itself within ``reach``, R, or within the same if that is more. ``order`` is the order
-        of the samples.
+        They map its feet onto its hull within the tolerance of heights + ``play``, R, and its
+        surface onto itself within ``reach``, R, less for a slender part, or within ``play`` if
+        that is more. Without ``play``, they map each side to a flat of the same height. ``order``
+        is the order of the samples.
         """
         left = np.arange(len(rotations))
+        if play == 0:
+            left = left[self._permute(rotations)]
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]
         for start, stop in pairwise(bounds):
             some = order[start:stop]
@@ -148,6 +170,14 @@ class SurfaceMatch:
         fits = np.zeros(len(rotations), dtype=bool)
         fits[left] = True
         return fits
+
+    def _permute(self, rotations: Array) -> Flags:
+        """Return which rotations, (k, 3, 3), map each side to a flat of the same height."""
+        side, flat = self._heights
+        alike = np.abs(side[:, None] - flat) <= HEIGHT_TOLERANCE * side[:, None]
+        # One rotation at a time, which limits the memory.
+        near = (self._sides @ r.T @ self._flats.T >= np.cos(SAME_SIDE) for r in rotations)
+        return np.array([bool((each & alike).any(axis=1).all()) for each in near], dtype=bool)
 
     def refined(self, rotation: Array, order: Indices) -> Array:
         """Return the rotation that fits best, starting from one that nearly fits.
@@ -177,12 +207,11 @@ class SurfaceMatch:
     def _near(self, points: Array, samples: Indices, play: float, reach: float) -> Flags:
         """Return which points (n, 3), where rotated samples (n,) are, are near the part."""
         near = np.zeros(len(points), dtype=bool)
-        tight = SYMMETRY_TOLERANCE + play
-        for tree, of, within in (
-            (self._hull, self._is_foot[samples], tight),
-            (self._tree, ~self._is_foot[samples], max(reach, tight)),
-        ):
-            near[of] = tree.near(points[of], within, self._skins[samples[of]])
+        foot, skins = self._is_foot[samples], self._skins[samples]
+        tight = self._tight[samples[foot]] + play
+        near[foot] = self._hull.near(points[foot], tight, skins[foot])
+        loose = np.full(int((~foot).sum()), max(reach * self._unit, play))
+        near[~foot] = self._tree.near(points[~foot], loose, skins[~foot])
         return near
 
 

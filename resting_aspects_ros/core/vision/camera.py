@@ -83,9 +83,10 @@ class Pinhole(Telecentric):
         except (TypeError, ValueError, OverflowError):
             position = np.zeros(0)
         if position.shape != (3,) or not np.isfinite(position).all() or position[2] <= 0:
+            given = position.tolist() if position.size else self.position
             raise InvalidValueError(
-                f'invalid position of the camera {shown(self.position)}: expected x, y and a '
-                'height above 0 m'
+                f'invalid position of the camera {shown(given)}: expected x, y and a height above '
+                '0 m'
             )
         object.__setattr__(self, 'position', position)
 
@@ -113,7 +114,7 @@ class Pinhole(Telecentric):
         x, y, top = self.position
         if not 0 <= height < top:
             raise InvalidValueError(
-                f'invalid height {shown(height)} m: expected 0 or more, and less than the height '
+                f'invalid height {height:.4g} m: expected 0 or more, and less than the height '
                 f'{top:g} m of the camera'
             )
         foot, factor = np.array([x, y]), (top - height) / top

@@ -112,9 +112,22 @@ def identify(
     """
     if not known:
         raise InvalidValueError('invalid number of parts 0: expected at least one')
+    if isinstance(camera, Pinhole):
+        _check_height(camera.position[2], known)
     noise = noise or OutlineNoise()
     found = _identified(seen, known, noise, camera)
     return replace(found, mirrored=_mirrored(found, seen, known, noise, camera))
+
+
+def _check_height(top: float, known: Sequence[KnownPart]) -> None:
+    """Raise InvalidValueError if the camera at a height, m, is not above all outlines."""
+    for part in known:
+        highest = max(part.outlines, key=lambda outline: outline.height)
+        if top <= highest.height:
+            raise InvalidValueError(
+                f'invalid height {top:.4g} m of the camera: expected more than the height '
+                f'{highest.height:.4g} m of {part.part.name} in aspect {highest.aspects[0]}'
+            )
 
 
 def _mirrored(

@@ -10,6 +10,7 @@ from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.schema import FileModel, validated
 
 # Bounds of the extent of a polygon, m. Parts are larger than the first and lie on a tray.
 MIN_EXTENT, MAX_EXTENT = 1e-5, 2.0
@@ -20,6 +21,14 @@ MAX_POINTS, MAX_HOLES = 100_000, 1000
 MAX_REPAIR = 0.01
 # Reasons of GEOS for which a polygon with holes is not repaired.
 MISPLACED_HOLES = ('hole lies outside shell', 'holes are nested')
+
+
+class _Rings(FileModel):
+    """The keys of a polygon."""
+
+    outer: Any
+    holes: Any = ()
+
 
 Polygonal: TypeAlias = shapely.Polygon | Mapping[str, Any] | npt.ArrayLike
 
@@ -38,9 +47,9 @@ def observed_polygon(given: Polygonal) -> shapely.Polygon:
     Raises
     ------
     InvalidValueError
-        The polygon crosses itself (unless a repair changes its area by at most 1 %), is
-        empty, tiny or huge, is probably in pixels or millimetres, has too many points, or has
-        coordinates that are not finite numbers.
+        The mapping has other keys, or the polygon crosses itself (unless a repair changes its
+        area by at most 1 %), is empty, tiny or huge, is probably in pixels or millimetres, has too
+        many points, or has coordinates that are not finite numbers.
     """
     outer, holes = _rings(given)
     if len(holes) > MAX_HOLES:
@@ -81,6 +90,7 @@ def _rings(given: Polygonal) -> tuple[Any, list[Any]]:
                 f'invalid polygon {shown(given)}: expected outer, a list of points, and '
                 'optionally holes, a list of such lists'
             )
+        validated(_Rings, given)
         return given['outer'], list(holes)
     return given, []
 

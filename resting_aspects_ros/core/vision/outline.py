@@ -9,6 +9,7 @@ import shapely
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.aspects.symmetry import HIGHEST_ORDER, Symmetry
+from resting_aspects_ros.core.geometry.hull import smallest_rectangle
 from resting_aspects_ros.core.geometry.tessellation import sagittas
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import composed, rotate, turned_down
@@ -102,9 +103,7 @@ class Outline:
     @cached_property
     def _sides(self) -> Array:
         """(2, 2) float: the sides of the rectangle of minimum area, the longer one first."""
-        corners = np.array(shapely.minimum_rotated_rectangle(self.polygon).exterior.coords)
-        sides = np.diff(corners[:3], axis=0)
-        return sides[np.argsort(-np.linalg.norm(sides, axis=1), kind='stable')]
+        return smallest_rectangle(shapely.get_coordinates(self.polygon))[1]
 
 
 def find_outlines(part: Part, aspects: AspectSet) -> tuple[Outline, ...]:

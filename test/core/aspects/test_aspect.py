@@ -323,6 +323,13 @@ def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
         assert len(aspect.support) == 4
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid, seed):
+    box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(seed))
+    found = find_aspects(solid(box)).aspects
+    assert [aspect.neighbour for aspect in found] == [3, 3, 1, 1, 1, 1]
+
+
 def test_neighbours_of_a_pin_and_of_a_sphere(solids, solid):
     side, *ends = find_aspects(solid(solids.prism(64, 1.0, 20.0))).aspects
     assert side.rolls

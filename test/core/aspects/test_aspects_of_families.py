@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.rotations import orientation_with_down
 
 RADIUS = 10.0  # mm
 FAMILIES = {family.__name__: family for family in part_families.FAMILIES}
@@ -81,7 +82,17 @@ def test_random_parts_have_the_aspects_of_the_landscape(name):
 
 @pytest.mark.slow
 def test_many_random_parts_have_the_aspects_of_the_landscape():
-    assert list(fuzz_aspects.findings(280, 1)) == []
+    assert list(fuzz_aspects.findings(range(280), 1)) == []
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(
+    ('seed', 'number'),
+    [(101, 41), (301, 505), (101, 195), (302, 827), (301, 85), (302, 869)],
+    ids=['11', 'spiral', '14', 'cut_corner', 'simplified', 'simplified_64'],
+)
+def test_parts_that_were_wrong_once_are_right(seed, number):
+    assert list(fuzz_aspects.findings([number], seed)) == []
 
 
 def test_a_wrong_number_of_aspects_is_found():
@@ -115,6 +126,35 @@ def test_a_ball_with_two_flats_rests_on_them_and_between_them(solid):
     assert sorted(a.down_in_part[2].round(3) for a in aspects[:2]) == [-1, 1]
     assert is_clear_of(aspects[2], [0, 0, -1])
     assert is_clear_of(aspects[2], [0, 0, 1])
+
+
+def test_a_pose_between_a_flat_and_the_round_side_of_a_ball_is_in_no_aspect(solid):
+    """Four flats, as on a tetrahedron; the round side has directions all around."""
+    points = ball('ico', 30, 2.0).vertices
+    corners = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)]) / np.sqrt(3)
+    for normal in corners:
+        turn = trimesh.geometry.align_vectors(normal, [0, 0, -1])[:3, :3]
+        points = part_families.cut(points @ turn.T / RADIUS, -0.85) @ turn * RADIUS
+    aspects = find_aspects(solid(trimesh.convex.convex_hull(points)))
+    assert [a.sweep.name for a in aspects.aspects] == [*4 * ['POINT'], 'SPHERE']
+    side = np.cross(corners[0], [0.3, 0.5, -0.8])
+    tilts = np.radians([0, 10, 20, 25, 40])[:, None]
+    down = np.cos(tilts) * corners[0] + np.sin(tilts) * side / np.linalg.norm(side)
+    ids = aspects.classify(np.array([orientation_with_down(d) for d in down]))
+    assert ids[0] in {1, 2, 3, 4}
+    assert ids.tolist()[1:] == [0, 0, 0, 5]
+
+
+def test_the_round_side_between_two_flats_of_a_shaft_is_an_arc(solid):
+    outline = part_families.circle(24)
+    for axis in (0, 1):
+        outline = outline[outline[:, axis] < 0.97]
+    half = np.sqrt(1 - 0.97**2)
+    cuts = [(0.97, half), (0.97, -half), (half, 0.97), (-half, 0.97)]
+    part = solid(hull(part_families.extruded(np.concatenate([outline, cuts]), 3.0)))
+    curved = [a for a in find_aspects(part).aspects if a.sweep.curved]
+    assert [a.sweep.name for a in curved] == ['ARC', 'ARC']
+    assert [abs(a.axis[2]) for a in curved] == pytest.approx([1, 1], abs=1e-6)
 
 
 @pytest.mark.quick_cases(1)

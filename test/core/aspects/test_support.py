@@ -126,6 +126,17 @@ BODIES = {
             'two edges',
         ],
     ),
+    # The rectangles along its legs and along its longest side have the same area.
+    'wedge': (
+        prism((0, 0), (30, 0), (0, 20), depth=40),
+        [
+            'flat side 20 x 30 mm',
+            'flat side 20 x 30 mm',
+            'flat side 20 x 40 mm',
+            'flat side 30 x 40 mm',
+            'flat side 36.1 x 40 mm',
+        ],
+    ),
     'half a rod': (
         prism(*[(10 * np.cos(a), 10 * np.sin(a)) for a in np.linspace(0, np.pi, 33)], depth=30),
         ['curved side, radius 10 mm (rocks)', 'flat side 10 x 20 mm', 'flat side 20 x 30 mm'],

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay, KDTree
 from scipy.spatial.transform import Rotation
+from shapely.geometry import Polygon
 from trimesh.creation import box, capsule, cone, cylinder, icosahedron, icosphere, torus, uv_sphere
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
@@ -358,6 +359,63 @@ def test_shaft_with_a_flat_is_no_body_of_revolution(solid, sides, level):
     aspects = find_aspects(part)
     assert found(aspects.symmetry) == ('finite', 2)  # it can be turned end over end
     assert len(aspects.classes()) == 3
+
+
+def extruded(outline, length):
+    return trimesh.creation.extrude_polygon(Polygon(outline), length)
+
+
+def filleted_bar(length, radius, chords):
+    """A bar of 10 x 10 mm with fillets of this radius, of this number of chords for 90 degrees."""
+    a = np.linspace(0, np.pi / 2, chords + 1)
+    theta, phi = np.meshgrid(a, a)
+    octant = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+    ).reshape(-1, 3)
+    inner = np.array([5.0, 5.0, length / 2]) - radius
+    corners = [(inner + radius * octant) * signs for signs in product((-1, 1), repeat=3)]
+    return trimesh.convex.convex_hull(np.concatenate(corners))
+
+
+L_PROFILE = [(0, 0), (2, 0), (2, 0.4), (0.4, 0.4), (0.4, 1.2), (0, 1.2)]
+SLENDER = {
+    'strip_1000': (lambda: box((1000, 1, 0.1)), 4, [1, 1, 2, 2]),
+    'strip_200': (lambda: box((200, 1, 0.8)), 4, [1, 1, 2, 2]),
+    'square_bar': (lambda: box((1000, 1, 1)), 8, [1, 1, 1, 1]),
+    'l_profile': (lambda: extruded(L_PROFILE, 300), 1, [1, 2, 3]),
+    'triangular_rod': (lambda: extruded([(0, 0), (4 / 3, 0), (0, 1)], 800), 1, [1, 2, 3]),
+    'coarse_fillets': (lambda: filleted_bar(50, 3, 2), 8, [1, 1, 1, 1, 2, 2]),
+    'finer_fillets': (lambda: filleted_bar(50, 4.5, 6), 8, [1, 1, 1, 1]),
+    'wide_fillets': (lambda: filleted_bar(50, 4, 3), 8, [*4 * [1], *8 * [2], *4 * [3]]),
+}
+
+
+@pytest.mark.quick_cases(4)
+@pytest.mark.parametrize('seed', [None, 1, 2])
+@pytest.mark.parametrize('name', SLENDER)
+def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, seed):
+    make, order, classes = SLENDER[name]
+    turn = np.eye(3) if seed is None else Rotation.random(random_state=seed).as_matrix()
+    aspects = find_aspects(solid(turned(make(), turn, (0, 0, 0))))
+    assert found(aspects.symmetry) == ('finite', order)
+    assert [a.symmetry_class for a in aspects.aspects] == classes
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(
+    ('scale', 'expected'),
+    [
+        ((1, 0.99, 0.98), ('finite', 4)),
+        ((1, 0.985, 0.97), ('finite', 4)),
+        ((1, 1, 0.99), ('axial', 2)),
+        ((1, 1, 1.01), ('axial', 2)),
+    ],
+)
+def test_nearly_round_ellipsoids_have_their_axes(solid, scale, expected):
+    points = icosphere(3, 10).vertices * scale
+    aspects = find_aspects(solid(trimesh.convex.convex_hull(points)))
+    assert found(aspects.symmetry) == expected
+    assert len(aspects.classes()) == 1
 
 
 def test_slopes_of_one_side_do_not_limit_the_order(solid):

@@ -282,7 +282,7 @@ def test_forecast_is_finite_if_a_single_part_is_always_picked():
     )
 
 
-@settings(max_examples=8)
+@settings(max_examples=3)
 @given(st.data())
 def test_interval_of_the_rate_contains_it_at_the_border(data):
     row = st.lists(st.integers(0, 2), min_size=7, max_size=7).filter(any)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
 
@@ -94,6 +95,7 @@ def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
     assert warned
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('file', DOUBLE)
 @pytest.mark.parametrize('washer', WASHERS)
 @pytest.mark.parametrize('tilted', [False, True])
@@ -126,6 +128,65 @@ def test_design_values_are_exact_with_few_digits(number, place):
     part = part_from_bytes(data, mesh_format, 'box', unit='mm')
     assert part.warnings == ()
     assert part.volume == pytest.approx(6e-6, rel=1e-9)
+
+
+DECIMALS = {
+    'decimals': lambda x: f'{x:.1f}',
+    'decimals without zeros': lambda x: f'{x:.1f}'.removesuffix('.0'),
+    'shortest text': lambda x: repr(round(float(x), 1)),
+}
+ROUND = {
+    'cylinder': trimesh.creation.cylinder(3.7, 9.3, sections=40),
+    'cylinder of twice the size': trimesh.creation.cylinder(7.4, 18.6, sections=40),
+    'plate': trimesh.creation.box((20, 20, 1)),
+}
+
+
+@pytest.mark.parametrize('text', [obj, ascii_stl])
+@pytest.mark.parametrize('number', DECIMALS)
+@pytest.mark.parametrize('shape', ROUND)
+def test_one_decimal_is_coarse_for_a_tilted_part(shape, number, text):
+    data, mesh_format = text(placed(ROUND[shape], 0, tilted=True), DECIMALS[number])
+    try:
+        notes = part_from_bytes(data, mesh_format, 'part', unit='mm').warnings
+    except PartError as error:
+        notes = [str(error)]
+    assert any(f'{COARSE} 0.1 mm' in note for note in notes)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('decimals', [2, 3])
+def test_cylinder_of_rounded_text_has_three_aspects_or_a_warning(seed, decimals):
+    mesh = ROUND['cylinder'].copy()
+    mesh.vertices = Rotation.random(random_state=seed).apply(mesh.vertices)
+    part = part_from_bytes(*obj(mesh, lambda x: f'{x:.{decimals}f}'), 'part', unit='mm')
+    if decimals == 2:
+        assert f'{COARSE} 0.01 mm' in part.warnings[0]
+    else:
+        assert part.warnings == ()
+        assert len(find_aspects(part)) == 3
+
+
+@pytest.mark.parametrize('sides', [(10, 20, 30), (0.5, 2.5, 1.5), (10.3, 20.7, 7.1)])
+@pytest.mark.parametrize('number', [lambda x: f'{x:.1f}', lambda x: f'{x:g}', str])
+def test_few_values_with_one_decimal_are_design_values(sides, number):
+    mesh = trimesh.creation.box(sides)
+    mesh.apply_translation(np.array(sides) / 2)
+    mesh.vertices = mesh.vertices.round(1)
+    for text in (obj, ascii_stl):
+        assert part_from_bytes(*text(mesh, number), 'box', unit='cm').warnings == ()
+
+
+def test_halves_are_design_values():
+    """A comb of 20 teeth with the width 1.5 in steps of 3.5."""
+    corners = [
+        (x, y)
+        for k in range(20)
+        for x, y in ((3.5 * k, 2), (3.5 * k, 9.5), (3.5 * k + 1.5, 9.5), (3.5 * k + 1.5, 2))
+    ]
+    outline = shapely.Polygon([(0, 0), *corners, (68, 0)])
+    mesh = trimesh.creation.extrude_polygon(outline, 4.5)
+    assert part_from_bytes(*obj(mesh, lambda x: f'{x:.1f}'), 'comb', unit='mm').warnings == ()
 
 
 @pytest.mark.parametrize(

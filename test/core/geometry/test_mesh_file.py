@@ -118,6 +118,10 @@ WHOLE = {
     'OFF of Windows': (off(QUADS)[0].replace(b'\n', b'\r\n'), 'off'),
     'OFF with comments': (off(QUADS)[0].replace(b'\n', b' # 1 x\n'), 'off'),
     'OFF with counts in its first line': (off(QUADS)[0].replace(b'OFF\n', b'OFF '), 'off'),
+    'OFF in one line': (b' '.join(off(QUADS)[0].split()), 'off'),
+    'OFF with one word in each line': (b'\n'.join(off(QUADS)[0].split()), 'off'),
+    'OFF of CR lines': (off(QUADS)[0].replace(b'\n', b'\r'), 'off'),
+    'OBJ of CR lines': (obj(V_LINES + f_lines(QUADS))[0].replace(b'\n', b'\r'), 'obj'),
     'binary PLY of triangles': ply('binary_little_endian', TRIANGLES),
     'binary PLY of quads': ply('binary_little_endian', QUADS),
     'binary PLY, big end first': ply('binary_big_endian', TRIANGLES),
@@ -145,6 +149,31 @@ def test_whole_file_is_read(kind):
     np.testing.assert_allclose(part.vertices, np.array(sorted(CORNERS)) * 1e-3)
     assert part.faces.shape == (12, 3)
     assert part.warnings == ()
+
+
+def hexagonal_prism(mesh_format):
+    """A prism with an edge of 1 and a height of 2, with polygons of 6 and of 4 corners."""
+    angles = np.arange(6) * np.pi / 3
+    corners = [(np.cos(a), np.sin(a), z) for z in (0, 2) for a in angles]
+    faces = [range(5, -1, -1), range(6, 12)]
+    faces += [(k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6) for k in range(6)]
+    rows = [' '.join(map(repr, map(float, corner))) for corner in corners]
+    if mesh_format == 'obj':
+        return obj(''.join(f'v {row}\n' for row in rows) + f_lines(faces))[0]
+    lines = [*rows, *(' '.join(map(str, (len(face), *face))) for face in faces)]
+    header = f'OFF\n12 {len(faces)} 18\n'
+    if mesh_format == 'ply':
+        header = ply('ascii', faces)[0].decode().replace('vertex 8', 'vertex 12')
+        header = header[: header.index('end_header')] + 'end_header\n'
+    return (header + '\n'.join(lines) + '\n').encode()
+
+
+@pytest.mark.parametrize('mesh_format', ['off', 'obj', 'ply'])
+def test_polygons_with_different_numbers_of_corners_are_read(mesh_format):
+    part = part_from_bytes(hexagonal_prism(mesh_format), mesh_format, 'prism', unit='cm')
+    assert part.warnings == ()
+    assert part.volume == pytest.approx(3e-6 * np.sqrt(3), rel=1e-6)
+    assert part.faces.shape == (2 * 4 + 6 * 2, 3)
 
 
 @pytest.mark.timeout(600)
@@ -278,7 +307,15 @@ BROKEN = {
         'off',
         ['number of its corners'],
     ),
-    'OFF, corner 8': (off([*TRIANGLES, (0, 1, 8)])[0], 'off', ['not a readable OFF']),
+    'OFF, corner 8': (*off([*TRIANGLES, (0, 1, 8)]), ['vertex number 8', '0 to 7']),
+    'OFF, corner -1': (*off([*TRIANGLES, (0, 1, -1)]), ['vertex numbers']),
+    'OFF, corner 0.5': (*off([*TRIANGLES, (0, 1, 0.5)]), ['vertex numbers']),
+    'OFF in one line, cut': (b' '.join(off(QUADS)[0].split()[:-2]), 'off', ['truncated']),
+    'OFF in one line, corners': (
+        b' '.join(off(QUADS)[0].split()).replace(b'4 0 3 2 1', b'9 0 3 2 1'),
+        'off',
+        ['truncated'],
+    ),
     'STL called OFF': (STL, 'off', ['not an OFF']),
     'STL called PLY': (STL, 'ply', ['not a PLY', 'end_header']),
     'PLY header cut': (ply('ascii', QUADS)[0][:60], 'ply', ['not a PLY', 'end_header']),

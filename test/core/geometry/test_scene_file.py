@@ -244,6 +244,13 @@ BROKEN = {
         ['not a readable GLB', 'not UTF-8'],
     ),
     'GLB cut': (GLB[:-100], 'glb', ['not a readable GLB']),
+    '3MF that places nothing': (
+        changed(
+            THREE, lambda text: re.sub(b'<build.*/build>', b'<build/>', text, flags=re.DOTALL)
+        ),
+        '3mf',
+        ['no build item'],
+    ),
     '3MF cut': (THREE[:-100], '3mf', ['not a readable 3MF']),
     'zip that is no 3MF': (changed(THREE, lambda text: b''), '3mf', ['not a readable 3MF']),
     '3MF, underscore': (

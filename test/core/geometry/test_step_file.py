@@ -186,6 +186,27 @@ def test_solids_of_one_product_have_their_own_names(save):
     check_box(load_part(path, body="don't"), (5, 5, 5), (52.5, 2.5, 2.5))
 
 
+NAMES = {
+    r'Geh\X2\00E4\X0\use': 'Gehäuse',
+    r'Geh\X\E4use': 'Gehäuse',
+    r'Geh\S\duse': 'Gehäuse',
+    r'\X2\30DC30EB30C8\X0\ M6': 'ボルト M6',
+    r'\X4\0001F5290001F527\X0\1': '\U0001f529\U0001f5271',
+    r'\PB\\S\1\S\9': 'ąš',
+    r'a\\X2\\b': r'a\X2\b',
+    "\\S\\'' d''x": "§ d'x",
+    r'\X2\00E\X0\1': r'\X2\00E\X0\1',
+}
+
+
+@pytest.mark.parametrize('written', NAMES)
+def test_name_of_a_solid_is_that_of_the_cad_program(save, written):
+    file = StepFile()
+    solids = [box(file, written, (10, 20, 30)), box(file, 'other', (10, 20, 35), (50, 0, 0))]
+    file.product('box', solids)
+    check_box(load_part(save(file), body=NAMES[written]), (10, 20, 30), (5, 10, 15))
+
+
 def test_names_of_bodies_are_unique(save):
     file = StepFile()
     pair = file.product(

@@ -42,7 +42,7 @@ def test_near_and_nearest_agree_with_exhaustive_search(tree):
     grid = 0.02  # half of what is between the points of the grid
     reach = 0.2
     surface = tree(triangles)
-    near = surface.near(points, reach, np.zeros(len(points)))
+    near = surface.near(points, np.full(len(points), reach), np.zeros(len(points)))
     assert near[0]
     assert near[expected <= reach].all()
     assert not near[expected > reach + grid].any()

@@ -224,6 +224,7 @@ def test_rolling_part_beside_the_foot_point_is_found(solid):
             assert min(np.linalg.norm(each - (0.08, -0.1)) for each in places) < 1e-4
 
 
+@pytest.mark.slow
 def test_posteriors_beside_the_foot_point_are_calibrated(known):
     found = calibration(known, MESHES, 8, np.random.default_rng(7))
     assert found.entropy > 1

@@ -105,6 +105,7 @@ def test_picture_is_written(result, tmp_path):
     assert (np.abs(pixels.astype(int) - (0x5B, 0x93, 0xD0)).sum(axis=2) < 10).sum() > 1000
 
 
+@pytest.mark.slow
 def test_equal_surfaces_are_one_and_others_are_two(invented):
     rng = np.random.default_rng(3)
     one, same = (
