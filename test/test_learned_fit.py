@@ -17,7 +17,7 @@ from learned_fit import Drops, fit, fit_weight, predictions
 from learned_solids import KINDS, solid
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 
@@ -71,5 +71,5 @@ def test_fit_finds_the_shares_of_simulated_counts():
 def test_counts_end_with_the_drops_in_no_aspect(part):
     aspects = find_aspects(part('l_bracket'))
     job = make_job(part('l_bracket'), conditions_of(design(0), part('l_bracket').hull_radius), 1)
-    counts = counted(aspects, drop_chunk(job, 0, 8))
+    counts = counted(aspects, drop_range(job, 0, 8))
     assert (len(counts), sum(counts)) == (len(aspects) + 1, 8)

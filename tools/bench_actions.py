@@ -10,8 +10,8 @@ from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.actions import Action
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.part_library import PartLibrary
 from resting_aspects_ros.simulation.plan import make_job
@@ -81,9 +81,9 @@ def _job(part: Part, action: Action, surfaces: Surfaces) -> DropJob:
 
 def _cost(job: DropJob) -> tuple[float, float]:
     """Return processor time, ms, and simulated time, T, of one drop."""
-    drop_chunk(job, 0, 1)
+    drop_range(job, 0, 1)
     started = time.process_time()
-    poses = [drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(CHUNKS)]
+    poses = [drop_range(job, k * CHUNK, (k + 1) * CHUNK) for k in range(CHUNKS)]
     seconds = time.process_time() - started
     mean = sum(float(each.time_to_rest.mean()) for each in poses) / CHUNKS
     return 1000 * seconds / (CHUNKS * CHUNK), mean / job.time_unit

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.simulation.process_workers import default_workers
+from resting_aspects_ros.simulation.local_workers import default_workers
 
 PACKAGES = ('pybullet', 'numpy', 'scipy', 'mujoco', 'bpy')
 CPUINFO = Path('/proc/cpuinfo')

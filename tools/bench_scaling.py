@@ -13,7 +13,7 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.simulation.chunks import submit_drops
 from resting_aspects_ros.simulation.initial_state import CHUNK
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000)
 EGG_CHUNKS = 2  # per worker
@@ -23,7 +23,7 @@ MAX_TIME = 60.0
 SLICE = 10_000
 
 
-def scaling(workers: ProcessWorkers) -> Section:
+def scaling(workers: LocalWorkers) -> Section:
     """Measure both, with running workers."""
     by_corners, eggs = _corners(workers)
     by_number, numbers = _numbers(workers)
@@ -40,7 +40,7 @@ def scaling(workers: ProcessWorkers) -> Section:
     return Section('Scaling', text, [by_corners, by_number], {'corners': eggs, 'numbers': numbers})
 
 
-def _corners(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, float]]]:
+def _corners(workers: LocalWorkers) -> tuple[Table, dict[str, dict[str, float]]]:
     table = Table(
         ['corners', 'aspects', 'prepare (s)', 'drops/s', 'T simulated', 'µs per step', 'unsettled']
     )
@@ -77,7 +77,7 @@ def _corners(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, float]
     return table, found
 
 
-def _numbers(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, object]]]:
+def _numbers(workers: LocalWorkers) -> tuple[Table, dict[str, dict[str, object]]]:
     aspects, job = find_aspects(example_part()), example_job()
     table = Table(['drops', 'seconds', 'drops/s', ''])
     found: dict[str, dict[str, object]] = {}

@@ -12,7 +12,7 @@ from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.simulation.chunks import submit_drops
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 from resting_aspects_ros.simulation.settling import REST_WINDOW
 
 # Chunks per worker.
@@ -20,9 +20,9 @@ _WARM_UP = 10
 
 
 @contextmanager
-def running_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
+def running_workers(count: int, job: DropJob) -> Iterator[LocalWorkers]:
     """Yield worker processes that have all imported their modules."""
-    workers = ProcessWorkers(count)
+    workers = LocalWorkers(count)
     try:
         # More chunks than one worker can simulate while another one starts.
         for future in submit_drops(job, 0, _WARM_UP * count * CHUNK, workers):
@@ -32,7 +32,7 @@ def running_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
         workers.stop()
 
 
-def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
+def suite(workers: LocalWorkers, job: DropJob, chunks: range) -> Trial:
     """Simulate the drops of some chunks, as the commands do."""
     first, drops = chunks.start * CHUNK, len(chunks) * CHUNK
     started = time.perf_counter()

@@ -17,9 +17,9 @@ from rich.progress import track
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.bullet_scene import RESIDUAL
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.settling import (
@@ -117,9 +117,9 @@ def _bowl(folder: Path) -> str:
 
 
 def _suite(job: DropJob) -> Cost:
-    drop_chunk(job, 0, 1)
+    drop_range(job, 0, 1)
     started = time.process_time()
-    poses = [drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(CHUNKS)]
+    poses = [drop_range(job, k * CHUNK, (k + 1) * CHUNK) for k in range(CHUNKS)]
     seconds = time.process_time() - started
     n = CHUNKS * CHUNK
     settled = sum(int((each.status == RestStatus.SETTLED).sum()) for each in poses)

@@ -19,8 +19,8 @@ from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, R
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import Comparison, compare_with_exact
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, make_job
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 RESULT = ROOT / 'docs' / 'explanation' / 'estimators.md'
@@ -35,7 +35,7 @@ def main() -> None:
     """Simulate the drops, compare, print and write."""
     console = Console()
     lines = list(_heading())
-    workers = ProcessWorkers(default_workers())
+    workers = LocalWorkers(default_workers())
     try:
         dropper = Dropper(workers)
         for section in (_counted(dropper.surfaces), _dropped(dropper), _by_height(dropper)):

@@ -45,7 +45,7 @@ from resting_aspects_ros.core.estimators.learned import FILE, LearnedModel
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.initial_state import CHUNK
-from resting_aspects_ros.simulation.process_workers import default_workers
+from resting_aspects_ros.simulation.local_workers import default_workers
 
 FOLDER = ROOT / 'out' / 'learned'
 # Two cases of 125 drops each: 0.9 million drops.

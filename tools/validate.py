@@ -23,8 +23,8 @@ from validate_surroundings_steps import surroundings_steps
 from validate_tosses import tosses
 from validate_world import world
 
+from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
@@ -72,7 +72,7 @@ def _write(sections: dict[str, str]) -> None:
 
 def main() -> None:
     """Run all sections, or the sections given as arguments."""
-    workers = ProcessWorkers(default_workers())
+    workers = LocalWorkers(default_workers())
     console = Console()
     try:
         dropper = Dropper(workers)

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.chunks import Workers, drop_chunks
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # How often progress is reported while a chunk is simulated, s.
@@ -47,15 +47,15 @@ def count_chunks(
 
 @contextmanager
 def given_workers(given: int | Workers | None) -> Iterator[Workers]:
-    """Yield the given workers, or new worker processes that are stopped at the end.
+    """Yield the given workers, or new ones of this machine, which are stopped at the end.
 
-    A number is that of the processes; None: one for each core.
+    A number is that of the workers; None: one for each core.
     """
     if given is not None and not isinstance(given, int):
         yield given
         return
-    processes = ProcessWorkers(default_workers() if given is None else given)
+    workers = LocalWorkers(default_workers() if given is None else given)
     try:
-        yield processes
+        yield workers
     finally:
-        processes.stop()
+        workers.stop()

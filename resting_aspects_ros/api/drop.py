@@ -52,6 +52,7 @@ def drop(
     noise: Noise = NO_NOISE,
     surroundings: str | Path | Surroundings | None = None,
     check_convergence: bool = False,
+    engine: str = '',
     workers: int | Workers | None = None,
     keep_poses: bool = True,
     log: str | Path | None = None,
@@ -61,8 +62,8 @@ def drop(
     """Drop a part many times, and count in which aspects it comes to rest.
 
     The same part, conditions and seed give the same poses, bit for bit, for any number of
-    workers. Ctrl-C raises KeyboardInterrupt after the worker processes have ended. A script needs
-    no ``if __name__ == '__main__'``: a worker does not import it.
+    workers. Ctrl-C raises KeyboardInterrupt after the workers have ended. A script needs no
+    ``if __name__ == '__main__'``: a worker does not import it.
 
     Parameters
     ----------
@@ -92,9 +93,12 @@ def drop(
         result of `surroundings`. See `DropResult.contacts`.
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
+    engine : str
+        'kernel', or 'bullet' as an independent check; '': the kernel, but Bullet where parts fall
+        from an edge or touch blocks or a mesh.
     workers : int or Workers, optional
-        Number of worker processes, one for each core by default; or workers to use, such as
-        those of a Dask cluster, which are left running.
+        Number of worker threads, or of processes of Bullet, one for each core by default; or
+        workers to use, such as those of a Dask cluster, which are left running.
     keep_poses : bool
         Keep the resting poses, 74 bytes each; without them memory does not grow with ``drops``.
     log : str or Path, optional
@@ -114,7 +118,7 @@ def drop(
     InvalidValueError
         A value is out of bounds, or a name is not known.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
     LogError
         The log cannot be written.
 
@@ -150,6 +154,7 @@ def drop(
         interval=interval,
         confidence=confidence,
         starts=starts,
+        engine=engine,
     )
     warn_of_surroundings(given, loaded.hull_radius)
     chunks: list[RestingPoses] = []

@@ -115,7 +115,7 @@ def forecast(
     InvalidValueError
         A value is out of bounds, a name or an id is not known, or the part does not fit the tray.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
 
     Examples
     --------

@@ -74,11 +74,13 @@ def plan_actions(
     confidence: float = CONFIDENCE,
     landscape: Landscape | None = None,
     rests: RestingPoses | None = None,
+    engine: str = '',
 ) -> PlannedActions:
     """Find the aspects of a part and plan an action from each; raises InvalidValueError.
 
     With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
-    ``rests`` are resting poses in the surroundings, from which the actions start there.
+    ``rests`` are resting poses in the surroundings, from which the actions start there. See
+    plan_run for ``engine``.
     """
     landscape = Landscape(part) if landscape is None else landscape
     scene, aspects, per_aspect = check_actions(
@@ -104,6 +106,7 @@ def plan_actions(
         started=time.time_ns(),
         landscape=landscape,
         starts=starts,
+        engine=engine,
     )
     check_speed(part, action, job)
     _warn_if_missed(action, job, ids)

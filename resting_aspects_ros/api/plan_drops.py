@@ -56,11 +56,12 @@ def plan_drops(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     starts: Starts | None = None,
+    engine: str = '',
 ) -> PlannedDrops:
     """Find the aspects of a part and plan a run; raises InvalidValueError.
 
     ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
-    plan_run for ``starts``.
+    plan_run for ``starts`` and ``engine``.
     """
     check_interval_method(interval)
     check_confidence(confidence)
@@ -86,5 +87,6 @@ def plan_drops(
         started=time.time_ns(),
         landscape=landscape,
         starts=starts,
+        engine=engine,
     )
     return PlannedDrops(job, run, empty, contacts_in(scene, part, aspects))

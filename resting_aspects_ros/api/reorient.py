@@ -57,6 +57,7 @@ def reorient(
     confidence: float = CONFIDENCE,
     surroundings: str | Path | Surroundings | None = None,
     check_convergence: bool = False,
+    engine: str = '',
     workers: int | Workers | None = None,
     progress: bool = False,
     **conditions: Any,
@@ -79,7 +80,7 @@ def reorient(
         Maximum half width of all intervals of the matrix at which the actions stop; 0: never.
     drops : int
         Number of drops, whose distribution replaces parts that leave the aspects.
-    seed, interval, confidence, workers, progress
+    seed, interval, confidence, engine, workers, progress
         As for `drop`.
     surroundings : str, Path or Surroundings, optional
         As for `drop`. The actions then start from the resting poses of the drops, and the
@@ -98,7 +99,7 @@ def reorient(
     InvalidValueError
         A value is out of bounds, a name is not known, or the part has no aspect.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
 
     Examples
     --------
@@ -119,13 +120,17 @@ def reorient(
         'landscape': Landscape(loaded),
     }
     requested = named_action(action)
-    plan = functools.partial(plan_actions, loaded, requested, given, seed=seed, **values)
+    plan = functools.partial(
+        plan_actions, loaded, requested, given, seed=seed, engine=engine, **values
+    )
     # Wrong input is refused before the first drop.
     if given.surroundings:
         check_actions(loaded, requested, given, **values)
     planned = None if given.surroundings else plan()
     with given_workers(workers) as pool:
-        dropped, rests = drop_for_start(loaded, given, drops, seed, pool, shown=progress)
+        dropped, rests = drop_for_start(
+            loaded, given, drops, seed, pool, engine=engine, shown=progress
+        )
         planned = plan(rests=rests) if planned is None else planned
         return make_actions(
             planned, loaded, dropped, pool, check=check_convergence, shown=progress
@@ -177,13 +182,14 @@ def drop_for_start(
     workers: Workers,
     *,
     shown: bool,
+    engine: str = '',
     stopped: Callable[[], bool] = lambda: False,
 ) -> tuple[Distribution, RestingPoses]:
     """Return the distribution of dropped parts, with which parts that left are replaced.
 
     Also returns the poses, from which actions in surroundings start.
     """
-    planned = plan_drops(part, conditions, drops=drops, seed=seed)
+    planned = plan_drops(part, conditions, drops=drops, seed=seed, engine=engine)
     warn_of_surroundings(conditions, part.hull_radius)
     chunks: list[RestingPoses] = []
     consumers: list[Consumer] = [*planned.consumers, lambda poses, _: chunks.append(poses)]

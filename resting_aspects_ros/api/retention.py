@@ -77,6 +77,7 @@ def retention(
     max_lift: float | None = None,
     seed: int = DEFAULT_SEED,
     confidence: float = CONFIDENCE,
+    engine: str = '',
     workers: int | Workers | None = None,
     progress: bool = False,
     stopped: Callable[[], bool] = lambda: False,
@@ -98,7 +99,7 @@ def retention(
     max_lift : float, optional
         Maximum energy as a lift height of the centre of mass, m; by default 20 times the barrier,
         but not more than twice the hull radius.
-    seed, confidence, workers, progress
+    seed, confidence, engine, workers, progress
         As for `drop`.
     stopped : callable
         Asked often; the disturbances end when it returns True.
@@ -110,7 +111,7 @@ def retention(
     InvalidValueError
         A value is out of bounds, a name is not known, or the part has no aspect.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
 
     Examples
     --------
@@ -138,6 +139,7 @@ def retention(
         started=time.time_ns(),
         landscape=landscape,
         starts=disturbance_starts(loaded, aspects.aspects, lift, given.gravity),
+        engine=engine,
     )
     left, parts = np.zeros((2, lift.size), dtype=np.int64)
 

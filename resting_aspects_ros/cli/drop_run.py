@@ -59,6 +59,7 @@ def drop_and_show(
         interval=arguments.interval,
         confidence=confidence,
         starts=request.starts,
+        engine=arguments.engine,
     )
     job, run = planned.job, planned.run
     request.check_engine(run)

@@ -12,7 +12,12 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
 )
 from resting_aspects_ros.simulation.quantity import Quantity
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
+from resting_aspects_ros.simulation.run_description import (
+    BULLET,
+    DEFAULT_DROPS,
+    KERNEL,
+    check_drops,
+)
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
@@ -150,13 +155,24 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         '--workers',
         metavar='W',
         type=parse_integer,
-        help='number of worker processes (one per core)',
+        help='number of worker threads, of Bullet processes (one per core)',
     )
     place.add_argument(
         '--scheduler',
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786. Needs '
         'the package distributed; the poses are the same',
+    )
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """Add --engine."""
+    parser.add_argument(
+        '--engine',
+        choices=(KERNEL, BULLET),
+        default='',
+        help='what simulates the drops: kernel, 30 times faster, or bullet, an independent check '
+        '(kernel, but bullet where parts fall from an edge or touch blocks or a mesh)',
     )
 
 

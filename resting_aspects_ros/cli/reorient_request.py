@@ -94,7 +94,15 @@ def requested_reorientation(
             check_actions(part, action, conditions, **values)
         drop, rests = make_drops(part, conditions)
     planned = tuple(
-        plan_actions(part, action, conditions, seed=arguments.seed, rests=rests, **values)
+        plan_actions(
+            part,
+            action,
+            conditions,
+            seed=arguments.seed,
+            rests=rests,
+            engine=arguments.engine,
+            **values,
+        )
         for action in actions
     )
     wanted = _wanted(arguments, planned[0])

@@ -34,7 +34,14 @@ def reorient_and_show(
     def make_drops(part: Part, conditions: DropConditions) -> tuple[Distribution, RestingPoses]:
         number, seed = arguments.drops, arguments.seed
         return drop_for_start(
-            part, conditions, number, seed, workers, shown=True, stopped=lambda: stop.asked
+            part,
+            conditions,
+            number,
+            seed,
+            workers,
+            engine=arguments.engine,
+            shown=True,
+            stopped=lambda: stop.asked,
         )
 
     request = requested_reorientation(arguments, confidence, make_drops)

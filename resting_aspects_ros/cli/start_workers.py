@@ -9,10 +9,9 @@ if TYPE_CHECKING:
 
 
 def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
-    """Return worker processes, or those of a Dask cluster; the stack stops them.
+    """Return the workers of this machine, or those of a Dask cluster; the stack stops them.
 
-    Raises InvalidValueError or EngineError. The processes import the engine while the caller goes
-    on.
+    Raises InvalidValueError.
     """
     # These imports are slow because of NumPy.
     if arguments.scheduler is not None:
@@ -21,9 +20,9 @@ def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
         cluster = ClusterWorkers(arguments.scheduler)
         stack.callback(cluster.stop)
         return cluster
-    from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
+    from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
 
     count = default_workers() if arguments.workers is None else arguments.workers
-    processes = ProcessWorkers(count)
-    stack.callback(processes.stop)
-    return processes
+    workers = LocalWorkers(count)
+    stack.callback(workers.stop)
+    return workers

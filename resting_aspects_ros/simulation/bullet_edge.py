@@ -70,52 +70,40 @@ DROP = 0.05
 # is a twentieth of the weight per step, a part that lies on both belts leaves them with 0.02 / T
 # less spin; the time is the same.
 RESIDUAL = 1e-9
-# Parts that move over the edge together. They are in the same place, and Bullet finds each pair of
-# them in each step, although they cannot touch each other.
-GROUP = 25
-
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 # Quarter turns that make the direction x point up or down.
 _X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 _X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
-def fall_over_edge(job: DropJob, states: InitialState, slots: Rows) -> Settling:
-    """Move parts over the edge, and step until those in some slots are at rest on the lower belt.
+def fall_over_edge(job: DropJob, states: InitialState) -> Settling:
+    """Move parts over the edge, and step until they are at rest on the lower belt.
 
-    The states are relative to the wall below the edge, and the ends to the lower belt. All parts
-    of a group move over the edge: Bullet sorts the contacts of two compounds in an order that
-    depends on the other bodies, so that the motion of a part depends on which there are.
+    The states are relative to the wall below the edge, and the ends to the lower belt.
     """
-    passed = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
-    status = np.full(len(states.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
-    everyone = np.arange(len(status))
-    for group in np.unique(slots // GROUP):
-        together = everyone[everyone // GROUP == group]
-        move_over_edge(job, partial(EdgeWorld, job), passed, status, together)
-    return WallWorld(job).settled(passed, slots, status[slots])
+    return WallWorld(job).settled(*over_edge(job, partial(EdgeWorld, job), states))
 
 
-def move_over_edge(
-    job: DropJob,
-    make_world: Callable[[int], 'EdgeWorld'],
-    at: InitialState,
-    status: Codes,
-    which: Rows,
-) -> None:
-    """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
+def over_edge(
+    job: DropJob, make_world: Callable[[int], 'EdgeWorld'], states: InitialState
+) -> tuple[InitialState, Codes]:
+    """Move parts over the edge; returns their states, and codes of RestStatus.
 
     The states are then relative to the lower belt and to the wall. The status is SETTLED for a
-    part that is beyond the edge, FAILED for one that failed, and as before for others.
+    part that is beyond the edge, FAILED for one that failed, and UNSETTLED for others.
     ``make_world`` returns a world with a minimum number of time steps per T.
     """
-    at.position[which, 2] += REST_MARGIN
+    at = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
+    status = np.full(len(at.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
+    everyone = np.arange(len(status))
+    at.position[:, 2] += REST_MARGIN
     # With half of these steps, an upright box leaves the edge with 2 % too much spin, and its
     # shares change by 0.03; with four times as many, its spin changes by 0.2 %.
-    low = make_world(STEPS_PER_T).pass_over(at, status, which, landed=False)
+    low = make_world(STEPS_PER_T).pass_over(at, status, everyone, landed=False)
     if len(low):
         make_world(LANDING_STEPS_PER_T).pass_over(at, status, low, landed=True)
-    at.velocity[which, 0] -= job.lower_speed
+    at.velocity[:, 0] -= job.lower_speed
+    return at, status
 
 
 class EdgeWorld(WorldWithEdge):
@@ -167,13 +155,12 @@ class EdgeWorld(WorldWithEdge):
         return roller
 
     def pass_over(self, at: InitialState, status: Codes, which: Rows, *, landed: bool) -> Rows:
-        """Move some parts over the edge until they are about to land; see move_over_edge.
+        """Move some parts over the edge until they are about to land; see over_edge.
 
         Returns the parts that are about to land before they are beyond the edge. Parts that
         ``landed`` in this way move on until they are beyond it, and none is returned.
         """
-        origins = np.zeros((len(status), 3))
-        bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
+        bodies = dict(zip(which.tolist(), self._add(at.select(which)), strict=True))
         moving, early, now = which, [which[:0]], 0.0
         fall = math.sqrt(2 * self._height / -self._job.down[2])
         limit = TIME_LIMIT + self._carried / self._upper + fall
@@ -183,7 +170,7 @@ class EdgeWorld(WorldWithEdge):
             self._advance_renewed(self._steps_per_t // EDGE_CHECKS_PER_T)
             now += 1 / EDGE_CHECKS_PER_T
             at.elapsed[moving] += 1 / EDGE_CHECKS_PER_T
-            found = self._states(bodies, origins, moving)
+            found = self._states(bodies, moving)
             sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
             timed_out = at.elapsed[moving] >= limit
             passed = sound & beyond & (landing | landed | timed_out)

@@ -1,69 +1,31 @@
-"""Surroundings in Bullet: parts meet half-spaces, blocks and meshes instead of a level plane.
-
-All parts of a chunk are simulated, even if only some are wanted: Bullet sorts the contacts of a
-part with several bodies in an order that depends on the other parts, so that its motion depends on
-which there are.
-"""
+"""Surroundings in Bullet: parts meet half-spaces, blocks and meshes instead of a level plane."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 import pybullet
 
-from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_client import compound
-from resting_aspects_ros.simulation.bullet_world import (
-    PART_GROUP,
-    SLOT_SPACING,
-    SURFACE_GROUP,
-    World,
-    slot_origins,
-)
+from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP, World
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
+from resting_aspects_ros.simulation.initial_state import InitialState
 from resting_aspects_ros.simulation.surroundings.release import in_scene_axes
 from resting_aspects_ros.simulation.surroundings.scene import (
     Block,
     HalfSpace,
     MeshBody,
-    Scene,
     SceneBody,
 )
-from resting_aspects_ros.simulation.surroundings.scene_settling import (
-    SceneSettling,
-    poses_in_scene,
-)
+from resting_aspects_ros.simulation.surroundings.scene_settling import SceneSettling
 
-# Parts in a world in which all are at the same place. Each pair of them costs time in each step,
-# although they do not touch each other.
-TOGETHER = 5
 # As SOLVER_RESIDUAL: a part in a groove has twice as many contacts. A smaller residual multiplies
 # the time by up to 10.
 RESIDUAL = 1e-7
-# Distance between copies of a mesh, R: parts are lost when they are 2 R beside it.
-CLEARANCE = 6.0
 # Half of the length, R, of a block that is infinitely long.
 LONG = 2000.0
-
-
-def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int) -> RestingPoses:
-    """Return the resting poses of the drops ``first_drop`` to ``end - 1`` of one chunk."""
-    scene = job.scene
-    assert scene is not None
-    start = first_drop // CHUNK * CHUNK
-    apart = (scene.free or scene.finite) and job.motion is None
-    size = CHUNK if apart else TOGETHER
-    poses = []
-    # Worlds of which no drop is wanted are left out.
-    for slot in range((first_drop - start) // size * size, end - start, size):
-        slots = np.arange(slot, slot + size)
-        ends = SceneWorld(job).drop_all(states, slots)
-        poses.append(poses_in_scene(job, start + slot, ends))
-    return RestingPoses.join(poses).between(first_drop, end)
 
 
 class SceneWorld(World):
@@ -80,9 +42,6 @@ class SceneWorld(World):
         self._scene = scene
         self._frame = self._frame_velocity(job)
         self._moving: list[tuple[int, tuple[list[float], ...]]] = []
-        # Each part has bodies of its own if they are finite and at rest, far from the others.
-        own = scene.finite and job.motion is None
-        self._copies = _apart(scene, job.radius) if own else np.zeros((1, 3))
         super().__init__(job)
         if not scene.flat and len(job.pieces) > 1:
             self._shape = compound(job.pieces, self._client)
@@ -110,14 +69,12 @@ class SceneWorld(World):
         velocity = body.velocity * (job.time_unit / job.radius) - self._frame
         moves = job.motion is not None or bool(velocity.any())
         for shape, position in self._shapes(body):
-            for origin in self._copies:
-                made = self._add_static(shape) if moves else self._add_at_rest(shape)
-                self._set_pair(made, body)
-                place = (position + origin).tolist()
-                state = (place, [0.0, 0.0, 0.0, 1.0], velocity.tolist(), [0.0] * 3)
-                self._place(made, *state)
-                if job.motion is not None or (moves and not isinstance(body, HalfSpace)):
-                    self._moving.append((made, state))
+            made = self._add_static(shape) if moves else self._add_at_rest(shape)
+            self._set_pair(made, body)
+            state = (position.tolist(), [0.0, 0.0, 0.0, 1.0], velocity.tolist(), [0.0] * 3)
+            self._place(made, *state)
+            if job.motion is not None or (moves and not isinstance(body, HalfSpace)):
+                self._moving.append((made, state))
 
     def _set_pair(self, made: int, body: SceneBody) -> None:
         c = body.contact
@@ -178,13 +135,11 @@ class SceneWorld(World):
         self._collide(body, SURFACE_GROUP, PART_GROUP)
         return body
 
-    def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
-        """Release one body per slot and step until each is at rest, slides, is lost or failed."""
-        origins = self._origins(slots)
+    def drop(self, states: InitialState) -> SceneSettling:
+        """Release parts and step until each is at rest, slides, is lost, failed or timed out."""
         states = replace(states, velocity=states.velocity - self._frame)
-        bodies = self._add(states, slots, origins)
-        settling = SceneSettling(self._job, states, slots)
-        self._settled(bodies, origins, settling)
+        settling = SceneSettling(self._job, states)
+        self._settled(self._add(states), settling)
         return settling
 
     def _advance(self, made: int, steps: int) -> None:
@@ -220,28 +175,9 @@ class SceneWorld(World):
             moved = (at + arm, facing, v + np.cross(w, arm) + own, w)
             self._place(body, *(values.tolist() for values in moved))
 
-    def _origins(self, slots: npt.NDArray[np.int64]) -> Array:
-        if self._job.motion is not None:  # its rocking depends on the place
-            return np.zeros((len(slots), 3))
-        if len(self._copies) > 1:
-            return self._copies[slots]
-        if self._scene.free == 2:
-            return slot_origins(slots)
-        along = np.stack([slots, 0 * slots, 0 * slots], axis=1) * SLOT_SPACING
-        return np.asarray(along * float(self._scene.free), dtype=np.float64)
-
-
-def _apart(scene: Scene, radius: float) -> Array:
-    """Return places (CHUNK, 3), R, at which no part on a copy of a mesh can touch another copy."""
-    extents = [
-        np.ptp(body.vertices, axis=0) for body in scene.bodies if isinstance(body, MeshBody)
-    ]
-    spacing = float(np.max(extents)) / radius + CLEARANCE
-    return slot_origins(np.arange(CHUNK)) * (spacing / SLOT_SPACING)
-
 
 @lru_cache(maxsize=16)
 def _lists(corners: bytes) -> tuple[list[list[float]], list[int]]:
-    """Return a mesh for PyBullet; the same objects for every chunk, see bullet_world._corners."""
+    """Return a mesh for PyBullet; the same objects for every world, see bullet_world._corners."""
     points, rows = np.unique(np.frombuffer(corners).reshape(-1, 3), axis=0, return_inverse=True)
     return points.tolist(), rows.ravel().tolist()

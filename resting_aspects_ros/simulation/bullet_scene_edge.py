@@ -11,54 +11,31 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.bullet_edge import (
     CAPSULE_LENGTH,
     CAPSULES,
     CARRIED,
-    GROUP,
     SHORT,
     EdgeWorld,
-    move_over_edge,
+    over_edge,
 )
-from resting_aspects_ros.simulation.bullet_scene import TOGETHER, SceneWorld
+from resting_aspects_ros.simulation.bullet_scene import SceneWorld
 from resting_aspects_ros.simulation.bullet_wall import FAR, WallWorld, WorldWithEdge
-from resting_aspects_ros.simulation.bullet_world import SLOT_SPACING
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
-from resting_aspects_ros.simulation.surroundings.scene_settling import (
-    SceneSettling,
-    poses_in_scene,
-)
+from resting_aspects_ros.simulation.initial_state import InitialState
+from resting_aspects_ros.simulation.surroundings.scene_settling import SceneSettling
 
 # Distance, R, by which the belt carries a part until it is beyond the edge: it starts as a whole
 # behind it.
 CARRIED_IN_SCENE = CARRIED + 2.0
 
 
-def step_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int) -> RestingPoses:
-    """Return the resting poses of the drops ``first_drop`` to ``end - 1`` of one chunk.
-
-    All parts of a group are simulated; see bullet_scene.py.
-    """
-    scene = job.scene
-    assert scene is not None
-    start = first_drop // CHUNK * CHUNK
-    status = np.full(CHUNK, RestStatus.UNSETTLED, dtype=np.uint8)
-    everyone = np.arange(CHUNK)
-    size = CHUNK if scene.free == 2 else TOGETHER
-    low, high = ((each - start) // size for each in (first_drop, end - 1))
-    wanted = everyone[(everyone // size >= low) & (everyone // size <= high)]
+def step_in_scene(job: DropJob, states: InitialState) -> SceneSettling:
+    """Move parts over the edge, and step until each has ended."""
     across = states.position[:, 1].min(), states.position[:, 1].max()
-    world = partial(SceneEdgeWorld, job, across)
-    for group in np.unique(wanted // GROUP):
-        move_over_edge(job, world, states, status, everyone[everyone // GROUP == group])
-    poses = []
-    for slots in wanted.reshape(-1, size):
-        ends = SceneWallWorld(job).ended(states, slots, status[slots])
-        poses.append(poses_in_scene(job, start + int(slots[0]), ends))
-    return RestingPoses.join(poses).between(first_drop, end)
+    passed, status = over_edge(job, partial(SceneEdgeWorld, job, across), states)
+    return SceneWallWorld(job).ended(passed, status)
 
 
 class SceneWithEdge(WorldWithEdge, SceneWorld):
@@ -124,11 +101,6 @@ class SceneEdgeWorld(EdgeWorld, SceneWithEdge):
 class SceneWallWorld(WallWorld, SceneWithEdge):
     """A world with the lower floor, at rest, the walls, and the wall below the edge."""
 
-    def ended(
-        self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
-    ) -> SceneSettling:
-        """Step until all parts that passed the edge have ended; ``status``: see move_over_edge."""
-        apart = float(self._scene.free == 2)
-        origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING * apart
-        settling = SceneSettling(self._job, states, slots)
-        return self._from_edge(settling, states, slots, status, origins)
+    def ended(self, states: InitialState, status: npt.NDArray[np.uint8]) -> SceneSettling:
+        """Step until all parts that passed the edge have ended; ``status``: see over_edge."""
+        return self._from_edge(SceneSettling(self._job, states), states, status)

@@ -7,11 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.bullet_client import pybullet
-from resting_aspects_ros.simulation.bullet_world import SLOT_SPACING, World
+from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
+from resting_aspects_ros.simulation.initial_state import InitialState
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
 
 # Time, T, for which a part that is about to land has the steps of first impacts, and number of
@@ -41,11 +40,9 @@ class WorldWithEdge(World):
         self._set(body, lateralFriction=edge.friction_factor, restitution=edge.restitution_factor)
         return body
 
-    def _add_box(
-        self, back: float, front: float, top: float, velocity: list[float], width: float = FAR
-    ) -> int:
+    def _add_box(self, back: float, front: float, top: float, velocity: list[float]) -> int:
         """Add a static box from ``back`` to ``front`` in x, with its top at the height ``top``."""
-        half = [(front - back) / 2, width, FAR / 2]
+        half = [(front - back) / 2, FAR, FAR / 2]
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
         )
@@ -66,33 +63,27 @@ class WallWorld(WorldWithEdge):
         self._speed = job.wall_speed
         self._top = edge.height / job.radius
         velocity = [self._speed, 0.0, 0.0]
-        self._wall = self._add_box(-FAR, 0.0, self._top, velocity, CHUNK * SLOT_SPACING)
+        self._wall = self._add_box(-FAR, 0.0, self._top, velocity)
 
-    def settled(
-        self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
-    ) -> Settling:
-        """Step until parts that passed the edge are at rest; ``status``: see move_over_edge."""
-        origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
-        settling = Settling(self._job, states, slots)
-        return self._from_edge(settling, states, slots, status, origins)
+    def settled(self, states: InitialState, status: npt.NDArray[np.uint8]) -> Settling:
+        """Step until parts that passed the edge are at rest; ``status``: see over_edge."""
+        return self._from_edge(Settling(self._job, states), states, status)
 
     def _from_edge(
         self,
         settling: SettlingT,
         states: InitialState,
-        slots: npt.NDArray[np.int64],
         status: npt.NDArray[np.uint8],
-        origins: Array,
     ) -> SettlingT:
         passed = status == RestStatus.SETTLED
         settling.moving = np.flatnonzero(passed)
         settling.status = np.where(passed, settling.status, status)
-        settling.time = states.elapsed[slots]
+        settling.time = states.elapsed.copy()
         settling.time[status == RestStatus.FAILED] = math.nan
-        bodies = self._add(states, slots, origins)
+        bodies = self._add(states)
         for i in np.flatnonzero(~passed):
             pybullet.removeBody(bodies[i], physicsClientId=self._client)
-        self._settled(bodies, origins, settling)
+        self._settled(bodies, settling)
         return settling
 
     def _until_check(self, now: float) -> float:

@@ -5,22 +5,16 @@ are in units of the hull radius R, times in units of T = sqrt(R / g), and the ma
 g is 1.
 """
 
-import math
 from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.bullet_client import empty_client, pybullet
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, BodyStates, InitialState
+from resting_aspects_ros.simulation.initial_state import BodyStates, InitialState
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
-
-# Distance between slots, R. A collision mask keeps bodies from touching each other; the distance
-# reduces the cost of collision detection.
-SLOT_SPACING = 4.0
 
 # Simultaneous impacts at several points, such as those of a cylinder's side, need many solver
 # iterations: with a fixed 20, a cylinder came to rest on its ends in 0.37 of the drops, with 320
@@ -130,16 +124,15 @@ class World:
     def _collide(self, body: int, group: int, mask: int) -> None:
         pybullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=self._client)
 
-    def _add(
-        self, states: InitialState, slots: npt.NDArray[np.int64], origins: Array
-    ) -> list[int]:
+    def _add(self, states: InitialState) -> list[int]:
+        """Add the parts, which a collision mask keeps from touching each other."""
         pair = self._pair_values()
         # Creating all bodies at once and placing them afterwards is faster: creating them one by
         # one takes a tenth of the time of a drop.
         bodies: tuple[int, ...] = pybullet.createMultiBody(
             1,
             self._shape,
-            batchPositions=origins.tolist(),
+            batchPositions=states.position.tolist(),
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
@@ -158,8 +151,7 @@ class World:
                 contactProcessingThreshold=0,
                 activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
-        moved = (states.orientation, states.velocity, states.spin)
-        rows = (states.position[slots] + origins, *(each[slots] for each in moved))
+        rows = (states.position, states.orientation, states.velocity, states.spin)
         starts = list(zip(*(each.tolist() for each in rows), strict=True))
         self._apply_inertia(bodies, starts)
         for body, start in zip(bodies, starts, strict=True):
@@ -180,18 +172,15 @@ class World:
         pybullet.stepSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(fixedTimeStep=self._step, physicsClientId=self._client)
 
-    def drop(self, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
-        """Release one body per slot and step until each is at rest, failed or timed out."""
-        # On a surface that moves, the position decides how it moves below a part.
-        origins = slot_origins(slots) * (self._job.motion is None)
-        bodies = self._add(states, slots, origins)
-        return self._settled(bodies, origins, Settling(self._job, states, slots))
+    def drop(self, states: InitialState) -> Settling:
+        """Release parts and step until each is at rest, failed or timed out."""
+        return self._settled(self._add(states), Settling(self._job, states))
 
-    def _settled(self, bodies: list[int], origins: Array, settling: Settling) -> Settling:
+    def _settled(self, bodies: list[int], settling: Settling) -> Settling:
         now = 0.0
         while len(settling.moving):
             now = self._until_check(now)
-            moving = self._states(bodies, origins, settling.moving)
+            moving = self._states(bodies, settling.moving)
             for i in settling.check(now, moving):
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return settling
@@ -215,31 +204,22 @@ class World:
         self._place(self._ground, *last)
 
     def _states(
-        self,
-        bodies: list[int] | dict[int, int],
-        origins: Array,
-        which: npt.NDArray[np.int64],
+        self, bodies: list[int] | dict[int, int], which: npt.NDArray[np.int64]
     ) -> BodyStates:
         ids, client = [bodies[i] for i in which.tolist()], self._client
         poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
         speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
-        return BodyStates(position - origins[which], orientation, velocity, spin)
+        return BodyStates(position, orientation, velocity, spin)
 
 
 @lru_cache(maxsize=16)
 def _corners(hull: bytes) -> list[list[float]]:
-    """Return the hull vertices, (k, 3) float64, for Bullet; the same objects for every chunk.
+    """Return the hull vertices, (k, 3) float64, for Bullet; the same objects for every world.
 
     PyBullet never releases its reference to each number. Without the cache, a hull of 3000
-    vertices would leak 0.3 MB per chunk.
+    vertices would leak 0.3 MB per world.
     """
     corners: list[list[float]] = np.frombuffer(hull).reshape(-1, 3).tolist()
     return corners
-
-
-def slot_origins(slots: npt.NDArray[np.int64]) -> Array:
-    """Return the places (n, 3) of slots on a square grid, R."""
-    side = math.ceil(math.sqrt(CHUNK))
-    return np.stack([slots % side, slots // side, np.zeros(len(slots))], axis=1) * SLOT_SPACING

@@ -1,14 +1,15 @@
 """The drops of a run: simulated in chunks by any workers, returned in ascending order."""
 
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
+from itertools import islice
 from typing import Any, Protocol
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.stopping import checkpoints
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # A run fails when this many workers died without a chunk being returned in between.
@@ -16,13 +17,13 @@ MAX_DEATHS = 3
 
 
 class Workers(Protocol):
-    """Workers that simulate chunks: processes of this machine, or a cluster."""
+    """Workers that simulate chunks: those of this machine, or a cluster."""
 
     def lookahead(self) -> int:
         """Return how many chunks should be pending, so that no worker is idle."""
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
-        """Start the simulation of the drops ``first`` to ``end - 1``, all of one chunk."""
+        """Start the simulation of the drops ``first`` to ``end - 1``."""
 
     def result(self, future: 'Future[Any]') -> RestingPoses:
         """Return the poses of a submitted chunk, or raise the error of its worker."""
@@ -60,8 +61,22 @@ class DeathCount:
         return f'a worker died {where}: its drops are repeated'
 
 
+def chunk_bounds(
+    job: DropJob, first: int, end: int, cuts: Sequence[int] = ()
+) -> Iterator[tuple[int, int]]:
+    """Yield the chunks [first, end) of a range of drops: as many as a worker makes at once.
+
+    They begin at multiples of that number, and at the ``cuts``.
+    """
+    while first < end:
+        ends = [end, (first // job.chunk + 1) * job.chunk, *(cut for cut in cuts if cut > first)]
+        stop = min(ends)
+        yield first, stop
+        first = stop
+
+
 def submit_drops(
-    job: DropJob, first_drop: int, drops: int, workers: Workers
+    job: DropJob, first_drop: int, drops: int, workers: Workers, cuts: Sequence[int] = ()
 ) -> Generator['Future[Any]', None, None]:
     """Yield futures of consecutive chunks in order, with ``lookahead()`` chunks pending.
 
@@ -69,13 +84,13 @@ def submit_drops(
     was yielded. Closing the iterator cancels the chunks that were not started.
     """
     pending: deque[Future[Any]] = deque()
-    first, end = first_drop, first_drop + drops
+    chunks = chunk_bounds(job, first_drop, first_drop + drops, cuts)
     try:
-        while first < end or pending:
-            while first < end and len(pending) < max(1, workers.lookahead()):
-                stop = min(end, (first // CHUNK + 1) * CHUNK)
-                pending.append(workers.submit(job, first, stop))
-                first = stop
+        while True:
+            for chunk in islice(chunks, max(1, workers.lookahead()) - len(pending)):
+                pending.append(workers.submit(job, *chunk))
+            if not pending:
+                return
             yield pending.popleft()
     finally:
         for future in pending:
@@ -99,8 +114,10 @@ def drop_chunks(
         the drops or the machine. The chunks yielded before remain valid.
     """
     first, deaths = run.first_drop, DeathCount()
+    # A run ends at one of them, so no drop is made in vain.
+    cuts = checkpoints(run.drops) if run.precision else []
     while first < run.end:
-        futures = submit_drops(job, first, run.end - first, workers)
+        futures = submit_drops(job, first, run.end - first, workers, cuts)
         try:
             for future in futures:
                 yield future

@@ -87,15 +87,16 @@ def _drop(job: DropJob, first: int, end: int) -> tuple[RestingPoses, str, dict[s
     """Return the poses of a chunk, the worker's address and its versions."""
     from distributed import get_worker
 
-    from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+    from resting_aspects_ros.simulation.engine import drop_range
 
-    return drop_chunk(job, first, end), get_worker().address, worker_versions()
+    return drop_range(job, first, end), get_worker().address, worker_versions()
 
 
 def worker_versions() -> dict[str, str]:
     """Return the versions of the packages that affect the poses, in this process."""
     return {
         'resting_aspects_ros': __version__,
+        'numba': version('numba'),
         'pybullet': version('pybullet'),
         'numpy': version('numpy'),
     }

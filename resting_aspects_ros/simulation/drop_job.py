@@ -17,11 +17,16 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
-# Minimum number of time steps per T. Finer steps change no probability of an L bracket by more
-# than the sampling error.
+# Time steps per T of lasting contact in the kernel.
+CONTACT_STEPS = 40
+# Number of drops that a worker makes at once. It affects no pose.
+CHUNKS = {KERNEL: 500, BULLET: 125}
+# Bullet's minimum number of time steps per T. Finer steps change no probability of an L bracket by
+# more than the sampling error.
 STEPS_PER_T = 160
 # The same while the surface moves. A plate that hardly tilts hits a part that lies flat with one
 # corner after the other, which finer steps resolve. In the worst case found (a box with
@@ -39,7 +44,7 @@ EDGE_CHECKS_PER_T = 8
 # Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
 # and for up to 3 standard deviations of speed and spin at release.
 TRAVEL_PER_STEP = 0.05
-# Maximum number of time steps while the surface moves: some minutes for a chunk of drops.
+# Maximum number of time steps while the surface moves.
 MAX_MOTION_STEPS = 500_000
 # Maximum time, T, in which an upper belt carries a part over its edge by the length R.
 MAX_BELT_TIME = 100.0
@@ -79,6 +84,8 @@ class DropJob:
         Surroundings; None: an infinite level plane.
     pieces : tuple of (k, 3) float
         Corners of convex pieces of the part, body axes, R, if edges or meshes touch it.
+    engine : str
+        KERNEL or BULLET.
 
     Raises
     ------
@@ -102,13 +109,15 @@ class DropJob:
     starts: Starts | None = None
     scene: Scene | None = None
     pieces: tuple[Array, ...] = ()
+    engine: str = KERNEL
 
     def __post_init__(self) -> None:
         if self.edge is not None:
             self._check_edge(self.edge)
         if self.motion is None:
             return
-        longest = MAX_MOTION_STEPS * self.time_step * self.refinement
+        step = min(self.time_step * self.refinement, self.motion.time_step)
+        longest = MAX_MOTION_STEPS * step
         if self.motion.duration > longest:
             raise InvalidValueError(
                 f'invalid duration {self.motion.duration:.4g} s: expected at most {longest:.4g} s '
@@ -128,6 +137,11 @@ class DropJob:
                 f'invalid restitution {restitution:.4g} of the upper belt, which follows from the '
                 'restitution and the restitution factor: expected at most 1'
             )
+
+    @property
+    def chunk(self) -> int:
+        """Number of drops that a worker makes at once."""
+        return CHUNKS[self.engine]
 
     def clear_of_wall(self, x: Array, now: float) -> npt.NDArray[np.bool_]:
         """Return whether parts (n,) at x, R, cannot touch the wall below an edge when they roll.
@@ -170,9 +184,10 @@ class DropJob:
         the next.
         """
         assert self.motion is not None
-        times = np.arange(made, made + steps + 1, dtype=np.float64) * self.time_step
+        step = self.time_unit / self.steps_per_t
+        times = np.arange(made, made + steps + 1, dtype=np.float64) * step
         position, orientation = self.motion.pose(times)
-        velocity, spin = self.motion.velocity(times + self.time_step / 2)
+        velocity, spin = self.motion.velocity(times + step / 2)
         unit, radius = self.time_unit, self.radius
         scaled = (position / radius, orientation, velocity * (unit / radius), spin * unit)
         return zip(*(values.tolist() for values in scaled), strict=True)
@@ -213,7 +228,7 @@ class DropJob:
 
     @property
     def steps_per_t(self) -> int:
-        """Number of time steps per T; below an edge, that of the first impacts."""
+        """Number of Bullet's time steps per T; below an edge, that of the first impacts."""
         if self.motion is not None:
             resolved = math.ceil(self.time_unit / self.motion.time_step)
             return self.steps(max(MOTION_STEPS_PER_T, resolved))
@@ -229,5 +244,7 @@ class DropJob:
 
     @property
     def time_step(self) -> float:
-        """Time step of the engine, s."""
+        """Time step of the engine, s; the kernel makes such steps only in lasting contact."""
+        if self.engine == KERNEL:
+            return self.time_unit / (CONTACT_STEPS * self.refinement)
         return self.time_unit / self.steps_per_t

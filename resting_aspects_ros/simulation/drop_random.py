@@ -41,7 +41,7 @@ class DropRandom:
             raise ValueError(
                 f'invalid shape {shape}: expected {len(found)} drops with numbers left'
             )
-        return found.reshape(sizes).copy()
+        return np.array(found.reshape(sizes))
 
     def standard_normal(self, shape: int | tuple[int, ...]) -> Array:
         """Return numbers from the standard normal distribution; see random."""

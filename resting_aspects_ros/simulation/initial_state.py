@@ -8,22 +8,19 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.rotations import (
     Array,
+    Random,
     composed,
     down_in_part,
-    Random,
     random_orientations,
 )
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.drop_random import DropRandom
+from resting_aspects_ros.simulation.run_description import BULLET
 from resting_aspects_ros.simulation.starts import Starts, States
 from resting_aspects_ros.simulation.surroundings.release import in_scene_axes, released
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
-# Number of drops in a chunk. They share a world, each in its own slot. A drop's slot is its index
-# modulo the chunk size, because rounding errors, and therefore the pose, depend on the position
-# in the world.
-CHUNK = 125
 # Without spin, free fall only adds speed, so it is not simulated down to this clearance, R. The
 # clearance exceeds Bullet's contact breaking distance (0.02).
 START_CLEARANCE = 0.05
@@ -41,6 +38,16 @@ class InitialState:
     spin: Array
     elapsed: Array  # time of the free fall that is not simulated
 
+    def select(self, which: npt.NDArray[Any]) -> 'InitialState':
+        """Return the states of some of the drops."""
+        return InitialState(
+            self.position[which],
+            self.orientation[which],
+            self.velocity[which],
+            self.spin[which],
+            self.elapsed[which],
+        )
+
     @property
     def flight(self) -> float:
         """Maximum time of flight that is simulated, T."""
@@ -54,7 +61,7 @@ class BodyStates:
     """States of n bodies, in R and T, in tray axes.
 
     position, velocity : (n, 3)
-        Of the centre of mass, relative to the origin of the slot.
+        Of the centre of mass.
     orientation : (n, 4)
         Tray from body.
     spin : (n, 3)
@@ -92,8 +99,9 @@ def _started(
         return _started_in_scene(job, job.scene, states)
     of_body = body_from_part(states.orientation, job.axes)
     position = states.position / job.radius
-    # A part that lies on the surface begins where Bullet lets it rest.
-    position[:, 2] = np.maximum(position[:, 2], depth_of(of_body, job.hull) + REST_MARGIN)
+    # A part that lies on the surface begins where the engine lets it rest.
+    lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
+    position[:, 2] = np.maximum(position[:, 2], lowest)
     velocity = states.velocity * (job.time_unit / job.radius)
     return InitialState(
         position, of_body, velocity, states.spin * job.time_unit, np.zeros(len(index))

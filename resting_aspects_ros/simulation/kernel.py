@@ -15,6 +15,7 @@ from numba import njit
 
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
 
 # Corners closer to a plane than this touch it.
 GAP = 1e-5
@@ -25,8 +26,8 @@ BOUNCE, LEAVE = 0.05, 0.005
 TOUCHING = 2e-3
 # Maximum rotation, rad, and duration of a step of flight.
 TURN, FLIGHT = 0.25, 0.5
-# Time steps per T of lasting contact, and their maximum rotation, rad.
-STEPS, SWING = 40.0, 0.1
+# Maximum rotation, rad, in a step of lasting contact.
+SWING = 0.1
 # Time in which a penetration is removed.
 RECOVERY = 0.25
 # The solver iterates until no speed changes by more than this, or until the maximum.
@@ -47,14 +48,13 @@ MARGIN = 0.01
 ROLLING = 0.1
 # Time between checks, and the time limit without the motion of the surface.
 CHECK, LIMIT = 0.5, 500.0
-# A part is still if no coordinate and no component of its quaternion changes by more than this
-# between checks, relative to some surface; on a moving surface it may creep by the second number.
-STILL, CREEP = 1e-4, 1e-3
-# It is at rest after this number of checks in a row: on a level plane and in surroundings.
-AT_REST, AT_REST_IN_SCENE = 4, 2
-# A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and does not become
-# slower, or if it is faster than MAX_SPEED.
-SLIDE_WINDOW, SLIDE_TURN, MIN_SLIDE, MAX_SPEED = 10.0, 1e-3, 1e-3, 10.0
+# A part is at rest if no point of it moves faster than SLOW relative to some surface for QUIET.
+# Lasting contact stops a part completely, and a tilt about an edge grows by a factor of e in about
+# T, so that only a tilt below 1e-3 could be mistaken for rest.
+SLOW, QUIET = 1e-3, 0.25
+# A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
+# at most the share SLOWER, or if it is faster than MAX_SPEED or has come down by MAX_FALL.
+SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_SPEED, MAX_FALL = 10.0, 1e-3, 1e-4, 10.0, 50.0
 # Steps of lasting contact between attempts to decide the aspect.
 ATTEMPTS = 4
 # Maximum number of steps of a drop.
@@ -122,14 +122,24 @@ NORMAL, TANGENT, ACROSS, OFFSET, RESTITUTION, FRICTION, ROLL, SPIN, CARRIES = (
     13,
     14,
 )
-# For a plane that moves: its origin, velocity, angular velocity and the derivatives of these.
+# For planes that move: their origin, velocity, angular velocity and the derivatives of these.
 ORIGIN, VELOCITY, ANGULAR, PULL, TWIST = 17, 20, 23, 26, 29
 PLANE = 32
-# Numbers of a motion: angular frequency, duration of a ramp and of all, the amplitudes in z and x,
-# the phase in x, the amplitudes of the rotations about x and y, their phase, and the size of the
-# plate.
-RATE, RAMP, DURATION, LIFT, SHIFT, SHIFT_PHASE, ROCK_X, ROCK_Y, ROCK_PHASE, SIZE = range(10)
-MOTION = 10
+# Numbers of a motion: angular frequency, duration of a ramp and of all, phases of the second
+# translation and of the rotation, size of the plate (0: infinite), and the vectors of the
+# amplitudes of both translations and of the rotation.
+RATE, RAMP, DURATION, SHIFT_PHASE, ROCK_PHASE, SIZE, LIFT, SHIFT, ROCK = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    9,
+    12,
+)
+MOTION = 15
 # Minimum number of time steps per period of a motion.
 PER_PERIOD = 40
 
@@ -144,7 +154,7 @@ class Ground(NamedTuple):
     carriers : (k, 3) float
         Velocities with which surfaces can carry a part for ever; the first is zero.
     motion : (MOTION,) float
-        Motion of the first plane; zero without one.
+        Motion of all planes together; zero without one.
     level : bool
         Whether there is only a level plane at rest, or one that comes to rest, on which the energy
         of a part decides its aspect.
@@ -169,13 +179,13 @@ class Ground(NamedTuple):
 class Numerics(NamedTuple):
     """Numerical parameters; see the constants. Without ``decides``, all parts come to rest."""
 
-    steps: float = STEPS
+    steps: float = float(CONTACT_STEPS)
     gap: float = GAP
     turn: float = TURN
     swing: float = SWING
     decides: bool = True
 
-    def refined(self, factor: float, decides: bool) -> 'Numerics':  # noqa: FBT001
+    def refined(self, factor: float, decides: bool) -> 'Numerics':
         """Return finer parameters."""
         return Numerics(
             self.steps * factor,
@@ -590,7 +600,7 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
     """
     rolls = False
     for i in range(len(planes)):
-        if planes[i, ROLL] > 0 or planes[i, SPIN] > 0:
+        if _resists(of, planes, i, count):
             rolls = True
             for j in range(3):
                 jj = _times(inverse, _at(axes, i, 3 * j))
@@ -603,7 +613,7 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
     before = 0.0
     for _ in range(ITERATIONS):
         counts[3] += 1
-        change = 0.0
+        v_before, w_before = v, w
         for i in range(count):
             n, x, y = _at(axes, of[i], 0), _at(axes, of[i], 3), _at(axes, of[i], 6)
             pn, px, py = con[i, PN], con[i, PX], con[i, PY]
@@ -626,15 +636,16 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
             w = _plus(
                 _plus(_plus(w, dn, _at(con, i, JN)), dx, _at(con, i, JX)), dy, _at(con, i, JY)
             )
-            change = max(change, max(abs(dn * kn), max(abs(dx * kxx), abs(dy * kyy))))
         if rolls:
             for i in range(len(planes)):
-                if planes[i, ROLL] > 0 or planes[i, SPIN] > 0:
-                    w, most = _resisted(con, of, planes, axes, roll, i, count, inverse, w)
-                    change = max(change, most)
+                if _resists(of, planes, i, count):
+                    w = _resisted(con, of, planes, axes, roll, i, count, inverse, w)
         elif count == 1:
             break
-        # The next change would be less, if the last ones decrease in proportion.
+        # Not that of single impulses: those of a part between two planes can grow against each
+        # other. The next change would be less, if the last ones decrease in proportion.
+        dv, dw = _plus(v, -1.0, v_before), _plus(w, -1.0, w_before)
+        change = sqrt(_dot(dv, dv)) + sqrt(_dot(dw, dw))
         if change < RESIDUAL or change * change < RESIDUAL * before:
             break
         before = change
@@ -642,8 +653,18 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
 
 
 @jit
+def _resists(of, planes, i, count):
+    """Return whether a plane that a part touches has rolling or spinning friction."""
+    if planes[i, ROLL] > 0 or planes[i, SPIN] > 0:
+        for k in range(count):
+            if of[k] == i:
+                return True
+    return False
+
+
+@jit
 def _resisted(con, of, planes, axes, roll, i, count, inverse, w):
-    """Return the spin after rolling and spinning friction of a plane, and its largest change."""
+    """Return the spin after rolling and spinning friction of a plane."""
     total = 0.0
     for k in range(count):
         if of[k] == i:
@@ -651,7 +672,6 @@ def _resisted(con, of, planes, axes, roll, i, count, inverse, w):
     n, x, y = _at(axes, i, 0), _at(axes, i, 3), _at(axes, i, 6)
     jn, jx, jy = _times(inverse, n), _times(inverse, x), _times(inverse, y)
     turn = _at(planes, i, ANGULAR)
-    change = 0.0
     if planes[i, ROLL] > 0:
         rxx, rxy, ryy = _dot(x, jx), _dot(x, jy), _dot(y, jy)
         wx = _dot(x, w) - _dot(turn, _at(planes, i, TANGENT))
@@ -659,16 +679,14 @@ def _resisted(con, of, planes, axes, roll, i, count, inverse, w):
         qx, qy = roll[i, 1], roll[i, 2]
         sx, sy = _disk(rxx, rxy, ryy, wx, wy, planes[i, ROLL] * total, qx, qy)
         w = _plus(_plus(w, sx - qx, jx), sy - qy, jy)
-        change = max(abs((sx - qx) * rxx), abs((sy - qy) * ryy))
         roll[i, 1], roll[i, 2] = sx, sy
     if planes[i, SPIN] > 0:
         rnn, limit, qn = _dot(n, jn), planes[i, SPIN] * total, roll[i, 0]
         wn = _dot(n, w) - _dot(turn, _at(planes, i, NORMAL))
         s = min(limit, max(-limit, qn - wn / rnn))
         w = _plus(w, s - qn, jn)
-        change = max(change, abs((s - qn) * rnn))
         roll[i, 0] = s
-    return w, change
+    return w
 
 
 @jit
@@ -717,8 +735,8 @@ def _descended(body, d, corner):
 
 
 @jit
-def _moved(planes, motion, t):
-    """Set the pose of the first plane at a time, its velocity and its acceleration."""
+def _moved(planes, at_rest, motion, t):
+    """Set the poses of the planes at a time of their motion, their velocity and acceleration."""
     rate, duration = motion[RATE], motion[DURATION]
     at = np.sign(duration / 2 - t) / motion[RAMP]
     u = min(1.0, max(0.0, min(t, duration - t) / motion[RAMP]))
@@ -729,21 +747,27 @@ def _moved(planes, motion, t):
     z, z1, z2 = _wave(rate * t, rate, ramp, rise, bend)
     x, x1, x2 = _wave(rate * t + motion[SHIFT_PHASE], rate, ramp, rise, bend)
     a, a1, a2 = _wave(rate * t + motion[ROCK_PHASE], rate, ramp, rise, bend)
-    lift, shift = motion[LIFT], motion[SHIFT]
-    rx, ry = motion[ROCK_X], motion[ROCK_Y]
-    size = sqrt(rx * rx + ry * ry)
-    ux, uy = (rx / size, ry / size) if size > 0 else (1.0, 0.0)
+    lift, shift, rock = _from(motion, LIFT), _from(motion, SHIFT), _from(motion, ROCK)
+    size = sqrt(_dot(rock, rock))
+    axis = _scaled(1 / size, rock) if size > 0 else rock
     c, s = cos(size * a), sin(size * a)
-    _put(planes, 0, NORMAL, (uy * s, -ux * s, c))
-    _put(planes, 0, TANGENT, (c + ux * ux * (1 - c), ux * uy * (1 - c), -uy * s))
-    _put(planes, 0, ACROSS, (ux * uy * (1 - c), c + uy * uy * (1 - c), ux * s))
-    origin = (shift * x, 0.0, lift * z)
-    _put(planes, 0, ORIGIN, origin)
-    planes[0, OFFSET] = _dot(origin, _at(planes, 0, NORMAL))
-    _put(planes, 0, VELOCITY, (shift * x1, 0.0, lift * z1))
-    _put(planes, 0, PULL, (shift * x2, 0.0, lift * z2))
-    _put(planes, 0, ANGULAR, (rx * a1, ry * a1, 0.0))
-    _put(planes, 0, TWIST, (rx * a2, ry * a2, 0.0))
+    origin = _plus(_scaled(z, lift), x, shift)
+    for i in range(len(planes)):
+        for first in (NORMAL, TANGENT, ACROSS, CARRIES):
+            before = _at(at_rest, i, first)
+            turned = _plus(_scaled(c, before), s, _cross(axis, before))
+            _put(planes, i, first, _plus(turned, (1 - c) * _dot(axis, before), axis))
+        _put(planes, i, ORIGIN, origin)
+        planes[i, OFFSET] = at_rest[i, OFFSET] + _dot(origin, _at(planes, i, NORMAL))
+        _put(planes, i, VELOCITY, _plus(_scaled(z1, lift), x1, shift))
+        _put(planes, i, PULL, _plus(_scaled(z2, lift), x2, shift))
+        _put(planes, i, ANGULAR, _scaled(a1, rock))
+        _put(planes, i, TWIST, _scaled(a2, rock))
+
+
+@jit
+def _from(a, first):
+    return a[first], a[first + 1], a[first + 2]
 
 
 @jit
@@ -773,11 +797,11 @@ def _look(body, ground, work, moving, axes, c, v, w, spun, most, gap):
         _put(work.axes, i, 0, n)
         z, vz = _dot(normal, c) - planes[i, OFFSET], _dot(normal, v)
         g, spin = _dot(normal, ground.gravity), w
-        if moving and i == 0:
-            arm, turn = _plus(c, -1.0, _at(planes, 0, ORIGIN)), _at(planes, 0, ANGULAR)
-            vz -= _dot(normal, _plus(_at(planes, 0, VELOCITY), 1.0, _cross(turn, arm)))
-            twist = _cross(_at(planes, 0, TWIST), arm)
-            g -= _dot(normal, _plus(_at(planes, 0, PULL), 1.0, twist))
+        if moving:
+            arm, turn = _plus(c, -1.0, _at(planes, i, ORIGIN)), _at(planes, i, ANGULAR)
+            vz -= _dot(normal, _plus(_at(planes, i, VELOCITY), 1.0, _cross(turn, arm)))
+            twist = _cross(_at(planes, i, TWIST), arm)
+            g -= _dot(normal, _plus(_at(planes, i, PULL), 1.0, twist))
             spin = _plus(w, -1.0, _body(axes, turn))
         a = _cross(n, spin)
         b = _plus(_plus(_cross(n, spun), _dot(w, n), w), -w2, n)
@@ -885,10 +909,10 @@ def _contacts(body, work, moving, impact, axes, c, inverse):
             con[count, HEIGHT], con[count, FALL] = values[0, at], values[1, at]
             con[count, BEND] = values[2, at]
             surface = _at(planes, i, CARRIES)
-            if moving and i == 0:
-                arm = _plus(_plus(_world(axes, r), 1.0, c), -1.0, _at(planes, 0, ORIGIN))
-                turned = _cross(_at(planes, 0, ANGULAR), arm)
-                surface = _plus(_plus(surface, 1.0, _at(planes, 0, VELOCITY)), 1.0, turned)
+            if moving:
+                arm = _plus(_plus(_world(axes, r), 1.0, c), -1.0, _at(planes, i, ORIGIN))
+                turned = _cross(_at(planes, i, ANGULAR), arm)
+                surface = _plus(_plus(surface, 1.0, _at(planes, i, VELOCITY)), 1.0, turned)
             con[count, SX] = _dot(surface, _at(planes, i, TANGENT))
             con[count, SY] = _dot(surface, _at(planes, i, ACROSS))
             count += 1
@@ -939,7 +963,7 @@ def _impact(work, count, still, moments, inverse, v, w):
 def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w):
     """Return velocity and spin after a time step of lasting contact, body axes.
 
-    If the surface moves, the pose of its plane is already that at the end of the step.
+    If the surfaces move, the poses of the planes are already those at the end of the step.
     """
     con, planes = work.con, work.planes
     v = _plus(v, dt, _body(axes, _at2(ground.gravity)))
@@ -951,9 +975,9 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt / 2
         con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt / 2
         con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt / 2
-        if moving and pl == 0:
+        if moving:
             at = _plus(_world(axes, r), 1.0, c)
-            end = _dot(_at(planes, 0, NORMAL), at) - planes[0, OFFSET]
+            end = _dot(_at(planes, pl, NORMAL), at) - planes[pl, OFFSET]
             con[i, AIM] += (h - end) / dt
         for j in range(work.counts[5]):
             if work.old_corner[j, 0] == k and work.old_corner[j, 1] == pl:
@@ -1034,27 +1058,11 @@ def _decided(body, corner, mu, moments, c, v, w, q, energy):
 
 
 @once
-def _check(ground, track, t, limit, c, v, q):
-    """Return the status of a drop that has ended at rest or sliding, or timed out, else -1.
+def _check(ground, track, t, limit, fallen, v, q):
+    """Return the status of a drop that slides for ever or timed out, else -1.
 
-    ``track`` is what was seen at earlier checks.
+    ``track`` is what was seen when it last turned: time, speed, and where it pointed.
     """
-    passed = t - track[0]
-    moved = speed = inf
-    for i in range(len(ground.carriers)):
-        x, y, z = ground.carriers[i, 0], ground.carriers[i, 1], ground.carriers[i, 2]
-        dx, dy = abs(c[0] - track[1] - x * passed), abs(c[1] - track[2] - y * passed)
-        moved = min(moved, max(max(dx, dy), abs(c[2] - track[3] - z * passed)))
-        d = (v[0] - x, v[1] - y, v[2] - z)
-        speed = min(speed, sqrt(_dot(d, d)))
-    turned = _change(q, track, 4)
-    still = moved < (CREEP if ground.driven else STILL) and turned < STILL
-    track[8] = track[8] + 1 if still and passed < 1.2 * CHECK else 0.0
-    track[0], track[1], track[2], track[3] = t, c[0], c[1], c[2]
-    for i in range(4):
-        track[4 + i] = q[i]
-    if track[8] >= (AT_REST if ground.level else AT_REST_IN_SCENE):
-        return SETTLED
     if ground.level:
         return UNSETTLED if t >= limit else -1
     if ground.endless == 2:
@@ -1062,20 +1070,33 @@ def _check(ground, track, t, limit, c, v, q):
         pointing = (n[0], n[1], n[2], 0.0)
     else:
         pointing = q
-    over = t - track[9] >= SLIDE_WINDOW
-    turned = _change(pointing, track, 11)
-    steady = turned <= SLIDE_TURN and speed >= track[10] * (1 - STILL)
-    if over and steady and speed > MIN_SLIDE:
+    speed = _slip(ground, v)
+    over = t - track[0] >= SLIDE_WINDOW
+    turned = _change(pointing, track, 2)
+    steady = turned <= SLIDE_TURN and speed >= track[1] * (1 - SLOWER)
+    # Towards a wall, it does not slide for ever.
+    across = 0.0 if ground.endless == 2 else sqrt(v[1] * v[1] + v[2] * v[2])
+    if over and steady and ground.endless > 0 and across < SLOW < speed:
         return SLIDING
     if over or turned > SLIDE_TURN:
-        track[9], track[10] = t, speed
+        track[0], track[1] = t, speed
         for i in range(4):
-            track[11 + i] = pointing[i]
-    if ground.endless > 0 and speed > ground.fastest:
+            track[2 + i] = pointing[i]
+    if ground.endless > 0 and (speed > ground.fastest or fallen > MAX_FALL):
         return SLIDING
     if t >= limit:
-        return SLIDING if speed > MIN_SLIDE else UNSETTLED
+        return SLIDING if speed > SLOW else UNSETTLED
     return -1
+
+
+@jit
+def _slip(ground, v):
+    """Return the speed relative to the surface that moves most nearly alike."""
+    least = inf
+    for i in range(len(ground.carriers)):
+        d = _plus(v, -1.0, _at(ground.carriers, i, 0))
+        least = min(least, _dot(d, d))
+    return sqrt(least)
 
 
 @jit
@@ -1103,9 +1124,10 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
     mu = ground.planes[0, FRICTION]
-    t = dt = growth = since = 0.0
+    t = dt = growth = since = quiet = 0.0
     before = inf  # energy at the impact before
     c0, v0, w0, q0 = c, v, w, q
+    start = _dot(gravity, c)
     flying, contacts = False, 0
     moving = motion[DURATION] > 0
     still = not (moving or ground.driven)
@@ -1115,12 +1137,12 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             work.planes[i, j] = ground.planes[i, j]
     work.counts[5] = 0
     track[:] = 0.0
-    track[0], track[9] = -inf, -inf
+    track[0] = -inf
     check = CHECK
     for _ in range(MAX_STEPS):
         work.counts[0] += 1
         if moving:
-            _moved(work.planes, motion, t)
+            _moved(work.planes, ground.planes, motion, t)
             if t >= motion[DURATION]:
                 moving = False
                 before = inf
@@ -1144,7 +1166,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             c = _plus(_plus(c0, dt, v0), dt * dt / 2, gravity)
             v = _plus(v0, dt, gravity)
             t += dt
-            decide = False
+            quiet, decide = 0.0, False
         else:
             if deepest < -DEEP or c[2] != c[2]:
                 return FAILED, -1, t, growth, c, v, w, q
@@ -1165,11 +1187,11 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 vb, w = _impact(work, count, still, moments, inverse, vb, w)
                 v = _world(axes, vb)
                 work.counts[5] = 0
-                decide = True
+                quiet, decide = 0.0, True
             else:
                 work.counts[2] += 1
                 if moving:
-                    _moved(work.planes, motion, t + dt)
+                    _moved(work.planes, ground.planes, motion, t + dt)
                 v1, w = _pressed(
                     body, ground, work, count, moving, axes, c, dt, inverse, spun, vb, w
                 )
@@ -1179,6 +1201,11 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 t += dt
                 contacts += 1
                 decide = contacts % ATTEMPTS == 0
+                quiet += dt
+                if moving or _slip(ground, v) + sqrt(_dot(w, w)) > SLOW:
+                    quiet = 0.0
+                elif quiet > QUIET:
+                    return SETTLED, -1, t - quiet, growth, c, v, w, q
             if still and (impact or decide):
                 energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 - _dot(gravity, c)
                 if impact and before < inf:
@@ -1194,9 +1221,10 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             if motion[SIZE] > 0 and _left(work, motion, c):
                 return LOST, -1, t, growth, c, v, w, q
             if moving:
-                track[0], track[8], track[9] = -inf, 0.0, -inf
+                track[0] = -inf
             else:
-                status = _check(ground, track, t, limit, c, v, q)
+                fallen = _dot(gravity, c) - start
+                status = _check(ground, track, t, limit, fallen, v, q)
                 if status >= 0:
                     return status, -1, t, growth, c, v, w, q
     return UNSETTLED, -1, t, growth, c, v, w, q
@@ -1226,7 +1254,7 @@ def _work(body, ground):
         np.zeros((planes * CONTACTS, 3)),
         np.zeros((planes * CONTACTS, 2), np.int64),
         np.zeros((planes, 3)),
-        np.zeros(15),
+        np.zeros(6),
         np.zeros(6, np.int64),
     )
 

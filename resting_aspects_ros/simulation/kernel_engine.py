@@ -1,49 +1,21 @@
 """The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation import kernel
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.ends import Ends, resting_poses
 from resting_aspects_ros.simulation.initial_state import initial_states
-from resting_aspects_ros.simulation.settling import TIME_LIMIT, resting_poses
-from resting_aspects_ros.simulation.surroundings.scene_settling import poses_in_scene
+from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
 
 # A part that is faster than this multiple of the speed of its first impact slides for ever.
 MAX_SPEEDUP = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """How n drops have ended, in R and T, in the axes of the surroundings.
-
-    position, orientation : (n, 3) and (n, 4) float
-        Of the centre of mass, and xyzw, from body axes.
-    status, minimum : (n,) int
-        Codes of RestStatus, and the minimum of the landscape that the energy decided, or -1.
-    time, growth : (n,) float
-        From release to the end, and the largest growth of the energy, m g R.
-    """
-
-    position: Array
-    orientation: Array
-    status: npt.NDArray[np.uint8]
-    minimum: npt.NDArray[np.int64]
-    time: Array
-    growth: Array
-
-    @property
-    def decided_by(self) -> npt.NDArray[np.uint8]:
-        """(n,) codes of DecidedBy."""
-        by_energy = self.minimum >= 0
-        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
@@ -79,7 +51,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         time=ends[:, 7] + states.elapsed,
         growth=ends[:, 8],
     )
-    return (resting_poses if job.scene is None else poses_in_scene)(job, first, found)
+    return resting_poses(job, first, found)
 
 
 @lru_cache(maxsize=16)
@@ -163,7 +135,7 @@ def _plane(
 
 
 def _motion(job: DropJob) -> Array:
-    """Return the numbers of the motion of the surface, in R and T."""
+    """Return the numbers of the motion of the surfaces, in R and T."""
     numbers = np.zeros(kernel.MOTION)
     motion = job.motion
     if motion is None:
@@ -173,10 +145,18 @@ def _motion(job: DropJob) -> Array:
     numbers[kernel.RATE] = 2 * np.pi * motion.frequency * unit
     numbers[kernel.RAMP] = RAMP_PERIODS / motion.frequency / unit
     numbers[kernel.DURATION] = motion.duration / unit
-    numbers[kernel.LIFT] = motion.vertical_amplitude / radius
-    numbers[kernel.SHIFT] = motion.horizontal_amplitude / radius
     numbers[kernel.SHIFT_PHASE] = motion.horizontal_phase
-    numbers[kernel.ROCK_X], numbers[kernel.ROCK_Y] = motion.rocking_x, motion.rocking_y
     numbers[kernel.ROCK_PHASE] = motion.rocking_phase
-    numbers[kernel.SIZE] = motion.plate_size / radius
+    vectors = np.array(
+        [
+            [0.0, 0.0, motion.vertical_amplitude / radius],
+            [motion.horizontal_amplitude / radius, 0.0, 0.0],
+            [motion.rocking_x, motion.rocking_y, 0.0],
+        ]
+    )
+    if job.scene is None:
+        numbers[kernel.SIZE] = motion.plate_size / radius
+    else:
+        vectors = job.scene.in_scene(vectors)
+    numbers[kernel.LIFT :] = vectors.ravel()
     return numbers

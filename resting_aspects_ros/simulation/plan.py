@@ -9,7 +9,7 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.geometry.polyhedron import SAME_FACET
 from resting_aspects_ros.core.part import Part
@@ -18,6 +18,9 @@ from resting_aspects_ros.core.statistics.stopping import check_precision
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.run_description import (
+    BULLET,
+    KERNEL,
+    KERNEL_VERSION,
     RunDescription,
     check_drops,
     check_first_drop,
@@ -28,9 +31,6 @@ from resting_aspects_ros.simulation.surroundings.floor_step import below_edge
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
-# The engine itself is not imported here, because only the workers need it.
-ENGINE = 'bullet'
-ENGINE_VERSION = version('pybullet')
 # A flat side is narrow if an edge is closer than this, R, to the point below the centre of mass.
 NARROW = 0.15
 # Faster impacts, R / T, are rejected: their many small steps would occupy a worker for hours.
@@ -52,6 +52,7 @@ def plan_run(
     precision: float = 0.0,
     landscape: Landscape | None = None,
     starts: Starts | None = None,
+    engine: str = '',
 ) -> tuple[DropJob, RunDescription]:
     """Return the job and the description of a run; raises InvalidValueError.
 
@@ -63,6 +64,8 @@ def plan_run(
         Landscape of the part, if it was already computed.
     starts : Starts or None
         Where and how the parts start; None: they are released as the conditions say.
+    engine : str
+        'kernel', 'bullet', or '': the kernel for everything that it can simulate.
     """
     check_drops(drops)
     if precision != 0:
@@ -73,7 +76,7 @@ def plan_run(
             )
     check_seed(seed)
     check_first_drop(first_drop, drops)
-    job = make_job(part, conditions, seed, landscape=landscape, starts=starts)
+    job = make_job(part, conditions, seed, landscape=landscape, starts=starts, engine=engine)
     return job, RunDescription(
         run_id=run_id,
         part=part.name,
@@ -83,8 +86,8 @@ def plan_run(
         first_drop=first_drop,
         drops=drops,
         precision=precision,
-        engine=ENGINE,
-        engine_version=ENGINE_VERSION,
+        engine=job.engine,
+        engine_version=engine_version(job.engine),
         suite_version=__version__,
         time_step=job.time_step,
         started=started,
@@ -100,6 +103,7 @@ def make_job(
     refinement: int = 1,
     landscape: Landscape | None = None,
     starts: Starts | None = None,
+    engine: str = '',
 ) -> DropJob:
     """Return the job for a part; InvalidValueError if the conditions do not fit the part.
 
@@ -146,6 +150,7 @@ def make_job(
         starts=starts,
         scene=scene,
         pieces=pieces,
+        engine=_engine(engine, scene, starts),
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
     if job.impact_speed > fastest:
@@ -158,6 +163,29 @@ def make_job(
     if scene is not None:
         _check_belts(job, scene)
     return job
+
+
+def engine_version(engine: str) -> str:
+    """Return the version of an engine; it is not imported, because only the workers need it."""
+    return KERNEL_VERSION if engine == KERNEL else version('pybullet')
+
+
+def _engine(wanted: str, scene: Scene | None, starts: Starts | None) -> str:
+    """Return the engine of a job; raises InvalidValueError if it cannot simulate it."""
+    if wanted not in {'', KERNEL, BULLET}:
+        raise InvalidValueError(
+            f'invalid engine {shown(wanted)}: expected {KERNEL} or {BULLET}'
+            f'{did_you_mean(wanted, [KERNEL, BULLET])}'
+        )
+    edges = starts is not None and starts.edge is not None
+    if edges or not (scene is None or scene.flat):
+        if wanted == KERNEL:
+            raise InvalidValueError(
+                f'invalid engine {KERNEL}: expected {BULLET} where parts fall from an edge, or '
+                'touch blocks or a mesh'
+            )
+        return BULLET
+    return wanted or KERNEL
 
 
 def _check_belts(job: DropJob, scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""Worker processes on this machine.
+"""Worker processes on this machine, for Bullet, which makes one drop after the other.
 
 The parent sends (job or None, first drop, end), where None means the job that was sent before. A
 worker replies with the resting poses or the exception. It exits when its parent exits.
@@ -17,11 +17,10 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from subprocess import DEVNULL, Popen, TimeoutExpired
 
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.drop_job import DropJob
 
-MAX_WORKERS = 1024
 # A worker uses its parent's import path, independent of the content of the working directory.
 _PROGRAM = (
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -41,13 +40,8 @@ class WorkerDiedError(EngineError):
     """The process that simulated a chunk has ended."""
 
 
-def default_workers() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 class ProcessWorkers:
-    """Worker processes, each with its own connection; implements Workers for any number of runs.
+    """Worker processes, each with its own connection.
 
     When a worker dies, its chunk fails and the worker is replaced; one that died while it was idle
     is replaced before its next chunk. The other workers are not affected, because they share no
@@ -60,15 +54,11 @@ class ProcessWorkers:
 
     Raises
     ------
-    InvalidValueError
-        If the count is out of bounds.
     EngineError
         If the system cannot start a process.
     """
 
     def __init__(self, count: int) -> None:
-        if not 1 <= count <= MAX_WORKERS:
-            raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
         self.count = count
         self.replaced = 0
         self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
@@ -83,21 +73,9 @@ class ProcessWorkers:
             self.stop()
             raise
 
-    def lookahead(self) -> int:
-        """Return two chunks per process: one that is simulated and one that is waiting."""
-        return 2 * self.count
-
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk, which is simulated as soon as a process is idle."""
         return self._threads.submit(self._drop, job, first, end)
-
-    def result(self, future: 'Future[RestingPoses]') -> RestingPoses:
-        """Return the poses of a chunk."""
-        return future.result()
-
-    def deaths(self, error: Exception) -> int:
-        """Return 1 for the error of a worker that died, otherwise 0."""
-        return int(isinstance(error, WorkerDiedError))
 
     def stop(self) -> None:
         """End the processes; unfinished chunks are discarded."""
@@ -211,7 +189,7 @@ def serve(descriptor: int) -> None:
         try:
             sent_job, first, end = pickle.loads(task)  # noqa: S301 - from the parent
             job = job if sent_job is None else sent_job
-            answer: object = import_module(_ENGINE).drop_chunk(job, first, end)
+            answer: object = import_module(_ENGINE).drop_range(job, first, end)
         except Exception as error:  # noqa: BLE001 - the parent reports it
             answer = error
         connection.send(answer)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, canonical, down_in_part, rotate, turned_down
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.ends import Ends
 from resting_aspects_ros.simulation.initial_state import (
     BodyStates,
     InitialState,
-    body_from_part,
     depth_of,
     part_from_body,
 )
@@ -43,7 +43,7 @@ MAX_GROWTH = 0.5
 class Settling:
     """The drops of one world, from release until each has ended.
 
-    The attributes have one row for each drop, in the order of the slots.
+    The attributes have one row for each drop.
 
     moving : (m,) int
         Rows of the drops that have not ended.
@@ -60,17 +60,17 @@ class Settling:
         Maximum growth of the energy between two checks, m g R.
     """
 
-    def __init__(self, job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> None:
-        n = len(slots)
+    def __init__(self, job: DropJob, states: InitialState) -> None:
+        n = len(states.elapsed)
         self._job = job
         self.moving = np.arange(n)
-        self.position = states.position[slots]
-        self.orientation = states.orientation[slots]
+        self.position = states.position.copy()
+        self.orientation = states.orientation.copy()
         self.status = np.full(n, RestStatus.UNSETTLED, dtype=np.uint8)
         self.minimum = np.full(n, -1)
         self.time = np.zeros(n)
         self.growth = np.zeros(n)
-        self._elapsed = states.elapsed[slots]
+        self._elapsed = states.elapsed
         motion = job.motion
         self._limit = TIME_LIMIT + (states.flight if job.edge is None else 0.0)
         if motion is not None:
@@ -78,14 +78,15 @@ class Settling:
         self._now = 0.0
         self._still = np.zeros(n, dtype=np.int64)  # consecutive checks without motion
         start = BodyStates(states.position, states.orientation, states.velocity, states.spin)
-        self._energy = self._energies(start.select(slots))
+        self._energy = self._energies(start)
         self._min_energy = self._energy.copy()  # of all checks
 
     @property
-    def decided_by(self) -> npt.NDArray[np.uint8]:
-        """(n,) codes of DecidedBy."""
-        by_energy = self.minimum >= 0
-        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
+    def ends(self) -> Ends:
+        """How the drops have ended."""
+        return Ends(
+            self.position, self.orientation, self.status, self.minimum, self.time, self.growth
+        )
 
     def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
         """Update the moving bodies, ``now`` T after the start; returns the drops that ended.
@@ -214,37 +215,3 @@ class Settling:
             kinetic += moments[axis] * spin[:, axis] ** 2
         # A penetrating hull will be pushed back to the surface, so its height is at least that.
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
-
-
-def resting_poses(job: DropJob, first_drop: int, ends: Settling) -> RestingPoses:
-    """Return the poses of drops that have ended; the first has the index ``first_drop``."""
-    failed = ends.status == RestStatus.FAILED
-    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
-    orientation = canonical(part_from_body(body, job.axes))
-    # A drop decided by its energy would continue to roll to the minimum. Its yaw and its sliding
-    # on the way there are not predicted.
-    decided = ends.minimum >= 0
-    minima = job.rest.directions[ends.minimum[decided]]
-    orientation[decided] = turned_down(orientation[decided], minima)
-    centre = ends.position * job.radius
-    # In Bullet, a hull rests a margin (0.001 R) above the plane; the pose has the part on it.
-    settled = ends.status == RestStatus.SETTLED
-    depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
-    centre[:, 2] = np.where(settled, depth, centre[:, 2])
-    return poses_at(job, first_drop, ends, centre, orientation)
-
-
-def poses_at(
-    job: DropJob, first_drop: int, ends: Settling, centre: Array, orientation: Array
-) -> RestingPoses:
-    """Return the poses of ended drops whose centres of mass (n, 3) are at ``centre``, m."""
-    failed = ends.status == RestStatus.FAILED
-    return RestingPoses(
-        first_drop=first_drop,
-        position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
-        orientation=orientation,
-        status=ends.status,
-        decided_by=ends.decided_by,
-        time_to_rest=ends.time * job.time_unit,
-        energy_growth=ends.growth,
-    )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, canonical, product, Random, rotate
+from resting_aspects_ros.core.rotations import Array, Random, canonical, product, rotate
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.noise import Noise

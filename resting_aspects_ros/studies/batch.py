@@ -81,7 +81,7 @@ def drop_batch(
     InvalidValueError
         A condition is out of bounds, or a folder has no mesh file.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
     OutputError
         A file cannot be written.
 

@@ -109,7 +109,7 @@ def optimise(
     InvalidValueError
         A value is out of bounds, a name is not known, or nearly all points are impossible.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.surroundings import conditions_document
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.simulation.run_description import KERNEL, KERNEL_VERSION
 from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.objectives import Objective
 from resting_aspects_ros.studies.optimise_text import optimise_notes
@@ -70,8 +70,8 @@ class OptimiseResult(Optimum):
             'seed': self.seed,
             'surrogate': self.surrogate,
             'surrogate_error': self.surrogate_error,
-            'engine': ENGINE,
-            'engine_version': ENGINE_VERSION,
+            'engine': KERNEL,
+            'engine_version': KERNEL_VERSION,
         }
 
     def to_json(self) -> str:

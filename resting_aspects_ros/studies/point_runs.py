@@ -15,9 +15,8 @@ from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.chunks import DeathCount, Workers
+from resting_aspects_ros.simulation.chunks import DeathCount, Workers, chunk_bounds
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
 from resting_aspects_ros.studies.point_plans import (
     OTHER,
@@ -228,8 +227,5 @@ def _chunks(
         except InvalidValueError as error:
             skip(task, error)
             continue
-        first = task.first
-        while first < task.end:
-            end = min(task.end, (first // CHUNK + 1) * CHUNK)
+        for first, end in chunk_bounds(plan.job, task.first, task.end):
             yield _Chunk(task, plan, first, end)
-            first = end

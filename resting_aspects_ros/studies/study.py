@@ -91,7 +91,7 @@ def study(
     InvalidValueError
         A value is out of bounds, a name is not known, or the folder has another study.
     EngineError
-        The worker processes cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly.
     OutputError
         A file cannot be written, for example because the disk is full. Finished points are kept.
 

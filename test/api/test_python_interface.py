@@ -15,7 +15,7 @@ import trimesh
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.drop_counter import DropCounter
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 PACKAGE = Path(ra.__file__).parent
@@ -62,7 +62,7 @@ def test_no_ros_is_imported():
 def test_poses_are_those_of_the_engine(part, surfaces, workers):
     result = ra.drop('tetrahedron', drops=50, seed=5, surface='steel', workers=workers)
     job = make_job(part('tetrahedron'), surfaces.get('steel'), 5)
-    expected = drop_chunk(job, 0, 50)
+    expected = drop_range(job, 0, 50)
     assert np.array_equal(result.poses.orientation, expected.orientation)
     assert np.array_equal(result.poses.position, expected.position)
     assert (result.complete, result.distribution.drops) == (True, 50)

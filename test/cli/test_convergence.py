@@ -12,7 +12,7 @@ from resting_aspects_ros.api.convergence import check_convergence
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 DROPS = 120
@@ -27,7 +27,7 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(run, part, surfac
     aspects = find_aspects(part('l_bracket'))
     fine = count_poses(
         aspects,
-        drop_chunk(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS),
+        drop_range(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS),
     )
     before = np.array([aspect['count'] for aspect in document['aspects']])
     shift = fine.counts / fine.counts.sum() - before / before.sum()

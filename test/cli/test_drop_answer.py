@@ -15,8 +15,8 @@ from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 DROPS = 130  # two chunks, for two workers
@@ -117,7 +117,7 @@ def test_poses_are_those_of_the_engine_bit_for_bit(rows, part, surfaces):
     names = 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest,energy_growth,aspect'
     assert ','.join(header) == names
     assert [int(row[0]) for row in rows] == list(range(DROPS))
-    for poses in (drop_chunk(job, 0, 125), drop_chunk(job, 125, DROPS)):
+    for poses in (drop_range(job, 0, 125), drop_range(job, 125, DROPS)):
         for k in range(len(poses)):
             row = rows[poses.first_drop + k]
             assert [float(x) for x in row[1:4]] == poses.position[k].tolist()

@@ -5,7 +5,6 @@ import dataclasses
 import importlib
 import json
 from contextlib import nullcontext
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from rclpy.serialization import serialize_message
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_format import lock_file
@@ -30,9 +28,8 @@ from resting_aspects_ros.logs.topic_metadata import (
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.logged_result import logged_result
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
@@ -48,8 +45,7 @@ def dropped(part, surfaces):
     job, run = plan_run(
         part('l_bracket'), conditions, seed=77, drops=DROPS, run_id='4f1c', started=10**18
     )
-    poses = [drop_chunk(job, k, min(k + CHUNK, DROPS)) for k in range(0, DROPS, CHUNK)]
-    return run, RestingPoses.join(poses)
+    return run, drop_range(job, 0, DROPS)
 
 
 @pytest.fixture
@@ -498,12 +494,6 @@ def log_of(tmp_path):
     return log_of
 
 
-def dropped_between(job, first, end):
-    """Make some drops of a run, in the chunks of the engine."""
-    bounds = [first, *range((first // CHUNK + 1) * CHUNK, end, CHUNK), end]
-    return RestingPoses.join([drop_chunk(job, a, b) for a, b in pairwise(bounds)])
-
-
 def table(poses):
     """Return the numbers of each drop, in the order of the columns of the CSV."""
     return [
@@ -547,7 +537,7 @@ def test_from_log_repeats_exactly_the_recorded_drops(
         height=1.1, height_of=HeightOf.CENTRE_OF_MASS, speed_horizontal=0.7, spin=3.3
     )
     job, run_of = plan_run(odd, conditions, seed=2**64 - 1, run_id='4f1c', started=1, **asked)
-    poses = [dropped_between(job, first, end) for first, end in ranges]
+    poses = [drop_range(job, first, end) for first, end in ranges]
     folder = log_of(odd, run_of, poses, last=whole, whole=whole)
     ended = run('drop', '--from-log', folder, '--poses', 'again.csv', '--json')
     assert ended.returncode == 0, ended.stderr

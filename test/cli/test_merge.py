@@ -11,7 +11,7 @@ from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 POSES = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
@@ -34,7 +34,7 @@ def dropped(part, surfaces):
                 run_id=f'run{seed}',
                 started=10**18,
             )
-            made[seed] = drop_chunk(job, 0, DROPS), run
+            made[seed] = drop_range(job, 0, DROPS), run
         return made[seed]
 
     return dropped

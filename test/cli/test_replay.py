@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 from resting_aspects_ros.ros.conversions import poses_msg, time_msg
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 DROPS, BATCH = 100, 20
@@ -26,7 +26,7 @@ def log(tmp_path, part, surfaces):
     job, run = plan_run(
         part('tetrahedron'), surfaces.get(), seed=1, drops=DROPS, run_id='run', started=10**18
     )
-    poses = drop_chunk(job, 0, DROPS)
+    poses = drop_range(job, 0, DROPS)
     topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
     with RunLog(tmp_path, 'log') as log:
         for first in range(0, DROPS, BATCH):

@@ -37,7 +37,6 @@ from resting_aspects_interfaces.msg import FeederAction, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.client import pending_request
-from resting_aspects_ros.core.poses import RestingPoses as Poses
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
@@ -49,8 +48,7 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
@@ -721,8 +719,7 @@ def batches(part, surfaces):
         )
 
     job, _ = plan(1, '')
-    firsts = range(0, MIN_BATCH, CHUNK)
-    poses = Poses.join([drop_chunk(job, first, first + CHUNK) for first in firsts])
+    poses = drop_range(job, 0, MIN_BATCH)
 
     def batches(count, run_id='recorded'):
         batch = poses_msg(poses, plan(count, run_id)[1], time_msg(7), last=False)

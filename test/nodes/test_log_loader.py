@@ -25,8 +25,7 @@ from resting_aspects_ros.logs.topic_metadata import (
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 SEED = 5
@@ -36,9 +35,9 @@ SEED = 5
 def run_of(part, surfaces):
     """Return a run of the tetrahedron and its poses."""
     job, run = plan_run(
-        part('tetrahedron'), surfaces.get(), seed=SEED, drops=CHUNK, run_id='4f1c', started=10**18
+        part('tetrahedron'), surfaces.get(), seed=SEED, drops=125, run_id='4f1c', started=10**18
     )
-    return run, drop_chunk(job, 0, CHUNK)
+    return run, drop_range(job, 0, 125)
 
 
 @pytest.fixture(scope='module')
@@ -51,7 +50,7 @@ def write(tmp_path, part, run_of, aspects):
     """Return a function that writes a log and returns its folder."""
     run, poses = run_of
 
-    def write(pieces=((0, CHUNK),), *, whole=True, change=None, described='tetrahedron'):
+    def write(pieces=((0, 125),), *, whole=True, change=None, described='tetrahedron'):
         counted = count_poses(aspects, poses)
         message = distribution_msg(counted, run, time_msg(1), complete=True)
         if change is not None:
@@ -65,7 +64,7 @@ def write(tmp_path, part, run_of, aspects):
             if whole:
                 topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
                 log.write(topic, serialize_message(message), 3)
-            log.add_metadata(OUTCOME, LogOutcome(CHUNK, whole).record())
+            log.add_metadata(OUTCOME, LogOutcome(125, whole).record())
         return log.path.parent
 
     return write
@@ -73,13 +72,13 @@ def write(tmp_path, part, run_of, aspects):
 
 def double(message):
     """Change the counts, so that they differ from those of the drops."""
-    message.aspects[0].count += CHUNK
-    message.drops += CHUNK
+    message.aspects[0].count += 125
+    message.drops += 125
 
 
 def test_distribution_of_a_complete_log_is_used(write, run_of):
     run, found = load_log(write(change=double))
-    assert (run, found.drops) == (run_of[0], 2 * CHUNK)
+    assert (run, found.drops) == (run_of[0], 2 * 125)
 
 
 def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
@@ -96,12 +95,12 @@ def test_log_of_another_suite_version_is_used(write):
     def version(message):
         message.run.suite_version = '0.0.1'
 
-    assert load_log(write(change=version))[1].drops == CHUNK
+    assert load_log(write(change=version))[1].drops == 125
 
 
 def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
     """The pieces are in any order, without drops 100 to 109."""
-    run, found = load_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
+    run, found = load_log(write([(0, 40), (110, 125), (40, 100)], whole=False))
     counted = count_poses(aspects, run_of[1].between(0, 100))
     assert run == run_of[0]
     assert found.counts.tolist() == counted.counts.tolist()
@@ -129,7 +128,7 @@ def test_recovered_log_is_used(write):
     ):
         load_log(log)
     assert main(['recover', str(log)]) == 0
-    assert load_log(log)[1].drops == CHUNK
+    assert load_log(log)[1].drops == 125
 
 
 def test_log_being_written_is_skipped(tmp_path):
@@ -188,8 +187,8 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     (cut,) = (tmp_path / 'tetrahedron_20300101T000000Z_cut').glob('*.mcap')
     cut.write_bytes(cut.read_bytes()[:-100])
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
-    answer = connect(namespace).ask(drops=CHUNK, surface='rubber_mat', only_known=True)
-    assert answer.distribution.drops == CHUNK
+    answer = connect(namespace).ask(drops=125, surface='rubber_mat', only_known=True)
+    assert answer.distribution.drops == 125
     (warning,) = [line for line in classifier.output.splitlines() if 'cannot be used' in line]
     assert f'2 logs in {tmp_path} cannot be used: {pipe.name}: ' in warning
     assert f'{cut.parent.name}: it is not closed: ' in warning

@@ -21,7 +21,7 @@ from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
 from resting_aspects_ros.ros.liveliness import announce
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 DROPS = 40
@@ -70,7 +70,7 @@ class FakeSimulator:
         job, self._run = plan_run(
             self._tetrahedron, self.conditions, seed=seed, drops=DROPS, run_id='', started=10**18
         )
-        self._poses = drop_chunk(job, 0, DROPS)
+        self._poses = drop_range(job, 0, DROPS)
         counted = count_poses(self._aspects, self._poses)
         self.counts = counted.counts.tolist()
 

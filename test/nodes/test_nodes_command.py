@@ -10,7 +10,6 @@ from resting_aspects_interfaces.msg import RecordedRun
 
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
-from resting_aspects_ros.simulation.initial_state import CHUNK
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 
@@ -53,7 +52,7 @@ def end_during_a_run(nodes, connect, namespace, wait, traceback):
         client = connect(namespace)
         started = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         # From the last drop of a chunk on: feedback comes after one drop.
-        drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
+        drop = client.dropping('tetrahedron', 100_000, first_drop=499)
 
         def log():
             logged = {each.run_id: each.log for each in started}

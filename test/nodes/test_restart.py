@@ -15,8 +15,8 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import pending_request
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES, RESTING_POSES
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import plan_run
 
 SEED = 5
@@ -219,7 +219,7 @@ def test_selected_run_is_the_same_after_a_restart(
         job, run = plan_run(
             box, conditions, seed=seed, drops=drops, run_id=run_id, started=started
         )
-        poses.publish(poses_msg(drop_chunk(job, 0, drops), run, time_msg(1), True))
+        poses.publish(poses_msg(drop_range(job, 0, drops), run, time_msg(1), True))
         client.wait(
             lambda run_id=run_id: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log'
         )

@@ -2,9 +2,7 @@
 
 import pytest
 
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 
@@ -22,8 +20,7 @@ def drop(mat):
         key = (part.part_sha256, n, seed, *sorted(changes.items()))
         if key not in known:
             job = make_job(part, mat.changed(**changes), seed)
-            chunks = [drop_chunk(job, k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)]
-            known[key] = RestingPoses.join(chunks)
+            known[key] = drop_range(job, 0, n)
         return known[key]
 
     return make

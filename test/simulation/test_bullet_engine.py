@@ -20,7 +20,7 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.simulation import settling
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job
 
@@ -90,7 +90,7 @@ def test_origin_of_part_frame_changes_only_the_position(part, mat):
     job = make_job(part('angle_45x30x8'), mat, 4)
     shift = np.array([3.0, -50.0, 0.7])
     moved = dataclasses.replace(job, centre_of_mass=job.centre_of_mass + shift)
-    plain, other = drop_chunk(job, 0, 20), drop_chunk(moved, 0, 20)
+    plain, other = drop_range(job, 0, 20), drop_range(moved, 0, 20)
     np.testing.assert_array_equal(other.orientation, plain.orientation)
     np.testing.assert_array_equal(other.time_to_rest, plain.time_to_rest)
     np.testing.assert_allclose(
@@ -104,8 +104,8 @@ def test_scaled_part_and_height_give_scaled_poses(part, solid, mat):
     shape = part('l_bracket')
     mesh = trimesh.Trimesh(shape.vertices * 1e3, shape.faces, process=False)
     small, large = solid(mesh), solid(mesh.copy().apply_scale(4))
-    a = drop_chunk(make_job(small, mat, 1), 0, 40)
-    b = drop_chunk(make_job(large, mat.changed(height=4 * mat.height), 1), 0, 40)
+    a = drop_range(make_job(small, mat, 1), 0, 40)
+    b = drop_range(make_job(large, mat.changed(height=4 * mat.height), 1), 0, 40)
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.position, a.position * 4)
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
@@ -120,7 +120,7 @@ def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longe
     mesh = trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False)
     conditions = mat.changed(height=mat.height * factor)
     job = make_job(solid(mesh), conditions, 1)
-    poses = RestingPoses.join([drop_chunk(job, k, k + CHUNK) for k in range(0, n, CHUNK)])
+    poses = drop_range(job, 0, n)
     found = count_poses(find_aspects(solid(mesh)), poses)
     expected = count_poses(find_aspects(shape), drop(shape, n))
     assert found.counts.sum() >= n - 1
@@ -137,14 +137,14 @@ def test_half_the_time_step_keeps_the_probabilities(drop, part, mat, chunks):
     shape, n = part('l_bracket'), chunks * CHUNK
     job = make_job(shape, mat, 1, refinement=2)
     assert job.time_step == make_job(shape, mat, 1).time_step / 2
-    fine = RestingPoses.join([drop_chunk(job, k, k + CHUNK) for k in range(0, n, CHUNK)])
+    fine = drop_range(job, 0, n)
     counts = [count_poses(find_aspects(shape), poses).counts for poses in (drop(shape, n), fine)]
     assert chi2_contingency(counts).pvalue > LEVEL
 
 
 def test_gravity_changes_only_the_time(part, mat):
-    a = drop_chunk(make_job(part('t_prism'), mat, 1), 0, 20)
-    b = drop_chunk(make_job(part('t_prism'), mat.changed(gravity=mat.gravity / 4), 1), 0, 20)
+    a = drop_range(make_job(part('t_prism'), mat, 1), 0, 20)
+    b = drop_range(make_job(part('t_prism'), mat.changed(gravity=mat.gravity / 4), 1), 0, 20)
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
 
@@ -153,9 +153,9 @@ def test_still_parts_would_stay_in_their_aspect(part, mat, monkeypatch):
     shape, n = part('t_prism'), 12
     aspects = find_aspects(shape)
     job = make_job(shape, mat, 1, until_still=True)
-    called = drop_chunk(job, 0, n)
+    called = drop_range(job, 0, n)
     monkeypatch.setattr(settling, 'REST_WINDOW', 25.0)
-    stayed = drop_chunk(job, 0, n)
+    stayed = drop_range(job, 0, n)
     assert (stayed.status == RestStatus.SETTLED).all()
     np.testing.assert_array_equal(
         aspects.classify(stayed.orientation), aspects.classify(called.orientation)
@@ -172,7 +172,7 @@ def test_aspect_decided_by_energy_is_the_resting_aspect(drop, part, mat, name):
     shape = part(name)
     decided = drop(shape, 2 * CHUNK)
     job = make_job(shape, mat, 1, until_still=True)
-    still = RestingPoses.join([drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(2)])
+    still = RestingPoses.join([drop_range(job, k * CHUNK, (k + 1) * CHUNK) for k in range(2)])
     by_energy = decided.decided_by == DecidedBy.ENERGY
     assert by_energy.mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
@@ -194,7 +194,7 @@ def test_aspect_decided_while_sliding_is_the_resting_aspect(part, surfaces):
     aspects = find_aspects(shape)
     ids, times = [], []
     for until_still in (False, True):
-        poses = drop_chunk(
+        poses = drop_range(
             make_job(shape, surfaces.get('thrown'), 1, until_still=until_still), 0, n
         )
         ids.append(aspects.classify(poses.orientation).tolist())
@@ -213,13 +213,13 @@ def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses):
     # Of many lengths: vectorised arithmetic may round by the length of its arrays.
     slices = [(0, 1), (0, 2), (3, 6), (10, 17), (20, 36), (37, 93), (CHUNK - 1, CHUNK)]
     for first, end in [*slices, (CHUNK, CHUNK + 20)]:
-        assert_same_poses(drop_chunk(job, first, end), whole.between(first, end))
+        assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
 def test_drops_differ_by_seed_chunk_and_slot(drop, part, mat):
     shape = part('l_bracket')
     whole = drop(shape, 2 * CHUNK)
-    other = drop_chunk(make_job(shape, mat, 2), 0, 20)
+    other = drop_range(make_job(shape, mat, 2), 0, 20)
     assert (other.orientation != whole.orientation[:20]).any(axis=1).all()
     assert len(np.unique(whole.orientation, axis=0)) == 2 * CHUNK
 
@@ -228,12 +228,12 @@ def test_drops_differ_by_seed_chunk_and_slot(drop, part, mat):
 def test_maximum_seed_and_index_are_supported(part, mat, seed):
     job = make_job(part('tetrahedron'), mat, seed)
     first = 2**64 - 3
-    poses = drop_chunk(job, first, first + 2)
+    poses = drop_range(job, first, first + 2)
     assert (poses.first_drop, poses.end) == (first, first + 2)
     assert (poses.status == RestStatus.SETTLED).all()
     # Also where an integer exceeds 63 bits.
     low = 2**63 - 1
-    assert len(drop_chunk(job, low, low + 2)) == 2
+    assert len(drop_range(job, low, low + 2)) == 2
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_drops_of_two_chunks_are_rejected(part, mat, first, end):
     job = make_job(part('tetrahedron'), mat, 1)
     expected = f'^invalid drops {first} to {end - 1}: expected drops of one chunk of {CHUNK}$'
     with pytest.raises(ValueError, match=expected):
-        drop_chunk(job, first, end)
+        drop_range(job, first, end)
 
 
 # -- Parts of every kind --------------------------------------------------------------------------
@@ -256,7 +256,7 @@ def test_parts_with_edges_rest_with_any_rolling_friction(drop, part, changes):
 
 def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part):
     rough, smooth = (
-        drop_chunk(
+        drop_range(
             make_job(
                 part('cylinder_d20_h20'), mat.changed(rolling_friction=f), 1, until_still=True
             ),
@@ -285,7 +285,7 @@ def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part):
 )
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes):
     shape = solid(make())
-    poses = drop_chunk(make_job(shape, mat.changed(**changes), 1), 0, 20)
+    poses = drop_range(make_job(shape, mat.changed(**changes), 1), 0, 20)
     assert count_poses(find_aspects(shape), poses).counts.sum() == 20
 
 
@@ -294,7 +294,7 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(part, solid, mat, sca
     # 1.4 mm and 0.6 m in radius: Bullet's own margins are 1 and 20 mm.
     shape = part('l_bracket')
     scaled = solid(trimesh.Trimesh(shape.vertices * 1e3 * scale, shape.faces, process=False))
-    poses = drop_chunk(make_job(scaled, mat.changed(height=height), 1), 0, 25)
+    poses = drop_range(make_job(scaled, mat.changed(height=height), 1), 0, 25)
     found = count_poses(find_aspects(scaled), poses)
     assert found.counts.sum() == 25
 
@@ -302,7 +302,7 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(part, solid, mat, sca
 def test_hull_with_many_vertices_is_supported(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
     assert len(ball.hull_vertices) == 3000  # of 10242
-    poses = drop_chunk(make_job(ball, mat.changed(rolling_friction=0.05), 1), 0, 1)
+    poses = drop_range(make_job(ball, mat.changed(rolling_friction=0.05), 1), 0, 1)
     assert poses.status.tolist() == [RestStatus.SETTLED]
     height = poses.position[0, 2] + rotate(poses.orientation[0], ball.centre_of_mass)[2]
     assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
@@ -316,7 +316,7 @@ def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat):
     def drop(chunks):
         for chunk in chunks:
             # As a worker has it: read anew for each chunk.
-            drop_chunk(pickle.loads(pickle.dumps(job)), chunk * CHUNK, chunk * CHUNK + 1)
+            drop_range(pickle.loads(pickle.dumps(job)), chunk * CHUNK, chunk * CHUNK + 1)
         gc.collect()
         return tracemalloc.get_traced_memory()[0]
 

@@ -10,8 +10,8 @@ import pytest
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks, submit_drops
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job, plan_run
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
@@ -185,7 +185,7 @@ def test_poses_do_not_depend_on_the_workers(count, part, surfaces, assert_same_p
     # The last chunk is not full; the first does not begin at its first slot.
     first, drops = CHUNK - 30, 30 + 20
     here = RestingPoses.join(
-        [drop_chunk(job, first, CHUNK), drop_chunk(job, CHUNK, first + drops)]
+        [drop_range(job, first, CHUNK), drop_range(job, CHUNK, first + drops)]
     )
     assert (here.first_drop, len(here)) == (first, drops)
     with closing_workers(count) as workers:

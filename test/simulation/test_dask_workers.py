@@ -17,8 +17,8 @@ from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.simulation import chunks
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
@@ -47,7 +47,7 @@ def chunks_of(job, asked, workers):
 def test_poses_are_bit_identical_to_local_ones(planned, workers):
     job, asked = planned
     ends = [CHUNK, 2 * CHUNK, 3 * CHUNK, asked.end]
-    here = [drop_chunk(job, end - 1 - (end - 1) % CHUNK, end) for end in ends]
+    here = [drop_range(job, end - 1 - (end - 1) % CHUNK, end) for end in ends]
     there = chunks_of(job, asked, workers)
     assert len(there) == 4
     for field in dataclasses.fields(RestingPoses):
@@ -65,7 +65,7 @@ def test_workers_need_no_file_of_a_mesh_surface(workers, surfaces, part, tmp_pat
     for file in tmp_path.iterdir():
         file.unlink()
     (there,) = chunks_of(job, asked, workers)
-    here = drop_chunk(job, 0, 10)
+    here = drop_range(job, 0, 10)
     np.testing.assert_array_equal(there.orientation, here.orientation)
     assert set(here.status.tolist()) == {RestStatus.SETTLED}
 

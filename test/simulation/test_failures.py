@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.simulation import drop_job, initial_state, settling
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 
@@ -22,7 +22,7 @@ def hull_in_tray(part, poses):
 
 def test_parts_that_lose_no_energy_are_unsettled(part, mat):
     job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
-    poses = drop_chunk(job, 0, 2)
+    poses = drop_range(job, 0, 2)
     assert (poses.status == RestStatus.UNSETTLED).all()
     # The time they were given, which goes on from the end of the first fall.
     given = settling.TIME_LIMIT * job.time_unit
@@ -38,7 +38,7 @@ def test_parts_that_lose_no_energy_are_unsettled(part, mat):
 def test_failed_drop_does_not_affect_other_drops(part, mat, monkeypatch, assert_same_poses):
     # No input is known that makes Bullet lose a part; here it loses the second of three.
     job = make_job(part('l_bracket'), mat, 1)
-    sound = drop_chunk(job, 0, 3)
+    sound = drop_range(job, 0, 3)
     seen = []
 
     def look(body, **where):
@@ -49,7 +49,7 @@ def test_failed_drop_does_not_affect_other_drops(part, mat, monkeypatch, assert_
 
     whole = pybullet.getBasePositionAndOrientation
     monkeypatch.setattr(pybullet, 'getBasePositionAndOrientation', look)
-    poses = drop_chunk(job, 0, 3)
+    poses = drop_range(job, 0, 3)
     assert poses.status.tolist() == [RestStatus.SETTLED, RestStatus.FAILED, RestStatus.SETTLED]
     assert math.isnan(poses.time_to_rest[1])
     assert poses.position[1].tolist() == [0, 0, 0]
@@ -75,7 +75,7 @@ def looks(part, mat, monkeypatch):
 
         with monkeypatch.context() as patch:
             patch.setattr(pybullet, 'getBaseVelocity', look)
-            return job, drop_chunk(job, 0, 3)
+            return job, drop_range(job, 0, 3)
 
     return drop
 

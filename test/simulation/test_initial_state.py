@@ -12,8 +12,8 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations
 from resting_aspects_ros.simulation import drop_job, initial_state
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import MAX_IMPACT, make_job
 
@@ -124,7 +124,7 @@ def test_height_below_hull_radius_is_rejected(part, mat):
         make_job(shape, low, 1)
     assert str(caught.value) == expected
     above = low.changed(height=radius * (1 + 1e-9))
-    assert (drop_chunk(make_job(shape, above, 1), 0, 5).status == RestStatus.SETTLED).all()
+    assert (drop_range(make_job(shape, above, 1), 0, 5).status == RestStatus.SETTLED).all()
 
 
 # -- Time -----------------------------------------------------------------------------------------

@@ -136,7 +136,7 @@ def test_sliding_distance(lab, friction, speed):
     ends, codes = part.run(part.put(q), np.array([[speed, 0.0, 0.0]]), NONE, q, 500.0)
     assert codes[0, 0] == kernel.SETTLED
     # A time step of friction at the end, at most.
-    step = friction / kernel.STEPS
+    step = friction / kernel.CONTACT_STEPS
     assert ends[0, 0] == pytest.approx(speed**2 / (2 * friction), abs=speed * step / friction)
 
 

@@ -18,8 +18,8 @@ import pytest
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation import process_workers
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.process_workers import (
@@ -110,7 +110,7 @@ def poses_of(steps):
 
 
 def dropped_here(job):
-    return RestingPoses.join([drop_chunk(job, FIRST, CHUNK), drop_chunk(job, CHUNK, FIRST + 30)])
+    return RestingPoses.join([drop_range(job, FIRST, CHUNK), drop_range(job, CHUNK, FIRST + 30)])
 
 
 def test_large_job_is_larger_than_a_pipe(planned):
@@ -184,7 +184,7 @@ def test_jobs_take_turns(job, planned, make_workers, assert_same_poses):
     workers = make_workers(1)
     other = planned[0]
     for each in (job, other, other, job):
-        assert_same_poses(workers.submit(each, 3, 9).result(), drop_chunk(each, 3, 9))
+        assert_same_poses(workers.submit(each, 3, 9).result(), drop_range(each, 3, 9))
 
 
 def test_workers_stop_while_they_work(planned, make_workers):
@@ -249,7 +249,7 @@ def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_s
         ended(worker)
     short = dataclasses.replace(asked, drops=CHUNK - FIRST)  # one chunk at a time
     poses = poses_of(drop_chunks(job, short, workers, pytest.fail))
-    assert_same_poses(poses, drop_chunk(job, FIRST, CHUNK))
+    assert_same_poses(poses, drop_range(job, FIRST, CHUNK))
     processes(MAX_DEATHS + 1, besides=before)
 
 
@@ -268,7 +268,7 @@ def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
         os.kill(*processes(1, besides=before), signal.SIGKILL)
     with pytest.raises(EngineError, match=f'^{MAX_DEATHS} worker processes died in a row'):
         next(steps)
-    assert_same_poses(*kept, drop_chunk(job, 0, CHUNK))
+    assert_same_poses(*kept, drop_range(job, 0, CHUNK))
     assert len(workers.submit(job, 0, 3).result()) == 3
 
 

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.noise import Noise
@@ -242,7 +242,7 @@ def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_pos
         'nozzle': rest_starts(box, aspects, Nozzle(impulse=0.01, height=0.008)),
     }[kind]
     job = make_job(box, mat, 3, starts=starts)
-    assert_same_poses(drop_chunk(job, 2, 14).between(5, 9), drop_chunk(job, 5, 9))
+    assert_same_poses(drop_range(job, 2, 14).between(5, 9), drop_range(job, 5, 9))
 
 
 def test_energy_below_the_barrier_keeps_every_part(part, mat):
@@ -257,7 +257,7 @@ def test_energy_below_the_barrier_keeps_every_part(part, mat):
     conditions = mat.changed(restitution=0.3, friction=0.25)
     starts = disturbance_starts(bracket, kept, lift, GRAVITY)
     job = make_job(bracket, conditions, 1, until_still=True, starts=starts)
-    poses = drop_chunk(job, 0, 4 * len(kept))
+    poses = drop_range(job, 0, 4 * len(kept))
     down = np.array([a.down_in_part for a in kept])[np.arange(4 * len(kept)) % len(kept)]
     assert ((down_in_part(poses.orientation) * down).sum(axis=1) > math.cos(0.02)).all()
     # The disturbance does move them: they end elsewhere.
@@ -271,7 +271,7 @@ def sliding_block(solid, mat, speed, friction, **how):
     starts = GivenStarts(given, Noise(), GRAVITY, block.hull_radius)
     conditions = mat.changed(restitution=0.0, friction=friction, rolling_friction=0.0)
     job = make_job(block, conditions, 1, starts=starts, **how)
-    return drop_chunk(job, 0, 1), job
+    return drop_range(job, 0, 1), job
 
 
 def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
@@ -313,6 +313,6 @@ def test_prism_tips_over_its_edge_at_the_energy_of_the_barrier(solid, mat, width
     )
     starts = GivenStarts(given, Noise(), GRAVITY, prism.hull_radius)
     conditions = mat.changed(restitution=0.0, friction=1.0, rolling_friction=0.0)
-    poses = drop_chunk(make_job(prism, conditions, 1, starts=starts), 0, 4)
+    poses = drop_range(make_job(prism, conditions, 1, starts=starts), 0, 4)
     upright = np.abs(down_in_part(poses.orientation)[:, 2]) > 0.9
     assert upright.tolist() == [True, False, True, False]

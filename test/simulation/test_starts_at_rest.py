@@ -7,7 +7,7 @@ import trimesh
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.reorientation import disturbance_starts, rest_starts
@@ -121,7 +121,7 @@ def test_every_start_has_the_height_of_its_aspect(part, solid, name):
 
 def stays(job, count, rows, aspects):
     """Return how many of the parts of each row stay in their aspect."""
-    poses = drop_chunk(job, 0, count * rows)
+    poses = drop_range(job, 0, count * rows)
     ids = aspects.classify(poses.orientation)
     start = np.array([a.id for a in aspects.aspects])[:rows]
     return (ids.reshape(count, rows) == start).sum(axis=0)
@@ -151,6 +151,6 @@ def test_disturbance_below_the_barrier_leaves_no_aspect(solid, mat, name):
     lift = np.array([[0.9 * a.min_barrier] for a in kept])
     starts = disturbance_starts(shape, kept, lift, GRAVITY)
     job = make_job(shape, conditions, 1, until_still=True, starts=starts)
-    poses = drop_chunk(job, 0, 10 * len(kept))
+    poses = drop_range(job, 0, 10 * len(kept))
     ids = aspects.classify(poses.orientation).reshape(10, len(kept))
     assert (ids == [a.id for a in kept]).all()

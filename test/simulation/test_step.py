@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.poses import DecidedBy, RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.simulation import bullet_engine, bullet_world, drop_job, initial_state
 from resting_aspects_ros.simulation.actions import Actions, make_action
@@ -23,9 +23,9 @@ from resting_aspects_ros.simulation.bullet_edge import (
     EdgeWorld,
     move_over_edge,
 )
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
 from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
     InitialState,
@@ -59,7 +59,7 @@ def with_edge(job, **changes):
 
 
 def all_drops(job, n):
-    return RestingPoses.join([drop_chunk(job, k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)])
+    return drop_range(job, 0, n)
 
 
 # -- A plate that falls over the edge -------------------------------------------------------------
@@ -196,11 +196,11 @@ def test_plate_keeps_its_side_on_a_low_step(solid, mat):
 
 def test_subsets_of_drops_are_bit_identical(part, mat, assert_same_poses):
     job = step_job(part('l_bracket'), mat, LOW)
-    whole = drop_chunk(job, 0, CHUNK)
-    drop_chunk(dataclasses.replace(job, seed=2), CHUNK, 2 * CHUNK)
-    assert_same_poses(drop_chunk(job, 0, CHUNK), whole)
-    assert_same_poses(drop_chunk(job, 0, 7), whole.between(0, 7))
-    assert_same_poses(drop_chunk(job, 11, 12), whole.between(11, 12))
+    whole = drop_range(job, 0, CHUNK)
+    drop_range(dataclasses.replace(job, seed=2), CHUNK, 2 * CHUNK)
+    assert_same_poses(drop_range(job, 0, CHUNK), whole)
+    assert_same_poses(drop_range(job, 0, 7), whole.between(0, 7))
+    assert_same_poses(drop_range(job, 11, 12), whole.between(11, 12))
 
 
 def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
@@ -243,7 +243,7 @@ def hooked(part, mat):
 
 
 def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
-    poses = drop_chunk(hooked, 0, CHUNK)
+    poses = drop_range(hooked, 0, CHUNK)
     stays = poses.status == RestStatus.UNSETTLED
     assert 0 < stays.sum() < 20
     # It ended at the edge, without a simulation of the belt below: 20 T, 4 R of belt, the fall.
@@ -289,7 +289,7 @@ def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat, heig
 def test_real_shape_of_the_part_counts_at_the_edge(hooked):
     hull = rotate(hooked.axes, hooked.hull) * hooked.radius
     convex = with_edge(hooked, pieces=(hull,))
-    assert (drop_chunk(convex, 0, CHUNK).status == RestStatus.SETTLED).all()
+    assert (drop_range(convex, 0, CHUNK).status == RestStatus.SETTLED).all()
 
 
 @pytest.mark.slow
@@ -297,14 +297,14 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
     shape = part('box_10x20x30')
     far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))
     near = step_job(shape, mat, dataclasses.replace(LOW, belt_speed=0.05, lower_speed=0.0))
-    assert (drop_chunk(far, 0, 12).decided_by == DecidedBy.ENERGY).all()
-    assert (drop_chunk(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
+    assert (drop_range(far, 0, 12).decided_by == DecidedBy.ENERGY).all()
+    assert (drop_range(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
 
 
 def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat):
     shape = part('box_10x20x30')
     job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2))
-    poses = drop_chunk(job, 0, 12)
+    poses = drop_range(job, 0, 12)
     assert (poses.status == RestStatus.SETTLED).all()
     # The wall gives energy to the parts that it pushes, which is no error of the engine.
     assert poses.energy_growth.max() < 0.05

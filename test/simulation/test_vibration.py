@@ -20,8 +20,8 @@ from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.simulation import bullet_world, drop_job, initial_state, settling
 from resting_aspects_ros.simulation.actions import Actions
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job, plan_run
 from resting_aspects_ros.simulation.reorientation import action_starts
@@ -218,7 +218,7 @@ def test_parts_start_at_uniform_places_of_the_plate(part, mat):
 def test_weak_vibration_leaves_parts_in_their_aspect(part, mat):
     shape = part('l_bracket')
     weak = dataclasses.replace(STRONG, vertical_amplitude=2e-4, horizontal_amplitude=0.0)
-    poses = drop_chunk(vibration_job(shape, mat, weak), 0, 10)
+    poses = drop_range(vibration_job(shape, mat, weak), 0, 10)
     assert aspect_ids(find_aspects(shape), poses).tolist() == [1, 2, 3, 4, 5] * 2
     assert (poses.time_to_rest >= weak.duration).all()
     assert (poses.energy_growth < 0.01).all()
@@ -232,7 +232,7 @@ def test_half_the_time_step_keeps_the_transitions(part, mat, chunks):
     for refinement in (1, 2):
         job = vibration_job(shape, mat, STRONG, refinement=refinement)
         poses = RestingPoses.join(
-            [drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(chunks)]
+            [drop_range(job, k * CHUNK, (k + 1) * CHUNK) for k in range(chunks)]
         )
         counts.append(np.bincount(aspect_ids(find_aspects(shape), poses), minlength=6))
     assert min(counts[0]) > 0  # the parts that were lost are the first column
@@ -242,10 +242,10 @@ def test_half_the_time_step_keeps_the_transitions(part, mat, chunks):
 def test_actions_do_not_depend_on_other_actions(part, mat, assert_same_poses):
     short = dataclasses.replace(STRONG, frequency=50.0, duration=0.2, plate_size=0.06)
     job = vibration_job(part('l_bracket'), mat, short)
-    whole = drop_chunk(job, 0, 12)
+    whole = drop_range(job, 0, 12)
     assert len(np.unique(whole.status)) == 2  # some are lost
     for first, end in [(9, 12), (0, 1), (3, 10), (5, 6)]:
-        assert_same_poses(drop_chunk(job, first, end), whole.between(first, end))
+        assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
 def test_lost_parts_left_the_plate_and_are_counted(part, mat):
@@ -255,7 +255,7 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat):
     aspects = find_aspects(shape)
     starts = action_starts(shape, aspects.aspects, small, mat.gravity)
     job, run = plan_run(shape, mat, seed=1, drops=25, run_id='', started=0, starts=starts)
-    poses = drop_chunk(job, 0, 25)
+    poses = drop_range(job, 0, 25)
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     beyond = np.abs(centre[:, :2]).max(axis=1) - 0.05 / 2
     lost = poses.status == RestStatus.LOST

@@ -4,7 +4,7 @@ from concurrent.futures import Future
 
 import pytest
 
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 
 
 class Here:
@@ -26,7 +26,7 @@ class Here:
         elif number in self.failing:
             future.set_exception(ValueError('broken'))
         else:
-            future.set_result(drop_chunk(job, first, end))
+            future.set_result(drop_range(job, first, end))
         return future
 
     def result(self, future):

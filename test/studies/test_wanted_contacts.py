@@ -9,7 +9,7 @@ from resting_aspects_ros.api.surroundings import contacts_in, scene_of, with_sur
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.contacts import EDGE, NONE
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.studies.point_plans import plan_point
 from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.wanted_contacts import WantedContacts, finder_in, read_contacts
@@ -25,7 +25,7 @@ def dropped():
     aspects = find_aspects(part, landscape)
     conditions = with_surroundings(shipped_surfaces().get(), 'l_chute')
     plan = plan_point(part, Setting(conditions), DROPS, 1, landscape, aspects)
-    return part, aspects, conditions, landscape, drop_chunk(plan.job, 0, DROPS)
+    return part, aspects, conditions, landscape, drop_range(plan.job, 0, DROPS)
 
 
 def test_counts_are_those_of_the_contact_table(dropped):

@@ -7,6 +7,7 @@ from pathlib import Path
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
+    add_engine,
     add_output,
     add_part_place,
     add_run,
@@ -84,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='intervals of each aspect by itself, or intervals that hold simultaneously (wilson)',
     )
     add_confidence(parser)
+    add_engine(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',

@@ -8,6 +8,7 @@ from resting_aspects_ros.cli.action_options import add_action_values
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
+    add_engine,
     add_output,
     add_part,
     add_surroundings,
@@ -91,6 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'of the simulated ones',
     )
     add_confidence(parser)
+    add_engine(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
+    add_engine,
     add_output,
     add_part,
     add_workers,
@@ -60,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'the same seed gives the same curves ({DEFAULT_SEED})',
     )
     add_confidence(parser)
+    add_engine(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',
@@ -98,6 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             max_lift=max_lift,
             seed=arguments.seed,
             confidence=confidence,
+            engine=arguments.engine,
             workers=start_workers(arguments, stack),
             progress=True,
             stopped=lambda: stop.asked,

@@ -1,4 +1,4 @@
-"""Production of drops: the worker processes of a node, and the batches that it publishes."""
+"""Production of drops: the workers of a node, and the batches that it publishes."""
 
 from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import Future as PoolFuture
@@ -25,30 +25,30 @@ from resting_aspects_ros.ros.interface import POSES, RESTING_POSES, batch_size
 from resting_aspects_ros.ros.status import CanceledError
 from resting_aspects_ros.simulation.chunks import drop_chunks
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 
 class AsyncWorkers:
-    """Worker processes, which all goals of a node share chunk by chunk.
+    """Workers of this machine, which all goals of a node share chunk by chunk.
 
     count : int
-        Number of processes.
+        Number of workers.
     """
 
     def __init__(self, node: Node, count: int) -> None:
         self._node = node
         self.count = count
-        self._processes = ProcessWorkers(count)
+        self._workers = LocalWorkers(count)
 
     @property
     def deaths(self) -> int:
         """Number of processes that died and were replaced."""
-        return self._processes.replaced
+        return self._workers.replaced
 
     def stop(self) -> None:
-        """End the processes and abandon their chunks."""
-        self._processes.stop()
+        """End the workers and abandon their chunks."""
+        self._workers.stop()
 
     async def chunks(
         self,
@@ -60,7 +60,7 @@ class AsyncWorkers:
 
         Ends early if ``stopped`` returns True, also while a chunk is simulated.
         """
-        with closing(drop_chunks(job, requested, self._processes, self._warn)) as steps:
+        with closing(drop_chunks(job, requested, self._workers, self._warn)) as steps:
             for step in steps:
                 if not isinstance(step, PoolFuture):
                     yield step

@@ -54,8 +54,8 @@ from resting_aspects_ros.ros.status import BusyError, CanceledError
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.local_workers import MAX_WORKERS, default_workers
 from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.process_workers import MAX_WORKERS, default_workers
 from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription, check_run_id
 from resting_aspects_ros.simulation.surfaces import all_surfaces
 
@@ -65,7 +65,7 @@ PARAMETERS = (
     SURROUNDINGS_FOLDER,
     SURFACE,
     FRAME_ID,
-    Parameter('workers', 0, 'worker processes; 0: one per core', (0, MAX_WORKERS)),
+    Parameter('workers', 0, 'threads, or Bullet processes; 0: one per core', (0, MAX_WORKERS)),
 )
 
 
@@ -115,7 +115,7 @@ class DropSimulator(Node):
         self._parts.ready.add_done_callback(self._on_parts_read)
 
     def close(self) -> None:
-        """End the worker processes, and abandon their drops."""
+        """End the workers, and abandon their drops."""
         self._workers.stop()
         self._files.stop()
         self._server.destroy()

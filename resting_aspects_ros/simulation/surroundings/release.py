@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, product, Random, random_orientations, rotate
+from resting_aspects_ros.core.rotations import Array, Random, product, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
 

@@ -5,19 +5,17 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, canonical, rotate
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import Array, rotate
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import BodyStates, InitialState, part_from_body
+from resting_aspects_ros.simulation.initial_state import BodyStates, InitialState
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     MAX_DEPTH,
     MAX_GROWTH,
     REST_MOTION,
     Settling,
-    poses_at,
 )
-from resting_aspects_ros.simulation.surroundings.release import depth_along, in_tray_axes
 
 # Time, T, for which a part must be still. The last T before the end is the most expensive one,
 # because the part touches several bodies. A quarter of the window of the level plane: of 12,000
@@ -33,19 +31,17 @@ SLIDE_TURN = 1e-3
 # Minimum speed of a sliding part, R / T; a slower part creeps or trembles.
 MIN_SLIDE_SPEED = 1e-3
 # A part that moves faster than this, R / T, and three times as fast as it can hit a surface first,
-# slides or rolls away: it has come down by at least 50 R.
-MAX_SLIDE_SPEED = 10.0
+# slides or rolls away, and so does one that has come down by MAX_FALL, R.
+MAX_SLIDE_SPEED, MAX_FALL = 10.0, 50.0
 # A part that a belt carries along a wall creeps on the belt by up to this, R, between checks: the
 # wall pulls on it, and the solver finds its friction within a tolerance.
 MAX_CREEP = 1e-3
-# A part touches a half-space if its hull is closer than this, R: Bullet lets it rest at 0.001.
-TOUCH = 0.005
 
 
 class SceneSettling(Settling):
     """The drops of one world in surroundings; see Settling for the attributes."""
 
-    def __init__(self, job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> None:
+    def __init__(self, job: DropJob, states: InitialState) -> None:
         assert job.scene is not None
         self._scene = job.scene
         scale = job.time_unit / job.radius
@@ -53,8 +49,9 @@ class SceneSettling(Settling):
         self._frame = job.frame_velocity
         self._surface_velocities = self._scene.velocities() * scale - self._frame
         self._max_speed = max(MAX_SLIDE_SPEED, 3 * job.impact_speed * scale)
-        super().__init__(job, states, slots)
-        n = len(slots)
+        super().__init__(job, states)
+        n = len(states.elapsed)
+        self._start = states.position @ self._scene.down
         self._anchor = self._pointing(self.orientation)
         self._anchor_speed = np.full(n, np.inf)
         self._anchor_time = np.zeros(n)
@@ -138,12 +135,16 @@ class SceneSettling(Settling):
         over = self._now - self._anchor_time[which] >= SLIDE_WINDOW
         steady = over & ~turned & (speed > MIN_SLIDE_SPEED)
         steady &= speed >= self._anchor_speed[which] * (1 - REST_MOTION)
+        # Towards a wall, a part does not slide for ever.
+        across = np.abs(states.velocity[:, self._scene.free :]).max(axis=1, initial=0.0)
+        steady &= (self._scene.free == 2) | (across < MIN_SLIDE_SPEED) & (self._scene.free > 0)
         new = turned | over
         self._anchor[which[new]] = pointing[new]
         self._anchor_speed[which[new]] = speed[new]
         self._anchor_time[which[new]] = self._now
-        away = speed > self._max_speed if self._scene.free else np.zeros(len(which), dtype=bool)
-        return np.asarray(steady | away)
+        fallen = states.position @ self._scene.down - self._start[which]
+        away = (speed > self._max_speed) | (fallen > MAX_FALL)
+        return np.asarray(steady | away & (self._scene.free > 0))
 
     def _turned(self, pointing: Array, anchor: Array) -> Array:
         """Return by how much what _pointing returns has changed, (n,)."""
@@ -174,36 +175,3 @@ def _change(orientation: Array, other: Array) -> Array:
     """
     near = np.abs(orientation - other).max(axis=1)
     return np.asarray(np.minimum(near, np.abs(orientation + other).max(axis=1)))
-
-
-def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> RestingPoses:
-    """Return the poses of drops that have ended, in the tray frame."""
-    scene = job.scene
-    assert scene is not None
-    failed = ends.status == RestStatus.FAILED
-    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
-    settled = ends.status == RestStatus.SETTLED
-    centre = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
-    orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
-    return poses_at(job, first_drop, ends, scene.in_tray(centre * job.radius), orientation)
-
-
-def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
-    """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them.
-
-    In Bullet, a hull rests a margin above a half-space.
-    """
-    scene = job.scene
-    assert scene is not None
-    position = position.copy()
-    planes = [
-        (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
-        for p in scene.half_spaces
-    ]
-    gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]
-    touching = [np.abs(gap) < TOUCH for gap in gaps]
-    for _ in range(50 if len(planes) > 1 else 1):
-        for (n, offset, reach), touches in zip(planes, touching, strict=True):
-            gap = (position * n).sum(axis=1) - offset - reach
-            position -= np.where(touches, gap, 0.0)[:, None] * n
-    return position

@@ -76,7 +76,7 @@ def calibrate(
     seed : int
         Of the drops, and of all random numbers.
     workers : int or Workers, optional
-        Number of worker processes, one for each core by default; or workers to use.
+        Number of workers, one for each core by default; or workers to use.
     folder : str or Path, optional
         Counts of the drops are saved in the file drops.json there, and not repeated.
     progress : bool
@@ -95,7 +95,7 @@ def calibrate(
     PartError, UnknownPartError
         A part cannot be used.
     EngineError
-        The worker processes died repeatedly.
+        Worker processes of Bullet died repeatedly.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from resting_aspects_ros.core.aspects.clusters import Clusters, find_clusters
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations
 from resting_aspects_ros.core.statistics.agreement import find_agreement, find_differences
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
 # Parts with flat sides only.
@@ -74,7 +74,7 @@ def test_differences_list_the_poses_and_both_results(part):
 def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
     shape = part(name)
     job = make_job(shape, surfaces.get(), 11)
-    poses = RestingPoses.join([drop_chunk(job, 0, 125), drop_chunk(job, 125, 250)])
+    poses = RestingPoses.join([drop_range(job, 0, 125), drop_range(job, 125, 250)])
     orientation = poses.orientation[poses.status == RestStatus.SETTLED]
     assert len(orientation) > 240
     assert np.count_nonzero(near_and_agreed(shape, orientation)) > 240

@@ -20,7 +20,6 @@ from resting_aspects_ros.core.statistics.stopping import (
     is_precise,
     stopping_confidence,
 )
-from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 methods = pytest.mark.parametrize('method', METHODS)
@@ -46,10 +45,6 @@ def test_checkpoints_grow_by_a_quarter_up_to_the_limit(drop_limit):
 def test_drop_limit_does_not_move_lower_checkpoints(a, b):
     low, high = min(a, b), max(a, b)
     assert checkpoints(low)[:-1] == [drops for drops in checkpoints(high) if drops < low]
-
-
-def test_checkpoint_is_at_the_end_of_a_chunk():
-    assert CHECKPOINT_STEP == CHUNK
 
 
 @pytest.mark.parametrize('drop_limit', [0, -5])

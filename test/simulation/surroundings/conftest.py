@@ -3,9 +3,7 @@
 import placed_bodies
 import pytest
 
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.engine import drop_range
 
 
 @pytest.fixture(scope='session')
@@ -35,8 +33,6 @@ def drops():
     """Return the first drops of a job."""
 
     def make(job, n):
-        return RestingPoses.join(
-            [drop_chunk(job, k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)]
-        )
+        return drop_range(job, 0, n)
 
     return make

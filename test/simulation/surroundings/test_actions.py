@@ -16,8 +16,8 @@ from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.core.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.bullet_scene_edge import SceneWallWorld
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK, REST_MARGIN, initial_states
 
 
@@ -95,7 +95,7 @@ def belt_step(part, mat):
         shape = part(name)
         conditions = dataclasses.replace(mat, surroundings=ra.surroundings(kind, **changes).key)
         dropping = plan_drops(shape, conditions, drops=CHUNK, seed=3)
-        rests = drop_chunk(dropping.job, 0, CHUNK)
+        rests = drop_range(dropping.job, 0, CHUNK)
         return plan_actions(
             shape, NamedAction('step', step), conditions, per_aspect=5, rests=rests
         )
@@ -114,7 +114,7 @@ def test_a_step_without_height_to_a_belt_of_equal_speed_keeps_every_aspect(
 ):
     step = ra.Step(belt_speed=0.2, step_height=1e-5, lower_speed=0.2)
     plan = belt_step('box_10x20x30', kind, step, **changes)
-    plan.counter.count(drop_chunk(plan.job, 0, 25))
+    plan.counter.count(drop_range(plan.job, 0, 25))
     counts = plan.counter.matrix.counts
     assert counts.sum() == 25
     assert (counts[:, :6] == np.diag(counts.sum(axis=1))).all()

@@ -10,7 +10,7 @@ from scipy.stats import chi2_contingency
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.surroundings.curved_sides import TOLERANCE, simplified
@@ -137,9 +137,9 @@ def test_drops_in_a_bowl_depend_on_their_index_only(part, in_bowl, assert_same_p
     job = in_bowl(shape, 40)
     (body,) = job.scene.bodies
     assert len(body.remaining) < len(body.triangles) / 2
-    many = drop_chunk(job, 0, 20)
+    many = drop_range(job, 0, 20)
     # As in another process, which simplifies the mesh by itself.
-    assert_same_poses(drop_chunk(in_bowl(shape, 40), 3, 9), many.between(3, 9))
+    assert_same_poses(drop_range(in_bowl(shape, 40), 3, 9), many.between(3, 9))
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_a_simplified_bowl_gives_the_shares_of_all_its_triangles(part, in_bowl):
     assert len(body.remaining) < 0.6 * len(body.triangles)
     counts = []
     for each in (job, unsimplified(job)):
-        chunks = [drop_chunk(each, k * CHUNK, (k + 1) * CHUNK) for k in range(n // CHUNK)]
+        chunks = [drop_range(each, k * CHUNK, (k + 1) * CHUNK) for k in range(n // CHUNK)]
         poses = RestingPoses.join(chunks)
         # The nearest aspect: the floor below a part in a bowl is not level.
         inverse = poses.orientation * [-1, -1, -1, 1]

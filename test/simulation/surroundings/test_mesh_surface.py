@@ -13,8 +13,8 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.bullet_scene import SceneWorld
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
@@ -156,8 +156,8 @@ def test_a_mesh_in_a_wrong_unit_is_refused(part, on_mesh, scale):
 
 def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_poses):
     job = on_mesh(part('tetrahedron'), plate(1))
-    many = drop_chunk(job, 0, 20)
-    assert_same_poses(drop_chunk(job, 3, 9), many.between(3, 9))
+    many = drop_range(job, 0, 20)
+    assert_same_poses(drop_range(job, 3, 9), many.between(3, 9))
     assert (many.status == RestStatus.SETTLED).all()
 
 
@@ -166,7 +166,7 @@ def test_all_parts_rest_on_the_shipped_pocket(part, mat):
     shape = part('tetrahedron')
     pocket = named_surroundings('pocket')
     job = make_job(shape, dataclasses.replace(mat, surroundings=pocket.key), 1)
-    poses = drop_chunk(job, 0, CHUNK)
+    poses = drop_range(job, 0, CHUNK)
     assert (poses.status == RestStatus.SETTLED).all()
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     assert (np.abs(centre[:, :2]) < 0.06 + 0.03).all()

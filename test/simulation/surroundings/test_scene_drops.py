@@ -16,8 +16,8 @@ from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.simulation import settling
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
@@ -63,7 +63,7 @@ def same(counts, others):
 @pytest.mark.parametrize('kind', [Slope(0.0), Plane()], ids=['slope', 'plane'])
 def test_a_level_slope_is_the_plane(part, make, assert_same_poses, kind):
     shape = part('tetrahedron')
-    assert_same_poses(drop_chunk(make(shape, kind), 0, 20), drop_chunk(make(shape), 0, 20))
+    assert_same_poses(drop_range(make(shape, kind), 0, 20), drop_range(make(shape), 0, 20))
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,9 @@ def test_a_level_slope_is_the_plane(part, make, assert_same_poses, kind):
 )
 def test_the_first_drops_do_not_depend_on_the_number(part, make, assert_same_poses, kind, n):
     job = make(part('tetrahedron'), kind)
-    many = drop_chunk(job, 0, n)
-    assert_same_poses(drop_chunk(job, 0, 6), many.between(0, 6))
-    assert_same_poses(drop_chunk(job, 4, 8), many.between(4, 8))
+    many = drop_range(job, 0, n)
+    assert_same_poses(drop_range(job, 0, 6), many.between(0, 6))
+    assert_same_poses(drop_range(job, 4, 8), many.between(4, 8))
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_parts_beyond_the_edge_of_a_track_are_lost(part, make):
     shape = part('tetrahedron')
     width = 0.04
     job = make(shape, BowlTrack(width=width), release={'y_min': 0.03, 'y_max': 0.06})
-    poses = drop_chunk(job, 0, CHUNK)
+    poses = drop_range(job, 0, CHUNK)
     found = count_poses(find_aspects(shape), poses)
     assert found.lost == np.count_nonzero(poses.status == RestStatus.LOST) > 0
     counted = (found.unclassified, found.unsettled, found.failed, found.lost, found.sliding)
@@ -112,7 +112,7 @@ def test_parts_beyond_the_edge_of_a_track_are_lost(part, make):
 def test_parts_on_a_steep_slope_slide(part, make, rubber):
     shape = part('tetrahedron')
     angle = math.atan(rubber.friction) + math.radians(10)
-    found = count_poses(find_aspects(shape), drop_chunk(make(shape, Slope(angle)), 0, CHUNK))
+    found = count_poses(find_aspects(shape), drop_range(make(shape, Slope(angle)), 0, CHUNK))
     assert found.sliding == CHUNK
     assert found.counts.sum() == 0
 
@@ -120,7 +120,7 @@ def test_parts_on_a_steep_slope_slide(part, make, rubber):
 def test_the_time_limit_holds(part, make, monkeypatch):
     monkeypatch.setattr(settling, 'TIME_LIMIT', 3.0)
     shape = part('tetrahedron')
-    found = count_poses(find_aspects(shape), drop_chunk(make(shape, Chute()), 0, CHUNK))
+    found = count_poses(find_aspects(shape), drop_range(make(shape, Chute()), 0, CHUNK))
     assert found.unsettled + found.sliding > 0
     outside = found.unclassified + found.unsettled + found.failed + found.lost + found.sliding
     assert found.counts.sum() + outside == CHUNK

@@ -1,0 +1,23 @@
+"""The engines that make the drops of a job: the kernel, and Bullet for what it cannot simulate."""
+
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.run_description import KERNEL
+
+
+def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
+    """Simulate the drops ``first`` to ``end - 1`` until they end.
+
+    The pose of a drop depends only on the job and its index. Several threads can make drops of the
+    kernel at the same time.
+    """
+    if not 0 <= first < end:
+        raise ValueError(f'invalid drops {first} to {end - 1}: expected one or more from 0')
+    # An engine is imported only if it is needed.
+    if job.engine == KERNEL:
+        from resting_aspects_ros.simulation import kernel_engine
+
+        return kernel_engine.drop_range(job, first, end)
+    from resting_aspects_ros.simulation import bullet_engine
+
+    return bullet_engine.drop_range(job, first, end)
