@@ -23,10 +23,10 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
 
 setup:  ## create .venv with everything that the suite needs (PYTHON=... selects the Python)
-	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package
+	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.kernel
 
 dev:  ## the same as setup, with everything that tests and checks need
-	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.dev $(JAVASCRIPT)
+	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.kernel $(VENV)/.dev $(JAVASCRIPT)
 
 demo: setup  ## set up and run the demo: drop a part and request its aspects over ROS
 	@$(BIN)/resting_aspects demo
@@ -110,6 +110,12 @@ $(VENV)/.requirements: $(VENV)/.made requirements.txt
 $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
         | $(VENV)/.requirements
 	@$(UV) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# The first drops compile the kernel, which is then kept in __pycache__.
+$(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py $(VENV)/.package
+	@echo "set-up: compiling the kernel"
+	@$(BIN)/resting_aspects drop tetrahedron --drops 1 > /dev/null 2>&1
 	@touch $@
 
 $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements

@@ -828,7 +828,7 @@ def _look(body, ground, work, moving, axes, c, v, w, spun, most, gap):
         work.lowest[i] = low
         slowest, deepest = min(slowest, rate), min(deepest, lowest)
         m = 0
-        if lowest < gap:
+        if rate < inf:
             for k in range(count):
                 if values[0, k] < gap:
                     work.touching[i, m + 1] = work.found[i, k]

@@ -1,5 +1,9 @@
 """The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
 
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +18,8 @@ from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
 
+# Time after which the first drops are late because the kernel is compiled, s.
+COMPILED_AFTER = 3.0
 # A part that is faster than this multiple of the speed of its first impact slides for ever.
 MAX_SPEEDUP = 3.0
 
@@ -31,18 +37,19 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if motion is not None:
         limit += motion.duration / job.time_unit
     numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
-    kernel.simulate(
-        body_of(job),
-        ground_of(job),
-        numerics,
-        limit,
-        states.position,
-        states.velocity,
-        states.spin,
-        states.orientation,
-        ends,
-        codes,
-    )
+    with _said_if_compiled():
+        kernel.simulate(
+            body_of(job),
+            ground_of(job),
+            numerics,
+            limit,
+            states.position,
+            states.velocity,
+            states.spin,
+            states.orientation,
+            ends,
+            codes,
+        )
     found = Ends(
         position=ends[:, :3],
         orientation=ends[:, 3:7],
@@ -52,6 +59,22 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         growth=ends[:, 8],
     )
     return resting_poses(job, first, found)
+
+
+@contextmanager
+def _said_if_compiled() -> Iterator[None]:
+    """Say that the kernel is being compiled, which takes long only once on a machine."""
+    if kernel.simulate.signatures:
+        yield
+        return
+    text = 'compiling the simulation for this machine, which takes about 20 s once ...'
+    timer = threading.Timer(COMPILED_AFTER, print, [text], {'file': sys.stderr, 'flush': True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @lru_cache(maxsize=16)
