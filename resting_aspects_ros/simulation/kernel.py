@@ -744,7 +744,7 @@ def _descended(body, d, corner):
 def _moved(planes, at_rest, motion, t):
     """Set the poses of the planes at a time of their motion, their velocity and acceleration."""
     rate, duration = motion[RATE], motion[DURATION]
-    at = np.sign(duration / 2 - t) / motion[RAMP]
+    at = (1.0 if t < duration / 2 else -1.0) / motion[RAMP]
     u = min(1.0, max(0.0, min(t, duration - t) / motion[RAMP]))
     # The ramp and its derivatives: a polynomial with zero slope and curvature at both ends.
     ramp = u * u * u * (10 - 15 * u + 6 * u * u)
@@ -1287,6 +1287,23 @@ def _work(body, ground):
     )
 
 
+@jit
+def _simulate_one(
+    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes, i
+):
+    """Simulate drop i; see simulate."""
+    c, v = _at(position, i, 0), _at(velocity, i, 0)
+    q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
+    w = _body(_axes(q), _at(spin, i, 0))
+    status, minimum, t, growth, c, v, w, q = _drop(body, ground, numerics, work, limit, c, v, w, q)
+    codes[i, 0], codes[i, 1] = status, minimum
+    _put(ends, i, 0, c)
+    ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
+    ends[i, 7], ends[i, 8] = t, growth
+    _put(ends, i, 9, v)
+    _put(ends, i, 12, _world(_axes(q), w))
+
+
 @njit(error_model='numpy', nogil=True, cache=True)
 def simulate(body, ground, numerics, limit, position, velocity, spin, orientation, ends, codes):
     """Simulate drops from their states until each has ended.
@@ -1311,18 +1328,20 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
     """
     work = _work(body, ground)
     for i in range(len(position)):
-        c, v = _at(position, i, 0), _at(velocity, i, 0)
-        q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
-        w = _body(_axes(q), _at(spin, i, 0))
-        status, minimum, t, growth, c, v, w, q = _drop(
-            body, ground, numerics, work, limit, c, v, w, q
+        _simulate_one(
+            body,
+            ground,
+            numerics,
+            work,
+            limit,
+            position,
+            velocity,
+            spin,
+            orientation,
+            ends,
+            codes,
+            i,
         )
-        codes[i, 0], codes[i, 1] = status, minimum
-        _put(ends, i, 0, c)
-        ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
-        ends[i, 7], ends[i, 8] = t, growth
-        _put(ends, i, 9, v)
-        _put(ends, i, 12, _world(_axes(q), w))
     return work.counts[:4].copy()
 
 
