@@ -216,7 +216,7 @@ def test_model_is_kept_if_the_same_part_is_offered_again(part):
 
     async def run(function, *arguments):
         if function is read_fed_part:
-            known = known_part(offered[arguments[0]])
+            known = known_part(offered[arguments[0]], {1: 1.0})
             return FedPart(known, ())
         models.append(Mock())
         return models[-1]
