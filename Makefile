@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PA
 
 .NOTPARALLEL:
 .PHONY: help setup dev demo test test-all test-pythons test-under-load lint bench validate \
-        estimators learned parts requirements upgrade clean always
+        estimators parts requirements upgrade clean always
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
@@ -65,9 +65,6 @@ validate: setup  ## validate the simulation and write docs/explanation/validatio
 
 estimators: setup  ## evaluate the analytic methods and write docs/explanation/estimators.md
 	$(BIN)/python tools/estimators.py
-
-learned: setup  ## drop random solids, fit the learned estimator and judge all methods (an hour)
-	$(BIN)/python tools/learned.py
 
 parts: setup  ## generate the example parts in config/parts
 	$(BIN)/python tools/make_parts.py
