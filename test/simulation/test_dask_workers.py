@@ -19,7 +19,7 @@ from resting_aspects_ros.simulation import chunks
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
 from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.drop_job import CHUNKS
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 
