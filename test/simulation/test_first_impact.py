@@ -1,4 +1,4 @@
-"""The first impact in Bullet of a part that starts in contact, compared with the rigid-body formula."""
+"""The first impact in Bullet of a part that starts in contact, compared with the formula."""
 
 import dataclasses
 

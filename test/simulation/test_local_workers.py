@@ -81,7 +81,7 @@ def test_runs_of_both_engines_share_the_workers(job_of, make_workers, assert_sam
 
 def test_error_in_a_thread_reaches_the_caller(job_of, make_workers):
     workers = make_workers(1)
-    with pytest.raises(ValueError, match='^invalid drops 5 to 4: expected one or more from 0$'):
+    with pytest.raises(ValueError, match=r'^invalid drops 5 to 4: expected one or more from 0$'):
         workers.submit(job_of(KERNEL), 5, 5).result()
     assert len(workers.submit(job_of(KERNEL), 0, 1).result()) == 1
 
