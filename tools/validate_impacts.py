@@ -130,7 +130,7 @@ def _angle(job: DropJob, state: InitialState, impulse: Array) -> float:
 def _in_bullet(job: DropJob, state: InitialState) -> npt.NDArray[np.float64]:
     """Return the change of the velocity in the steps in which Bullet finds the contacts."""
     world = World(job)
-    above = state.position + [0.0, 0.0, REST_MARGIN - 1e-5]
+    above = state.position + np.array([0.0, 0.0, REST_MARGIN - 1e-5])
     (body,) = world._add(  # noqa: SLF001
         InitialState(above, state.orientation, state.velocity, state.spin, state.elapsed)
     )

@@ -155,7 +155,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         '--workers',
         metavar='W',
         type=parse_integer,
-        help='number of worker threads, of Bullet processes (one per core)',
+        help='number of worker threads, or of processes of Bullet (one per core)',
     )
     place.add_argument(
         '--scheduler',

@@ -2,12 +2,12 @@
 
 import pytest
 
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 
 
 @pytest.fixture(scope='module')
 def workers():
-    """Two processes that all drops of a module share."""
-    workers = ProcessWorkers(2)
+    """Two workers that all drops of a module share."""
+    workers = LocalWorkers(2)
     yield workers
     workers.stop()

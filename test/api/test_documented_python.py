@@ -5,26 +5,15 @@ from doc_pages import code, code_blocks, first_cells, section
 
 import resting_aspects_ros as ra
 from resting_aspects_ros import client
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 TUTORIAL = 'docs/tutorials/python.md'
 REFERENCE = 'docs/reference/python.md'
 
 
-@pytest.fixture(scope='module')
-def workers():
-    """Two processes for all blocks: starting them takes longer than the drops."""
-    workers = ProcessWorkers(2)
-    workers.stop = lambda: None
-    yield workers
-    ProcessWorkers.stop(workers)
-
-
 @pytest.fixture
-def run(workers, tmp_path, monkeypatch, capsys):
+def run(tmp_path, monkeypatch, capsys):
     """Run code in an empty folder, in one namespace; returns what it printed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr('resting_aspects_ros.api.chunk_loop.ProcessWorkers', lambda _: workers)
     namespace = {}
 
     def run(text, page):

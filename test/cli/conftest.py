@@ -17,7 +17,6 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.cli import main
-from resting_aspects_ros.simulation import process_workers
 from resting_aspects_ros.simulation.interruption import SIGNALS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
@@ -33,26 +32,7 @@ def environment():
 
 
 @pytest.fixture(scope='session')
-def worker_pools():
-    """Return worker pools by size, which all commands in this process share.
-
-    They take longer to start than most tests need for their drops.
-    """
-    make, pools = process_workers.ProcessWorkers, {}
-
-    def shared(count):
-        if count not in pools:
-            pools[count] = make(count)
-            pools[count].stop = lambda: None
-        return pools[count]
-
-    yield shared
-    for pool in pools.values():
-        make.stop(pool)
-
-
-@pytest.fixture(scope='session')
-def run_in(environment, worker_pools):
+def run_in(environment):
     """Run the command in this process, in a folder; returns a CompletedProcess."""
 
     def run(folder, *words, env=None):
@@ -64,7 +44,6 @@ def run_in(environment, worker_pools):
             _handlers_restored(),
             _default_warnings(),
             mock.patch.dict(os.environ, env or environment, clear=True),
-            mock.patch.object(process_workers, 'ProcessWorkers', worker_pools),
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
         ):

@@ -15,7 +15,7 @@ from resting_aspects_ros.core.statistics.distribution import Distribution, count
 from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
-DROPS = 120
+DROPS = 2000
 
 
 def test_shift_compares_the_same_drops_with_half_the_time_step(run, part, surfaces):

@@ -97,7 +97,7 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     log, report = (re.fullmatch(r'(\w+): +(.+)', line) for line in lines[-2:])
     assert (log[1], report[1]) == ('Log', 'Report')
     page = (tmp_path / report[2]).read_text(encoding='utf-8')
-    assert page.count('data-row=') == 6  # one for an unclassified drop
+    assert page.count('data-row=') == 5
     with Image.open(tmp_path / 'o' / 'distribution.png') as image:
         image.load()
     for line in errors.splitlines():

@@ -19,7 +19,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
-DROPS = 130  # two chunks, for two workers
+DROPS = 630  # two chunks, for two workers
 WORDS = ('drop', 'box_10x20x30', '--seed', 7)
 
 
@@ -61,8 +61,8 @@ def test_document_describes_part_and_conditions(document, part, surfaces):
         'interval': 'wilson',
         'seed': 7,
         'complete': True,
-        'engine': 'bullet',
-        'engine_version': '3.2.7',
+        'engine': 'kernel',
+        'engine_version': '1',
         'time_step': make_job(box, conditions, 7).time_step,
         'conditions': {
             **{name: getattr(conditions, name) for name in QUANTITIES},
@@ -117,17 +117,16 @@ def test_poses_are_those_of_the_engine_bit_for_bit(rows, part, surfaces):
     names = 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest,energy_growth,aspect'
     assert ','.join(header) == names
     assert [int(row[0]) for row in rows] == list(range(DROPS))
-    for poses in (drop_range(job, 0, 125), drop_range(job, 125, DROPS)):
-        for k in range(len(poses)):
-            row = rows[poses.first_drop + k]
-            assert [float(x) for x in row[1:4]] == poses.position[k].tolist()
-            assert [float(x) for x in row[4:8]] == poses.orientation[k].tolist()
-            assert row[8:10] == [
-                RestStatus(poses.status[k]).name,
-                DecidedBy(poses.decided_by[k]).name,
-            ]
-            assert float(row[10]) == poses.time_to_rest[k]
-            assert float(row[11]) == poses.energy_growth[k]
+    poses = drop_range(job, 0, DROPS)
+    for k, row in enumerate(rows):
+        assert [float(x) for x in row[1:4]] == poses.position[k].tolist()
+        assert [float(x) for x in row[4:8]] == poses.orientation[k].tolist()
+        assert row[8:10] == [
+            RestStatus(poses.status[k]).name,
+            DecidedBy(poses.decided_by[k]).name,
+        ]
+        assert float(row[10]) == poses.time_to_rest[k]
+        assert float(row[11]) == poses.energy_growth[k]
 
 
 def test_counts_are_those_of_the_poses(rows, document, part):
@@ -234,14 +233,14 @@ def test_full_disk_behind_stdout_prints_one_line(run_process):
 def test_precision_stops_at_the_same_drop_for_any_workers(run):
     found = []
     for workers in (1, 2):
-        ended = run('drop', 't_prism', '--precision', 0.05, '--workers', workers, '--json')
+        ended = run('drop', 'tetrahedron', '--precision', 0.02, '--workers', workers, '--json')
         assert ended.returncode == 0, ended.stderr
         found.append(json.loads(ended.stdout))
     one, other = found
     assert one['aspects'] == other['aspects']
     assert one['complete']
     assert one['drops'] == other['drops'] < one['drops_asked']
-    assert max(a['upper'] - a['lower'] for a in one['aspects']) <= 2 * 0.05
+    assert max(a['upper'] - a['lower'] for a in one['aspects']) <= 2 * 0.02
 
 
 @pytest.mark.parametrize('precision', ['0.9', '0', 'nan', 'fine'])

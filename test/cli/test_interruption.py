@@ -17,7 +17,8 @@ from resting_aspects_ros.api import report_files
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.simulation.chunks import MAX_DEATHS
 
-QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)
+QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
+BULLET = ('--engine', 'bullet')  # with worker processes
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 ENOUGH = 600.0  # s; it only finds hangs
 
@@ -61,14 +62,16 @@ def when_some_are_done(number):
 # -- signals -------------------------------------------------------------------------------------
 
 
-def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
-    process = begin('drop', 'disc', '--parts', disc, *QUICK[2:], *OUTPUTS)
+@pytest.mark.parametrize('engine', ['kernel', 'bullet'])
+def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc, engine):
+    words = ('disc', '--parts', disc, '--engine', engine)
+    process = begin('drop', *words, *QUICK[2:], *OUTPUTS)
     read_until(process.stderr, some_done)
     # Like a terminal, signal all processes.
     os.killpg(process.pid, signal.SIGINT)
     document, lines = ended(process, 130)
     assert document['drops'] > 0
-    assert lines[-1] == f'interrupted; the result has {document["drops"]} of 200000 drops'
+    assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'
 
 
 @pytest.mark.quick_cases(1)
@@ -118,18 +121,18 @@ def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
 
 
 def test_ctrl_c_before_the_first_drop(run, saved, at_update):
+    # The first chunk of Bullet takes longer than the time between two updates.
     at_update(lambda done: signal.raise_signal(signal.SIGINT))
-    document, lines = saved(run(*QUICK, *OUTPUTS), 130)
+    document, lines = saved(run(*QUICK, *BULLET, *OUTPUTS), 130)
     assert document['drops'] == 0
-    assert lines[-1] == 'interrupted; the result has 0 of 200000 drops'
+    assert lines[-1] == 'interrupted; the result has 0 of 2000000 drops'
     for aspect in document['aspects']:
         assert (aspect['lower'], aspect['upper']) == (0, 1)
 
 
 @pytest.mark.slow
 def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
-    # A fall from 3 m needs fine time steps, so the first chunk is slow.
-    process = begin('drop', 'l_bracket', *QUICK[2:], '--height', '3m', *OUTPUTS)
+    process = begin(*QUICK, *OUTPUTS)
     maps = f'/proc/{process.pid}/maps'
     # NumPy is loaded after the signal handlers are set, long before the engine.
     wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
@@ -147,13 +150,13 @@ def test_without_files_nothing_is_written(run, at_update, tmp_path):
 
 
 def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
-    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 400 else signal.SIGHUP))
+    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 4000 else signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         document, _ = saved(run(*QUICK, *OUTPUTS), 130)
     finally:
         signal.signal(signal.SIGHUP, before)
-    assert document['drops'] > 400
+    assert document['drops'] > 4000
 
 
 # -- workers that die ----------------------------------------------------------------------------
@@ -167,7 +170,7 @@ def workers_of(process, session):
 @pytest.mark.slow
 def test_large_job_with_a_precision_ends(begin, disc):
     # At its end, up to 1500 more drops than needed are submitted.
-    process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.03)
+    process = begin('drop', 'disc', '--parts', disc, '--workers', 2, *BULLET, '--precision', 0.03)
     printed, errors = process.communicate(timeout=ENOUGH)
     assert process.returncode == 0, errors
     assert printed.splitlines()[1].strip() == '1125 drops on rubber_mat, seed 1'
@@ -179,7 +182,7 @@ def test_killed_worker_costs_no_drop(
     begin, run, wait_for_poses, session, tmp_path, disc, part, drops
 ):
     parts = ('--parts', disc) if part == 'disc' else ()
-    words = ('drop', part, *parts, '--drops', drops, '--workers', 2, '--poses')
+    words = ('drop', part, *parts, '--drops', drops, '--workers', 2, *BULLET, '--poses')
     assert run(*words, 'undisturbed.csv').returncode == 0
     process = begin(*words, 'p.csv')
     wait_for_poses('p')
@@ -198,7 +201,7 @@ def test_killed_worker_costs_no_drop(
 
 @pytest.mark.slow
 def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
-    process = begin(*QUICK, *OUTPUTS)
+    process = begin(*QUICK, *BULLET, *OUTPUTS)
     read_until(process.stderr, some_done)
     while process.poll() is None:
         for pid in workers_of(process, session):
@@ -210,7 +213,7 @@ def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session)
     done = document['drops']
     assert lines[-1] == (
         f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron; '
-        f'the result has {done} of 200000 drops'
+        f'the result has {done} of 2000000 drops'
     )
 
 

@@ -92,7 +92,7 @@ def test_info_of_a_whole_log(run, log, dropped):
         'friction 0.31',
         'seed 77',
         'drops 300 of 300',
-        f'started 2001-09-09 01:46:40 UTC with bullet {dropped[0].engine_version}',
+        f'started 2001-09-09 01:46:40 UTC with kernel {dropped[0].engine_version}',
         'run id 4f1c',
         'Distribution of 300 drops',
     ):
@@ -599,9 +599,9 @@ def test_from_log_refuses_a_log_without_drops_or_part(run, log, refused):
     assert refused('drop').startswith('error: missing part: expected a name, ')
 
 
-def test_from_log_warns_of_another_engine_version(run, dropped, part, tmp_path):
-    # The version of the engine differs, as after an upgrade.
-    before = dataclasses.replace(dropped[0], engine_version='3.1.0')
+def test_from_log_warns_of_another_engine(run, dropped, part, tmp_path):
+    # Earlier versions made all drops with Bullet.
+    before = dataclasses.replace(dropped[0], engine='bullet', engine_version='3.1.0')
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         batch = poses_msg(dropped[1].between(0, 100), before, Time(), True)
@@ -609,6 +609,16 @@ def test_from_log_warns_of_another_engine_version(run, dropped, part, tmp_path):
     ended = run('drop', '--from-log', log.path)
     assert ended.returncode == 0
     assert 'warning: the log was recorded with bullet 3.1.0, resting_aspects_ros' in ended.stderr
+
+
+def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):
+    words = ('--engine', 'bullet', '--poses')
+    assert run('drop', 'tetrahedron', '--drops', 10, '--log', '.', *words, 'a').returncode == 0
+    (log,) = tmp_path.glob('*/*.mcap')
+    ended = run('drop', '--from-log', log, *words, 'b')
+    assert (ended.returncode, 'warning' in ended.stderr) == (0, False)
+    assert (tmp_path / 'a').read_bytes() == (tmp_path / 'b').read_bytes()
+    assert 'recorded with bullet' in run('drop', '--from-log', log).stderr
 
 
 NO_LOGS = {

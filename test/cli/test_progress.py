@@ -12,7 +12,7 @@ import pytest
 
 from resting_aspects_ros.api import progress
 
-WORDS = ('drop', 'l_bracket', '--drops', 375, '--workers', 2)
+WORDS = ('drop', 'l_bracket', '--drops', 1500, '--workers', 2)
 
 
 @pytest.fixture
@@ -51,9 +51,9 @@ def _read(descriptor, shown):
 def test_a_pipe_gets_lines_with_the_rate(run):
     lines = run(*WORDS).stderr.splitlines()
     for line in lines:
-        assert re.fullmatch(r'l_bracket: \d+ of 375 drops(  [\d.]+ drops/s)?', line)
-    assert re.fullmatch(r'l_bracket: 375 of 375 drops  [\d.]+ drops/s', lines[-1])
-    assert sum('375 of' in line for line in lines) == 1
+        assert re.fullmatch(r'l_bracket: \d+ of 1500 drops(  [\d.]+ drops/s)?', line)
+    assert re.fullmatch(r'l_bracket: 1500 of 1500 drops  [\d.]+ drops/s', lines[-1])
+    assert sum('1500 of 1500' in line for line in lines) == 1
 
 
 def test_pipe_gets_no_line_twice(monkeypatch, capsys):
@@ -79,10 +79,10 @@ def test_slow_drops_have_a_rate(monkeypatch, capsys):
 
 def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):
     printed, shown = in_terminal(*WORDS)
-    assert re.search(r'375/375 \x1b\[0m ?[\d.]+ drops/s|375/375.*?[\d.]+ drops/s', shown)
+    assert re.search(r'1500/1500 \x1b\[0m ?[\d.]+ drops/s|1500/1500.*?[\d.]+ drops/s', shown)
     assert '━' in shown
-    assert ' of 375 drops' not in shown
-    assert printed.splitlines()[1].strip() == '375 drops on rubber_mat, seed 1'
+    assert ' of 1500 drops' not in shown
+    assert printed.splitlines()[1].strip() == '1500 drops on rubber_mat, seed 1'
     assert '\x1b' not in printed
 
 
@@ -92,5 +92,5 @@ def test_no_color_is_respected(in_terminal, environment, monkeypatch):
     assert colour.search(in_terminal(*WORDS, stdout='same')[1])
     monkeypatch.setitem(environment, 'NO_COLOR', '1')
     _, shown = in_terminal(*WORDS, stdout='same')
-    assert '375/375' in shown
+    assert '1500/1500' in shown
     assert not colour.search(shown)

@@ -51,7 +51,7 @@ def test_default_folder_has_page_figures_and_documents(compared):
         '<dt>time from one action to the next</dt><dd>0.5 s</dd>',
         '<dt>friction</dt><dd>0.25</dd>',
         '<dt>seed</dt><dd>1</dd>',
-        '<dd>bullet ',
+        '<dd>kernel ',
     ],
 )
 def test_page_states_what_was_simulated(compared, text):

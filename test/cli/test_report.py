@@ -56,7 +56,7 @@ def test_drop_writes_a_report(dropped):
         document['part_sha256'],
         document['run_id'],
         'rubber_mat',
-        f'bullet {document["engine_version"]}',
+        f'kernel {document["engine_version"]}',
         '12 rotations map it onto itself',
         'quasi-static',
     ):

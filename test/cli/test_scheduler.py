@@ -6,8 +6,9 @@ import signal
 
 import pytest
 
-WORDS = ('drop', 'tetrahedron', '--drops', 1500)
-MANY = ('drop', 'tetrahedron', '--drops', 200_000)
+# Bullet, so that there is time to kill a worker.
+WORDS = ('drop', 'tetrahedron', '--drops', 1500, '--engine', 'bullet')
+MANY = ('drop', 'tetrahedron', '--drops', 2_000_000)
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 
 
@@ -51,7 +52,7 @@ def test_ctrl_c_saves_results_and_keeps_the_cluster(
         process.send_signal(signal.SIGTERM)
     document, lines = ended(process, 130)
     assert document['drops'] > 0
-    assert lines[-1] == f'interrupted; the result has {document["drops"]} of 200000 drops'
+    assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'
     wait_until(lambda: not cluster.scheduler.tasks)
     assert len(cluster.scheduler.workers) == 2
 
@@ -66,7 +67,7 @@ def test_lost_cluster_ends_the_run_with_an_error(make_cluster, begin, ended, rea
     assert done > 0
     assert lines[-1] == (
         f'error: the workers became unavailable near drop {done} of tetrahedron; the result '
-        f'has {done} of 200000 drops'
+        f'has {done} of 2000000 drops'
     )
 
 

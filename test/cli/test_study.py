@@ -11,7 +11,8 @@ LOW = ('--height', '30mm')
 
 
 def test_study_writes_its_folder_and_continues_it(run, tmp_path):
-    first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--out', 'out')
+    # With this seed no part balances on an edge, as 1 part in 1000 does.
+    first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--seed', '2', '--out', 'out')
     assert first.returncode == 0, first.stderr
     assert 'Restitution cannot move the shares: all drops are in aspects 1 to 4.' in first.stdout
     assert 'Report: out/page.html' in first.stdout

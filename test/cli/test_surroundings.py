@@ -100,7 +100,7 @@ def test_a_deleted_working_folder(environment, tmp_path):
 
 
 def test_sighup_ends_a_command_as_ctrl_c_does(begin, read_until):
-    process = begin('drop', 'tetrahedron', '--drops', 200_000, '--workers', 1)
+    process = begin('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 1)
     read_until(process.stderr, lambda line: True)
     process.send_signal(signal.SIGHUP)
     _, errors = process.communicate(timeout=600)

@@ -65,7 +65,7 @@ PARAMETERS = (
     SURROUNDINGS_FOLDER,
     SURFACE,
     FRAME_ID,
-    Parameter('workers', 0, 'threads, or Bullet processes; 0: one per core', (0, MAX_WORKERS)),
+    Parameter('workers', 0, 'threads, or processes of Bullet; 0: one per core', (0, MAX_WORKERS)),
 )
 
 
