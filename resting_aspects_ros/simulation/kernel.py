@@ -8,7 +8,7 @@ does not see changes of functions in other files.
 """
 
 from math import acos, atan2, cos, inf, pi, sin, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -221,7 +221,7 @@ class Work(NamedTuple):
     counts: Array
 
 
-FLAGS = {
+FLAGS: Any = {
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'arcp'},
     'nogil': True,
@@ -1259,7 +1259,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
 
 
 @njit(error_model='numpy', nogil=True)
-def _work(body, ground):
+def work_of(body, ground):
     """Return the arrays of a thread."""
     corners, planes = body.points.shape[1], len(ground.planes)
     found = np.empty((planes, corners), np.int64)
@@ -1288,7 +1288,7 @@ def _work(body, ground):
 
 
 @jit
-def _simulate_one(
+def simulate_one(
     body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes, i
 ):
     """Simulate drop i; see simulate."""
@@ -1326,9 +1326,9 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
     -------
     (4,) int, total numbers of steps, impacts, steps of lasting contact and iterations
     """
-    work = _work(body, ground)
+    work = work_of(body, ground)
     for i in range(len(position)):
-        _simulate_one(
+        simulate_one(
             body,
             ground,
             numerics,
@@ -1352,7 +1352,7 @@ def collide(body, ground, position, velocity, spin, orientation, gap, after):
     See simulate for the states. All corners closer to a plane than ``gap`` take part; ``after``
     (n, 6) is where velocity and spin are written, which stay as they are if no corner approaches.
     """
-    work = _work(body, ground)
+    work = work_of(body, ground)
     moments = _at2(body.moments)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     for i in range(len(ground.planes)):

@@ -2,9 +2,9 @@
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,7 @@ from resting_aspects_ros.simulation import kernel
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.ends import Ends, resting_poses
 from resting_aspects_ros.simulation.initial_state import initial_states
+from resting_aspects_ros.simulation.run_description import CUDA
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
 
@@ -38,7 +39,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         limit += motion.duration / job.time_unit
     numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
     with _said_if_compiled():
-        kernel.simulate(
+        (_on_gpu() if job.engine == CUDA else kernel.simulate)(
             body_of(job),
             ground_of(job),
             numerics,
@@ -61,10 +62,20 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     return resting_poses(job, first, found)
 
 
+@cache
+def _on_gpu() -> Callable[..., None]:
+    """Return the simulation on a GPU; raises EngineError if there is none."""
+    # This needs numba-cuda and a driver.
+    from resting_aspects_ros.simulation import kernel_cuda
+
+    kernel_cuda.check_device()
+    return kernel_cuda.simulate
+
+
 @contextmanager
 def _said_if_compiled() -> Iterator[None]:
     """Say that the kernel is being compiled, which takes long only once on a machine."""
-    if kernel.simulate.signatures:
+    if getattr(kernel.simulate, 'signatures', True):
         yield
         return
     text = 'compiling the simulation for this machine, which takes about 20 s once ...'
