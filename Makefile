@@ -17,16 +17,16 @@ unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PA
 
 .NOTPARALLEL:
 .PHONY: help setup dev demo test test-all test-pythons test-under-load lint bench validate \
-        estimators learned parts requirements upgrade clean always
+        estimators parts requirements upgrade clean always
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
 
 setup:  ## create .venv with everything that the suite needs (PYTHON=... selects the Python)
-	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package
+	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.kernel
 
 dev:  ## the same as setup, with everything that tests and checks need
-	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.dev $(JAVASCRIPT)
+	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.kernel $(VENV)/.dev $(JAVASCRIPT)
 
 demo: setup  ## set up and run the demo: drop a part and request its aspects over ROS
 	@$(BIN)/resting_aspects demo
@@ -65,9 +65,6 @@ validate: setup  ## validate the simulation and write docs/explanation/validatio
 
 estimators: setup  ## evaluate the analytic methods and write docs/explanation/estimators.md
 	$(BIN)/python tools/estimators.py
-
-learned: setup  ## drop random solids, fit the learned estimator and judge all methods (an hour)
-	$(BIN)/python tools/learned.py
 
 parts: setup  ## generate the example parts in config/parts
 	$(BIN)/python tools/make_parts.py
@@ -110,6 +107,12 @@ $(VENV)/.requirements: $(VENV)/.made requirements.txt
 $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
         | $(VENV)/.requirements
 	@$(UV) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# The first drops compile the kernel, which is then kept in __pycache__.
+$(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py $(VENV)/.package
+	@echo "set-up: compiling the kernel"
+	@$(BIN)/resting_aspects drop tetrahedron --drops 1 > /dev/null 2>&1
 	@touch $@
 
 $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements

@@ -27,7 +27,7 @@ ROOMS = {
     'core.geometry': {'core'},
     'core.aspects': {'core', 'core.geometry'},
     'core.statistics': {'core', 'core.geometry', 'core.aspects'},
-    'core.estimators': {'core', 'core.geometry', 'core.aspects', 'core.statistics'},
+    'core.estimators': {'core', 'core.geometry', 'core.aspects'},
     'core.reorientation': {'core', 'core.geometry', 'core.aspects', 'core.statistics'},
     'core.vision': {'core', 'core.geometry', 'core.aspects', 'core.statistics'},
     'core.feeding': {

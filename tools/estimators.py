@@ -8,20 +8,17 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from dropper import ROOT, SEED, Dropper
-from learned_page import without_section
 from measured import Case, cases
 from rich.console import Console
 from rich.progress import track
 
-from resting_aspects_ros.api.recommended_method import release_numbers
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import Comparison, compare_with_exact
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
-from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, make_job
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.plan import engine_version, make_job
+from resting_aspects_ros.simulation.run_description import KERNEL
 
 RESULT = ROOT / 'docs' / 'explanation' / 'estimators.md'
 # Drops of each part on each surface: the standard error of a share of 0.25 is 0.006.
@@ -38,15 +35,13 @@ def main() -> None:
     workers = LocalWorkers(default_workers())
     try:
         dropper = Dropper(workers)
-        for section in (_counted(dropper.surfaces), _dropped(dropper), _by_height(dropper)):
+        for section in (_counted(), _dropped(dropper), _by_height(dropper)):
             for line in section:
                 console.print(line, highlight=False, soft_wrap=True)
                 lines.append(line)
     finally:
         workers.stop()
-    # The section on random solids is written by `make learned`.
-    lines += without_section(RESULT.read_text(encoding='utf-8'))[1].splitlines()
-    lines += ADVICE.splitlines()
+    lines += LIMITS.splitlines()
     RESULT.write_text('\n'.join(lines) + '\n', encoding='utf-8')
     print(f'Written: {RESULT}')
 
@@ -57,10 +52,10 @@ def _heading() -> Iterator[str]:
     yield ''
     yield (
         f'Written by `make estimators` on {today}. The predictions of each analytic method, '
-        'which uses only the shape of a part, and of `learned`, which uses the conditions, too, '
-        'are compared with shares that were counted by hand or by a machine, and with drops of '
-        f'this suite ({ENGINE} {ENGINE_VERSION}). All figures are in percent. The three improved '
-        'estimators of Varkonyi (2014) could not be obtained.'
+        'which uses only the shape of a part, are compared with shares that were counted by hand '
+        f'or by a machine, and with drops of this suite ({KERNEL} {engine_version(KERNEL)}). All '
+        'figures are in percent. The three improved estimators of Varkonyi (2014) could not be '
+        'obtained.'
     )
     yield ''
     yield '| method | weight of an aspect | source |'
@@ -72,14 +67,13 @@ def _heading() -> Iterator[str]:
     yield ''
 
 
-def _counted(surfaces: Surfaces) -> Iterator[str]:
+def _counted() -> Iterator[str]:
     """Compare all methods with the measured cases."""
     yield '## Comparison with measurements'
     yield ''
     yield (
-        'Share of rolls that end on the counted faces. Rolls have a high energy, which no '
-        'analytic method takes into account; `learned` has the conditions of `thrown`. For '
-        'intervals see validation.md; for sizes and sources see '
+        'Share of rolls that end on the counted faces. Rolls have a high energy, which no method '
+        'takes into account. For intervals see validation.md; for sizes and sources see '
         'tools/measured.py. *-*: the method is not defined for the part. Mean and largest '
         'deviation are over the bodies for which all methods are defined, which excludes the '
         'coin.'
@@ -90,7 +84,7 @@ def _counted(surfaces: Surfaces) -> Iterator[str]:
     off: dict[str, list[float]] = {name: [] for name in METHODS}
     for case in cases():
         cells = []
-        estimates = _estimates(case.part, surfaces.get('thrown'))
+        estimates = _estimates(case.part)
         for name, found in estimates.items():
             if found is None:
                 cells.append('-')
@@ -127,7 +121,7 @@ def _dropped(dropper: Dropper) -> Iterator[str]:
             job = make_job(part, dropper.surfaces.get(surface), SEED)
             counted = dropper.distribution(part, job, DROPS)
             cells = []
-            estimates = _estimates(part, dropper.surfaces.get(surface))
+            estimates = _estimates(part)
             for name, found in estimates.items():
                 if found is None:
                     cells.append('-')
@@ -166,7 +160,7 @@ def _by_height(dropper: Dropper) -> Iterator[str]:
         for part in parts:
             conditions = dropper.surfaces.get().changed(height=radii * part.hull_radius)
             counted = dropper.distribution(part, make_job(part, conditions, SEED), DROPS)
-            for name, found in _estimates(part, conditions).items():
+            for name, found in _estimates(part).items():
                 assert found is not None
                 c = compare_with_exact(counted, found.probabilities, np.random.default_rng(SEED))
                 mean[name].append(c.mean_deviation)
@@ -178,13 +172,12 @@ def _by_height(dropper: Dropper) -> Iterator[str]:
     yield ''
 
 
-def _estimates(part: Part, conditions: DropConditions) -> Mapping[str, Estimate | None]:
+def _estimates(part: Part) -> Mapping[str, Estimate | None]:
     shape = RestingShape(part)
-    release = release_numbers(shape, conditions)
     found: dict[str, Estimate | None] = {}
     for name in METHODS:
         try:
-            found[name] = estimate(shape, name, release)
+            found[name] = estimate(shape, name)
         except NotDefinedError:
             found[name] = None
     return found
@@ -199,60 +192,22 @@ def _largest(comparison: Comparison) -> float:
     return float(np.abs(comparison.deviation).max())
 
 
-ADVICE = """## Which method to use
+LIMITS = """## What the deviations depend on
 
-This section refers to the tables above as they were on 2026-11-21. The relevant quantity is the
-release height in proportion to the part, so 60 mm are low for a large part and high for a small
-one. Deviations are in percentage points.
+The relevant quantity is the release height in proportion to the part, so 60 mm are low for a
+large part and high for a small one.
 
-* **Known conditions within those of the fit** (releases from 0.05 to 30 R, restitution up to
-  0.85, friction up to 0.8, and throws; see *Comparison with drops of random solids*): use
-  `learned`. On random solids of kinds that were left out of its fit, its root mean square
-  deviation is about half of that of the best analytic method for parts with flat sides, and
-  lower for every kind and in every band of conditions. In 30 cases with about 20,000 drops each,
-  its mean deviation is 2.1 (1.4 with flat sides, 3.8 with a curved side), that of the best
-  analytic method 5.0; the aim of 1.0 is not reached. It states how certain it is. The advice
-  below is for other conditions, and for conditions that are not known.
-* **How sensitive a part is to its surface or height**: use no method, but `study` or
-  `drop --propagate`. `learned` is smoother than the drops, whose shares rise and fall with
-  restitution and height, probably because parts turn by similar angles between their first
-  impacts. For restitutions of 0.10, 0.29, 0.57 and 0.85 on `rubber_mat`, the share of class 1 of
-  t_prism is 0.51, 0.69, 0.57 and 0.68 (2000 drops each), by `learned` 0.57, 0.60, 0.64 and 0.69;
-  that of the side of the cylinder is 0.73, 0.55, 0.56 and 0.66, by `learned` 0.63 to 0.64. With
-  standard deviations of 0.1 for the restitution and 35 % for the friction, the largest standard
-  deviation of a share of t_prism is 5.1 by drops and 1.6 by `learned`, and 6.4 and 1.8 for the
-  cylinder (32 samples of 1000 drops).
-* **Flat sides, from 0.5 to 10 R** (`rubber_mat` and `steel` for parts of a few centimetres):
-  use `csa`. Its mean deviation is 0.6 to 1.2 in the table by height, and its largest deviation
-  is 4.0. For the example parts on the two surfaces, the mean deviation is 0.9 and 1.2 (2.4 for
-  t_prism on steel).
-* **Flat sides, from 30 R, thrown or rolled** (small parts; `thrown`; the measured bodies): use
-  `crsa`. It increases the differences between aspects, as a higher energy does. Its mean
-  deviation is 1.3 from 30 R, 1.5 for the example parts on `thrown`, and 4.1 for the blocks and
-  dice. For low releases, its differences are too large.
-* **Flat sides, put down or released just above the surface** (0.1 R): use `quasi_static` or
-  `rolling`, with mean deviations of 0.6 to 0.7. In higher drops, parts have enough energy to
-  leave high and narrow aspects, whose probabilities these methods overestimate: the mean
-  deviation is 4 to 6 from 0.5 R, and up to 30 for a rolled block. A slender bar leaves such
-  aspects at any height, because rocking is enough.
-* **A part that rests on a curved side**: use no analytic method, but simulate drops. The
-  root mean square deviation of `learned` for such parts is about 7. Those of the others are
-  5 to 55 in both directions: for the side of the cylinder, the methods with solid angles are 10
-  to 18 too high and `energy_barrier` is 21 to 56 too low; for the rim of the coin, the
-  deviations are 9 too high or 4 too low; for a dome, the signs can be reversed. If the curved
-  side has a low probability, such as the rim of a washer, `csa` is within 1.
-* `energy_barrier` ranks the aspects by the energy needed to leave them. It is not a
-  probability.
-* **Rare aspects**: use no analytic method. For the block of 1.60, 1.7 % of the rolls end on a
-  square face, but the methods predict 7 to 26 %. Only drops, with their intervals, predict rare
-  aspects.
+* The methods know no energy. From a high release or a throw, parts leave high and narrow aspects,
+  whose probabilities `quasi_static` and `rolling` overestimate; put down gently, they agree with
+  these methods. `crsa` increases the differences between aspects, as a higher energy does.
+* For a part that rests on a curved side, the deviations of all methods are large, in both
+  directions.
+* `energy_barrier` ranks the aspects by the energy needed to leave them. It is not a probability.
+* Rare aspects are overestimated, as the square faces of the block of 1.60 show.
+* No method depends on restitution, friction or height, whereas the shares of drops do.
 
-Drops of this suite have a mean deviation of 3.3 for the same measured bodies
-([validation.md](validation.md)), with conditions of which four values were fitted to these
-bodies (3.0 for a body that was left out of the fit). In the literature, `csa`, `crsa` and
-`stability` have mean deviations of 8.5 to 11.1 from manual drops of parts shaped like sectors
-of a cylinder. Such parts rest on a curved side, which has no polygon that `crsa` and
-`stability` need, so these two methods are not defined for them here.
+Drops are compared with the same measured bodies in [Validation](validation.md). 1000 drops of
+`l_bracket` on `rubber_mat` take about 0.1 s.
 """
 
 

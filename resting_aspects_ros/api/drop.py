@@ -94,8 +94,8 @@ def drop(
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
     engine : str
-        'kernel', or 'bullet' as an independent check; '': the kernel, but Bullet where parts fall
-        from an edge or touch blocks or a mesh.
+        'kernel', 'cuda' (the kernel on a GPU), or 'bullet' as an independent check; '': the
+        kernel, but Bullet where parts fall from an edge or touch blocks or a mesh.
     workers : int or Workers, optional
         Number of worker threads, or of processes of Bullet, one for each core by default; or
         workers to use, such as those of a Dask cluster, which are left running.

@@ -1,15 +1,13 @@
-"""Predict the distribution of a part without drops, by analytic methods and the learned one."""
+"""Predict the distribution of a part without drops, by the analytic methods of the literature."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.estimators.estimate import (
@@ -18,7 +16,6 @@ from resting_aspects_ros.core.estimators.estimate import (
     check_method,
     estimate_each,
 )
-from resting_aspects_ros.core.estimators.recommendation import Recommendation
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import (
@@ -28,7 +25,6 @@ from resting_aspects_ros.core.statistics.comparison import (
 )
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
-from resting_aspects_ros.simulation.conditions import DropConditions
 
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.api.drop_result import DropResult
@@ -51,8 +47,6 @@ class EstimateResult:
         Prediction of each method that is defined for the part, by method.
     not_defined : dict of str to str
         Reason why a method is not defined for the part, by method.
-    recommended : Recommendation or None
-        The method to trust, and why; None if the conditions are not known.
     against : CountedDrops or None
         Drops with which the methods are compared.
     """
@@ -61,7 +55,6 @@ class EstimateResult:
     aspects: AspectSet
     estimates: Mapping[str, Estimate]
     not_defined: Mapping[str, str]
-    recommended: Recommendation | None = None
     against: 'CountedDrops | None' = None
 
     def counted(self, *, by_class: bool) -> DropCounts | None:
@@ -91,7 +84,7 @@ class EstimateResult:
 
     def to_json(self) -> str:
         """Return the JSON document that `resting_aspects estimate --json` prints."""
-        document = estimate_document(self.part, self.estimates, self.not_defined, self.recommended)
+        document = estimate_document(self.part, self.estimates, self.not_defined)
         if (counted := self.counted(by_class=False)) is not None and self.against is not None:
             document['against'] = against_fields(
                 self.against.source,
@@ -106,13 +99,12 @@ def estimate(
     part: Part | str | Path,
     methods: Iterable[str] | None = None,
     *,
-    surface: str | DropConditions | None = None,
     against: 'DropResult | str | Path | None' = None,
-    **conditions: Any,
 ) -> EstimateResult:
-    """Predict the distribution of a part without drops.
+    """Predict the distribution of a part from its shape, without drops.
 
-    The analytic methods use only its shape; 'learned' uses the conditions, too.
+    The analytic methods of the literature know no conditions, and assume an infinite level plane.
+    `drop` takes little longer, and simulates the conditions.
 
     Parameters
     ----------
@@ -120,12 +112,8 @@ def estimate(
         A part, or what `load_part` accepts.
     methods : iterable of str, optional
         Names of methods, such as 'csa' or 'rolling'; by default all.
-    surface : str or DropConditions, optional
-        The conditions of the drops; by default those of ``against``, else those of rubber_mat.
     against : DropResult, str or Path, optional
         Drops of the part to compare with: a result, or a file as for `compare`.
-    **conditions : float
-        Conditions that differ from the surface, in SI units, such as ``height=0.1``.
 
     Returns
     -------
@@ -142,9 +130,7 @@ def estimate(
     --------
     >>> import resting_aspects_ros as ra
     >>> result = ra.estimate('tetrahedron')
-    >>> result.recommended.method
-    'learned'
-    >>> result.estimates['learned'].probabilities.round(3).tolist()
+    >>> result.estimates['csa'].probabilities.round(3).tolist()
     [0.25, 0.25, 0.25, 0.25]
     """
     names = list(METHODS) if methods is None else list(methods)
@@ -161,20 +147,7 @@ def estimate(
 
         counted = counted_drops(against)
         check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)
-    given = _conditions(surface, counted)
-    given = given.changed(**conditions) if conditions else given
-    found, reasons = estimate_each(shape, names, release_numbers(shape, given))
+    found, reasons = estimate_each(shape, names)
     if not found:
         raise NotDefinedError('; '.join(reasons.values()))
-    recommended = recommended_method(shape, given)
-    return EstimateResult(loaded, shape.aspects, found, reasons, recommended, counted)
-
-
-def _conditions(
-    surface: str | DropConditions | None, against: 'CountedDrops | None'
-) -> DropConditions:
-    if isinstance(surface, DropConditions):
-        return surface
-    if not surface and against is not None and against.run is not None:
-        return against.run.conditions
-    return shipped_surfaces().get(surface or '')
+    return EstimateResult(loaded, shape.aspects, found, reasons, counted)

@@ -8,16 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.core.estimators.estimate import Estimate, estimate_each
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.vision.camera import Telecentric
 from resting_aspects_ros.core.vision.identification import Identification, identify
@@ -28,10 +25,7 @@ from resting_aspects_ros.core.vision.observation import Polygonal, observed_poly
 from resting_aspects_ros.core.vision.outline import find_outlines
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.simulation.conditions import DropConditions
 
-# Method of the prior if none is recommended for the part: the shares of the basins.
-FALLBACK = 'rolling'
 # Added to each count of a distribution, so that an aspect that was never seen remains possible.
 PSEUDO_COUNT = 0.5
 
@@ -48,9 +42,8 @@ def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPa
     shares : Distribution, DropResult, mapping or (k,) array, optional
         How often the part lies in each aspect: drops, a mapping from aspect ids to shares (aspects
         that it does not contain have the share 0), or the shares of all aspects by id, such as
-        ``result.long_run.shares`` of `reorient`. By default the prediction of the method that
-        `estimate` recommends for the part on rubber_mat, and the shares of the basins ('rolling')
-        if it recommends none.
+        ``result.long_run.shares`` of `reorient`. By default the part is dropped 1000 times on
+        rubber_mat.
 
     Returns
     -------
@@ -70,12 +63,17 @@ def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPa
     >>> known.shares.tolist()
     [0.5, 0.0, 0.5, 0.0, 0.0]
     """
-    loaded = given_part(part)
-    shape = RestingShape(loaded)
-    aspects = shape.aspects
+    loaded: Part | None
+    if shares is None:
+        shares = drop(part, keep_poses=False)
+        loaded, aspects = shares.part, shares.distribution.aspects
+        assert loaded is not None  # it was dropped
+    else:
+        loaded = given_part(part)
+        aspects = find_aspects(loaded)
     if not len(aspects):
         raise InvalidValueError(f'invalid part {loaded.name}: expected a part with an aspect')
-    by_aspect = predicted_shares(shape) if shares is None else _given(shares, aspects)
+    by_aspect = _given(shares, aspects)
     outlines = find_outlines(loaded, aspects)
     by_class = np.array(
         [sum(by_aspect[number - 1] for number in each.aspects) for each in outlines]
@@ -207,20 +205,7 @@ def identification_json(found: Identification) -> str:
     return json_text(identification_document(found))
 
 
-def predicted_shares(shape: RestingShape, conditions: DropConditions | None = None) -> Array:
-    """Return the shares (k,) that the recommended method predicts; by default on rubber_mat."""
-    return prediction(shape, conditions).probabilities
-
-
-def prediction(shape: RestingShape, conditions: DropConditions | None = None) -> Estimate:
-    """Return the prediction of the recommended method; by default on rubber_mat."""
-    given = shipped_surfaces().get('') if conditions is None else conditions
-    method = recommended_method(shape, given).method or FALLBACK
-    found, _ = estimate_each(shape, [method, FALLBACK], release_numbers(shape, given))
-    return found.get(method, found[FALLBACK])
-
-
-def _given(shares: Shares, aspects: AspectSet) -> Array:
+def _given(shares: Shares, aspects: AspectSet) -> npt.NDArray[np.float64]:
     """Return the given shares (k,) of the aspects; raises InvalidValueError."""
     if isinstance(shares, DropResult):
         shares = shares.distribution

@@ -10,7 +10,6 @@ from resting_aspects_ros.api.contact_pages import contact_page_rows
 from resting_aspects_ros.api.counted_run import CountedRun
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor
 from resting_aspects_ros.api.surroundings_facts import surroundings_facts
@@ -72,7 +71,6 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     distribution, part = result.distribution, result.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
-    recommended = ''
     contacts: list[ContactRow] = []
     measured: ReferenceCounts | None = None
     notes = list(_notes(result))
@@ -81,9 +79,7 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     if part is not None and len(distribution.aspects) and level:
         with analysis('the analytic estimates', notes):
             shape = RestingShape(part, distribution.aspects)
-            recommended = recommended_method(shape, result.run.conditions).reason
-            release = release_numbers(shape, result.run.conditions)
-            found, reasons = estimate_each(shape, METHODS, release)
+            found, reasons = estimate_each(shape, METHODS)
             estimates = {name: each.probabilities for name, each in found.items()}
     with analysis('the table of contacts', notes):
         contacts += contact_page_rows(result)
@@ -100,7 +96,6 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
         history=result.history,
         estimates=estimates,
         not_defined=reasons,
-        recommended=recommended,
         measured=measured,
         contacts=tuple(contacts),
         level_floor=has_level_floor(result.run.conditions),

@@ -27,6 +27,8 @@ MAX_MINUTES = 10_000
 # Of the picks: feeder_controller, drop_recorder and the command. The run begins when all of them
 # are connected, so that each of them receives all picks, however busy the machine is.
 SUBSCRIBERS = 3
+# Nodes that make the drops and the flips. The others begin with them.
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ class PlannedDemo:
             return f'The robot picks {name} in {aspects}.'
         share = self.known.shares[self.classes[0] - 1]
         return (
-            f'The robot picks {name} in {aspects}, the most probable by its shape '
+            f'The robot picks {name} in {aspects}, the most probable class '
             f'({100 * share:.0f} %); choose others with --pickable.'
         )
 

@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.console import make_console
 from resting_aspects_ros.cli.feeder_demo_layout import save_layout
-from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, PlannedDemo
+from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, SUITE, PlannedDemo
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
@@ -66,15 +66,19 @@ class FeederDemo:
         if self._plan.real_time:
             _say(watching)
         with NodeProcesses(self._out) as processes:
-            for node, given in nodes.items():
-                processes.start(node, [*namespace, *given])
 
             def check() -> None:
                 self._check()
                 processes.check()
 
-            processes.wait_until_ready(check)
+            def start(names: Iterable[str]) -> None:
+                for node in names:
+                    processes.start(node, [*namespace, *nodes[node]])
+                processes.wait_until_ready(check)
+
+            start(SUITE)
             self._forecast = self._ask(namespace, check)
+            start(node for node in nodes if node not in SUITE)
             _say(f'Forecast {controlled_text(self._forecast)}.')
             self._follow(namespace, check)
 

@@ -14,6 +14,7 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.quantity import Quantity
 from resting_aspects_ros.simulation.run_description import (
     BULLET,
+    CUDA,
     DEFAULT_DROPS,
     KERNEL,
     check_drops,
@@ -166,13 +167,20 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
-    """Add --engine."""
-    parser.add_argument(
+    """Add --engine and --device, which both set the engine."""
+    engine = parser.add_mutually_exclusive_group()
+    engine.add_argument(
         '--engine',
         choices=(KERNEL, BULLET),
         default='',
         help='what simulates the drops: kernel, 30 times faster, or bullet, an independent check '
         '(kernel, but bullet where parts fall from an edge or touch blocks or a mesh)',
+    )
+    engine.add_argument(
+        '--device',
+        choices=(CUDA,),
+        dest='engine',
+        help='run the kernel on an NVIDIA GPU; needs the package numba-cuda',
     )
 
 

@@ -1,6 +1,5 @@
 """A terminal table and a JSON document with the predictions of the analytic methods."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 from rich.table import Table
@@ -8,7 +7,6 @@ from rich.table import Table
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
-from resting_aspects_ros.core.estimators.recommendation import Recommendation
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, intervals
@@ -26,7 +24,6 @@ def estimate_table(
     rows: Sequence[tuple[Aspect, ...]],
     shares: Mapping[str, Array | None],
     title: str,
-    recommended: str = '',
     against: DropCounts | None = None,
     deviations: Mapping[str, Comparison] | None = None,
 ) -> Table:
@@ -44,8 +41,6 @@ def estimate_table(
         (k,) shares of the rows, by the method's name; None if it is not defined.
     title : str
         Plain text, shown above the table.
-    recommended : str
-        The method that is marked with an asterisk; empty for none.
     against : DropCounts, optional
         Counts of the rows.
     deviations : mapping
@@ -61,8 +56,7 @@ def estimate_table(
             for each in intervals(against.counts, int(against.counts.sum()))
         ]
     for method in shares:
-        heading = method if len(shares) == 1 else METHODS[method].heading
-        headings.append(heading + '*' * (method == recommended))
+        headings.append(method if len(shares) == 1 else METHODS[method].heading)
     aspect = 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
     table = plain_table(title, aspect, *headings, rest_width=_REST_WIDTH)
     # A table of only one method is widened, so that its title is not wrapped.
@@ -82,39 +76,30 @@ def estimate_table(
     return table
 
 
-def legend(methods: Sequence[str], recommended: str) -> list[str]:
+def legend(methods: Sequence[str]) -> list[str]:
     """Return a line for each method: its name on the command line, its label and its meaning."""
-    return [
-        f'{name + "*" * (name == recommended):<16}{METHODS[name].label}: {METHODS[name].meaning}'
-        for name in methods
-    ]
+    return [f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}' for name in methods]
 
 
 def estimate_document(
     part: Part,
     estimates: Mapping[str, Estimate],
     reasons: Mapping[str, str],
-    recommended: Recommendation | None = None,
 ) -> dict[str, object]:
     """Return each method with its source and the probabilities of aspects and classes, by id.
 
     If a method is not defined for the part, its ``aspects`` are empty and ``not_defined`` is the
-    reason, otherwise null. ``weight`` is the number of drops that are as certain, or null if it is
-    not known. ``recommended`` is null if no method is recommended or the conditions
-    are not known; ``reason`` explains the recommendation.
+    reason, otherwise null.
     """
     return {
         'schema_version': SCHEMA_VERSION,
         'part': part.name,
         'mesh_sha256': part.mesh_sha256,
         'part_sha256': part.part_sha256,
-        'recommended': None if recommended is None else recommended.method or None,
-        'reason': None if recommended is None else recommended.reason,
         'methods': {
             name: {
                 'source': METHODS[name].source,
                 'not_defined': reasons.get(name),
-                'weight': _known(estimates[name].weight) if name in estimates else None,
                 'aspects': _rows(estimates[name].probabilities) if name in estimates else [],
                 'classes': _rows(estimates[name].class_probabilities())
                 if name in estimates
@@ -153,10 +138,6 @@ def against_fields(
             for name, each in deviations.items()
         },
     }
-
-
-def _known(weight: float) -> float | None:
-    return None if math.isnan(weight) else weight
 
 
 def _rows(probabilities: Array) -> list[dict[str, object]]:

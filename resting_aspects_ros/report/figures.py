@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_LINES = 10  # more lines would hide each other
 # A marker shape for each method.
-MARKERS = dict(zip(METHODS, 'osD^vPX*', strict=True))
+MARKERS = dict(zip(METHODS, 'osD^vPX', strict=True))
 
 
 def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:

@@ -106,8 +106,6 @@ class Report:
         (k,) probabilities of the aspects by method.
     not_defined : mapping
         By method, why it is not defined for the part.
-    recommended : str
-        A sentence that names the recommended method.
     measured : ReferenceCounts or None
         The counts with which the drops are compared.
     contacts : tuple of ContactRow
@@ -126,7 +124,6 @@ class Report:
     history: tuple[Counts, Counts] | None = None
     estimates: Mapping[str, Array] = field(default_factory=dict)
     not_defined: Mapping[str, str] = field(default_factory=dict)
-    recommended: str = ''
     measured: ReferenceCounts | None = None
     contacts: tuple[ContactRow, ...] = ()
     level_floor: bool = True

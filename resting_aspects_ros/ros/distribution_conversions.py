@@ -15,12 +15,11 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import Estimate
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
 from resting_aspects_ros.ros.contact_conversions import contact_msgs, contacts_from
-from resting_aspects_ros.ros.conversions import conditions_msg, run_from, run_msg
+from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
 
 
@@ -55,34 +54,18 @@ def distribution_msg(
 
 
 def estimate_msg(
-    prediction: Estimate,
-    part: Part,
-    stamp: Time,
-    frame: str = FRAME,
-    conditions: DropConditions | None = None,
+    prediction: Estimate, part: Part, stamp: Time, frame: str = FRAME
 ) -> AspectDistribution:
-    """Return the message for a prediction; without drops, its counts are 0.
-
-    The bounds are those of a prediction that states its uncertainty, otherwise NaN. ``conditions``
-    are those for which it was made, if it depends on them.
-    """
-    run = RunDescription(part=part.name, part_sha256=part.part_sha256)
-    if conditions is not None:
-        run.conditions = conditions_msg(conditions)
-    single = [prediction.interval([each.id]) for each in prediction.aspects.aspects]
-    summed = [
-        prediction.interval([each.id for each in members])
-        for members in prediction.aspects.classes()
+    """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
+    shares = [
+        share_fields([0] * len(each), [Interval(float(p), math.nan, math.nan) for p in each])
+        for each in (prediction.probabilities, prediction.class_probabilities())
     ]
-    shares = [share_fields([0] * len(each), each) for each in (single, summed)]
-    certain = not math.isnan(prediction.weight)
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
-        run=run,
+        run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
         method=prediction.method,
-        confidence=CONFIDENCE if certain else 0.0,
-        interval='dirichlet' if certain else '',
         complete=True,
         **_rows(prediction.aspects, *shares),
     )

@@ -17,14 +17,14 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.run_description import BULLET, CUDA, KERNEL
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # Time steps per T of lasting contact in the kernel.
 CONTACT_STEPS = 40
 # Number of drops that a worker makes at once. It affects no pose.
-CHUNKS = {KERNEL: 500, BULLET: 125}
+CHUNKS = {KERNEL: 500, CUDA: 100_000, BULLET: 125}
 # Bullet's minimum number of time steps per T. Finer steps change no probability of an L bracket by
 # more than the sampling error.
 STEPS_PER_T = 160
@@ -85,7 +85,7 @@ class DropJob:
     pieces : tuple of (k, 3) float
         Corners of convex pieces of the part, body axes, R, if edges or meshes touch it.
     engine : str
-        KERNEL or BULLET.
+        KERNEL, CUDA or BULLET.
 
     Raises
     ------
@@ -245,6 +245,6 @@ class DropJob:
     @property
     def time_step(self) -> float:
         """Time step of the engine, s; the kernel makes such steps only in lasting contact."""
-        if self.engine == KERNEL:
+        if self.engine != BULLET:
             return self.time_unit / (CONTACT_STEPS * self.refinement)
         return self.time_unit / self.steps_per_t

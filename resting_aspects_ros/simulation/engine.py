@@ -2,7 +2,7 @@
 
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.run_description import KERNEL
+from resting_aspects_ros.simulation.run_description import BULLET
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
@@ -14,10 +14,10 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if not 0 <= first < end:
         raise ValueError(f'invalid drops {first} to {end - 1}: expected one or more from 0')
     # An engine is imported only if it is needed.
-    if job.engine == KERNEL:
-        from resting_aspects_ros.simulation import kernel_engine
+    if job.engine == BULLET:
+        from resting_aspects_ros.simulation import bullet_engine
 
-        return kernel_engine.drop_range(job, first, end)
-    from resting_aspects_ros.simulation import bullet_engine
+        return bullet_engine.drop_range(job, first, end)
+    from resting_aspects_ros.simulation import kernel_engine
 
-    return bullet_engine.drop_range(job, first, end)
+    return kernel_engine.drop_range(job, first, end)

@@ -8,7 +8,7 @@ does not see changes of functions in other files.
 """
 
 from math import acos, atan2, cos, inf, pi, sin, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,15 +23,18 @@ GAP = 1e-5
 # do not touch it any more.
 BOUNCE, LEAVE = 0.05, 0.005
 # Corners that approach faster than this are stopped, or bounce, before a step of lasting contact.
-TOUCHING = 2e-3
+TOUCHING = 5e-4
 # Maximum rotation, rad, and duration of a step of flight.
 TURN, FLIGHT = 0.25, 0.5
 # Maximum rotation, rad, in a step of lasting contact.
 SWING = 0.1
 # Time in which a penetration is removed.
 RECOVERY = 0.25
-# The solver iterates until no speed changes by more than this, or until the maximum.
-RESIDUAL, ITERATIONS = 1e-5, 500
+# The solver iterates until no speed changes by more than this, or until the maximum. Impacts have
+# the second accuracy: a part that lands flat shall leave the plane flat, within GAP.
+RESIDUAL, IMPACT_RESIDUAL, ITERATIONS = 1e-5, 1e-7, 500
+# Share of them below which a change ends the iteration, too.
+CREEP = 0.01
 # Steps of Newton's method for the direction of a slip, and its accuracy, R / T.
 NEWTON, SLIP = 12, 1e-6
 # Where it does not converge, directions between which a root is searched, and its bisections.
@@ -218,7 +221,7 @@ class Work(NamedTuple):
     counts: Array
 
 
-FLAGS = {
+FLAGS: Any = {
     'error_model': 'numpy',
     'fastmath': {'contract', 'nsz', 'arcp'},
     'nogil': True,
@@ -592,11 +595,11 @@ def _across(con, i, un, ux, uy, mu, angle):
 
 
 @jit
-def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
+def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
     """Return velocity and spin after the impulses of the contacts, body axes.
 
     Gauss-Seidel: each contact is solved exactly with the impulses of the others, until no speed
-    changes by more than RESIDUAL. Then follow rolling and spinning friction of each plane.
+    changes by more than ``residual``. Then follow rolling and spinning friction of each plane.
     """
     rolls = False
     for i in range(len(planes)):
@@ -610,7 +613,7 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
         pn, px, py = con[i, PN], con[i, PX], con[i, PY]
         v = _plus(_plus(_plus(v, pn, n), px, x), py, y)
         w = _plus(_plus(_plus(w, pn, _at(con, i, JN)), px, _at(con, i, JX)), py, _at(con, i, JY))
-    before = 0.0
+    before, last = inf, 1.0
     for _ in range(ITERATIONS):
         counts[3] += 1
         v_before, w_before = v, w
@@ -643,12 +646,15 @@ def _solve(con, of, planes, axes, roll, counts, count, inverse, v, w):
         elif count == 1:
             break
         # Not that of single impulses: those of a part between two planes can grow against each
-        # other. The next change would be less, if the last ones decrease in proportion.
+        # other. The changes that remain are those of a geometric series with the larger one of
+        # the last two ratios.
         dv, dw = _plus(v, -1.0, v_before), _plus(w, -1.0, w_before)
         change = sqrt(_dot(dv, dv)) + sqrt(_dot(dw, dw))
-        if change < RESIDUAL or change * change < RESIDUAL * before:
+        ratio = change / before if before < inf else 1.0
+        most = max(ratio, last)
+        if change < CREEP * residual or change * most < residual * (1 - most):
             break
-        before = change
+        before, last = change, ratio
     return v, w
 
 
@@ -738,7 +744,7 @@ def _descended(body, d, corner):
 def _moved(planes, at_rest, motion, t):
     """Set the poses of the planes at a time of their motion, their velocity and acceleration."""
     rate, duration = motion[RATE], motion[DURATION]
-    at = np.sign(duration / 2 - t) / motion[RAMP]
+    at = (1.0 if t < duration / 2 else -1.0) / motion[RAMP]
     u = min(1.0, max(0.0, min(t, duration - t) / motion[RAMP]))
     # The ramp and its derivatives: a polynomial with zero slope and curvature at both ends.
     ramp = u * u * u * (10 - 15 * u + 6 * u * u)
@@ -828,7 +834,7 @@ def _look(body, ground, work, moving, axes, c, v, w, spun, most, gap):
         work.lowest[i] = low
         slowest, deepest = min(slowest, rate), min(deepest, lowest)
         m = 0
-        if lowest < gap:
+        if rate < inf:
             for k in range(count):
                 if values[0, k] < gap:
                     work.touching[i, m + 1] = work.found[i, k]
@@ -936,7 +942,17 @@ def _impact(work, count, still, moments, inverse, v, w):
         con[i, AIM] = normal + (-e * fall if fall < -BOUNCE else 0.0)
     work.roll[:] = 0.0
     vn, wn = _solve(
-        con, work.plane, planes, work.axes, work.roll, work.counts, count, inverse, v, w
+        con,
+        work.plane,
+        planes,
+        work.axes,
+        work.roll,
+        work.counts,
+        count,
+        IMPACT_RESIDUAL,
+        inverse,
+        v,
+        w,
     )
     if not still:
         return vn, wn
@@ -948,7 +964,17 @@ def _impact(work, count, still, moments, inverse, v, w):
         con[i, AIM] = con[i, PN] = con[i, PX] = con[i, PY] = 0.0
     work.roll[:] = 0.0
     vp, wp = _solve(
-        con, work.plane, planes, work.axes, work.roll, work.counts, count, inverse, v, w
+        con,
+        work.plane,
+        planes,
+        work.axes,
+        work.roll,
+        work.counts,
+        count,
+        IMPACT_RESIDUAL,
+        inverse,
+        v,
+        w,
     )
     dv, dw = _plus(vn, -1.0, vp), _plus(wn, -1.0, wp)
     # The energy is quadratic in the share of Newton's impulses.
@@ -960,7 +986,7 @@ def _impact(work, count, still, moments, inverse, v, w):
 
 
 @once
-def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w):
+def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, v, w):
     """Return velocity and spin after a time step of lasting contact, body axes.
 
     If the surfaces move, the poses of the planes are already those at the end of the step.
@@ -972,7 +998,8 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
         # Of the middle of the step, in which the corner turns towards its velocity at the end.
         bend = _plus(_plus(_cross(spun, r), _dot(w, r), w), -_dot(w, w), r)
-        con[i, AIM] = -(h / dt if h > 0 else h / max(dt, RECOVERY)) - _dot(n, bend) * dt / 2
+        con[i, AIM] = -max(0.0, h) / dt + max(0.0, -gap - h) / max(dt, RECOVERY)
+        con[i, AIM] -= _dot(n, bend) * dt / 2
         con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt / 2
         con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt / 2
         if moving:
@@ -995,6 +1022,7 @@ def _pressed(body, ground, work, count, moving, axes, c, dt, inverse, spun, v, w
         work.roll,
         work.counts,
         count,
+        RESIDUAL,
         inverse,
         v,
         w,
@@ -1193,7 +1221,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 if moving:
                     _moved(work.planes, ground.planes, motion, t + dt)
                 v1, w = _pressed(
-                    body, ground, work, count, moving, axes, c, dt, inverse, spun, vb, w
+                    body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, vb, w
                 )
                 v1 = _world(axes, v1)
                 c, v = _plus(_plus(c, dt / 2, v), dt / 2, v1), v1
@@ -1231,7 +1259,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
 
 
 @njit(error_model='numpy', nogil=True)
-def _work(body, ground):
+def work_of(body, ground):
     """Return the arrays of a thread."""
     corners, planes = body.points.shape[1], len(ground.planes)
     found = np.empty((planes, corners), np.int64)
@@ -1259,6 +1287,23 @@ def _work(body, ground):
     )
 
 
+@jit
+def simulate_one(
+    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes, i
+):
+    """Simulate drop i; see simulate."""
+    c, v = _at(position, i, 0), _at(velocity, i, 0)
+    q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
+    w = _body(_axes(q), _at(spin, i, 0))
+    status, minimum, t, growth, c, v, w, q = _drop(body, ground, numerics, work, limit, c, v, w, q)
+    codes[i, 0], codes[i, 1] = status, minimum
+    _put(ends, i, 0, c)
+    ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
+    ends[i, 7], ends[i, 8] = t, growth
+    _put(ends, i, 9, v)
+    _put(ends, i, 12, _world(_axes(q), w))
+
+
 @njit(error_model='numpy', nogil=True, cache=True)
 def simulate(body, ground, numerics, limit, position, velocity, spin, orientation, ends, codes):
     """Simulate drops from their states until each has ended.
@@ -1281,20 +1326,22 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
     -------
     (4,) int, total numbers of steps, impacts, steps of lasting contact and iterations
     """
-    work = _work(body, ground)
+    work = work_of(body, ground)
     for i in range(len(position)):
-        c, v = _at(position, i, 0), _at(velocity, i, 0)
-        q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
-        w = _body(_axes(q), _at(spin, i, 0))
-        status, minimum, t, growth, c, v, w, q = _drop(
-            body, ground, numerics, work, limit, c, v, w, q
+        simulate_one(
+            body,
+            ground,
+            numerics,
+            work,
+            limit,
+            position,
+            velocity,
+            spin,
+            orientation,
+            ends,
+            codes,
+            i,
         )
-        codes[i, 0], codes[i, 1] = status, minimum
-        _put(ends, i, 0, c)
-        ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
-        ends[i, 7], ends[i, 8] = t, growth
-        _put(ends, i, 9, v)
-        _put(ends, i, 12, _world(_axes(q), w))
     return work.counts[:4].copy()
 
 
@@ -1305,7 +1352,7 @@ def collide(body, ground, position, velocity, spin, orientation, gap, after):
     See simulate for the states. All corners closer to a plane than ``gap`` take part; ``after``
     (n, 6) is where velocity and spin are written, which stay as they are if no corner approaches.
     """
-    work = _work(body, ground)
+    work = work_of(body, ground)
     moments = _at2(body.moments)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     for i in range(len(ground.planes)):

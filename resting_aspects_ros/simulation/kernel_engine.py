@@ -1,6 +1,10 @@
 """The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
 
-from functools import lru_cache
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,9 +15,12 @@ from resting_aspects_ros.simulation import kernel
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.ends import Ends, resting_poses
 from resting_aspects_ros.simulation.initial_state import initial_states
+from resting_aspects_ros.simulation.run_description import CUDA
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
 
+# Time after which the first drops are late because the kernel is compiled, s.
+COMPILED_AFTER = 3.0
 # A part that is faster than this multiple of the speed of its first impact slides for ever.
 MAX_SPEEDUP = 3.0
 
@@ -31,18 +38,19 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if motion is not None:
         limit += motion.duration / job.time_unit
     numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
-    kernel.simulate(
-        body_of(job),
-        ground_of(job),
-        numerics,
-        limit,
-        states.position,
-        states.velocity,
-        states.spin,
-        states.orientation,
-        ends,
-        codes,
-    )
+    with _said_if_compiled():
+        (_on_gpu() if job.engine == CUDA else kernel.simulate)(
+            body_of(job),
+            ground_of(job),
+            numerics,
+            limit,
+            states.position,
+            states.velocity,
+            states.spin,
+            states.orientation,
+            ends,
+            codes,
+        )
     found = Ends(
         position=ends[:, :3],
         orientation=ends[:, 3:7],
@@ -52,6 +60,32 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         growth=ends[:, 8],
     )
     return resting_poses(job, first, found)
+
+
+@cache
+def _on_gpu() -> Callable[..., None]:
+    """Return the simulation on a GPU; raises EngineError if there is none."""
+    # This needs numba-cuda and a driver.
+    from resting_aspects_ros.simulation import kernel_cuda
+
+    kernel_cuda.check_device()
+    return kernel_cuda.simulate
+
+
+@contextmanager
+def _said_if_compiled() -> Iterator[None]:
+    """Say that the kernel is being compiled, which takes long only once on a machine."""
+    if getattr(kernel.simulate, 'signatures', True):
+        yield
+        return
+    text = 'compiling the simulation for this machine, which takes about 20 s once ...'
+    timer = threading.Timer(COMPILED_AFTER, print, [text], {'file': sys.stderr, 'flush': True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @lru_cache(maxsize=16)

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers, WorkerDiedError
-from resting_aspects_ros.simulation.run_description import KERNEL
+from resting_aspects_ros.simulation.run_description import BULLET
 
 MAX_WORKERS = 1024
 
@@ -52,7 +52,7 @@ class LocalWorkers:
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk; raises EngineError if a process cannot be started."""
-        if job.engine == KERNEL:
+        if job.engine != BULLET:
             return self._threads.submit(drop_range, job, first, end)
         with self._lock:
             if self._processes is None:

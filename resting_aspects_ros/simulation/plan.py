@@ -19,6 +19,7 @@ from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.run_description import (
     BULLET,
+    CUDA,
     KERNEL,
     KERNEL_VERSION,
     RunDescription,
@@ -65,7 +66,8 @@ def plan_run(
     starts : Starts or None
         Where and how the parts start; None: they are released as the conditions say.
     engine : str
-        'kernel', 'bullet', or '': the kernel for everything that it can simulate.
+        'kernel', 'cuda' (the kernel on a GPU), 'bullet', or '': the kernel for everything that it
+        can simulate.
     """
     check_drops(drops)
     if precision != 0:
@@ -167,21 +169,21 @@ def make_job(
 
 def engine_version(engine: str) -> str:
     """Return the version of an engine; it is not imported, because only the workers need it."""
-    return KERNEL_VERSION if engine == KERNEL else version('pybullet')
+    return version('pybullet') if engine == BULLET else KERNEL_VERSION
 
 
 def _engine(wanted: str, scene: Scene | None, starts: Starts | None) -> str:
     """Return the engine of a job; raises InvalidValueError if it cannot simulate it."""
-    if wanted not in {'', KERNEL, BULLET}:
+    if wanted not in {'', KERNEL, CUDA, BULLET}:
         raise InvalidValueError(
-            f'invalid engine {shown(wanted)}: expected {KERNEL} or {BULLET}'
-            f'{did_you_mean(wanted, [KERNEL, BULLET])}'
+            f'invalid engine {shown(wanted)}: expected {KERNEL}, {CUDA} or {BULLET}'
+            f'{did_you_mean(wanted, [KERNEL, CUDA, BULLET])}'
         )
     edges = starts is not None and starts.edge is not None
     if edges or not (scene is None or scene.flat):
-        if wanted == KERNEL:
+        if wanted in {KERNEL, CUDA}:
             raise InvalidValueError(
-                f'invalid engine {KERNEL}: expected {BULLET} where parts fall from an edge, or '
+                f'invalid engine {wanted}: expected {BULLET} where parts fall from an edge, or '
                 'touch blocks or a mesh'
             )
         return BULLET

@@ -14,8 +14,8 @@ _RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_RUN_ID_LENGTH - 1}}}'
 # The default seed is fixed, so that identical requests have identical results.
 DEFAULT_SEED = 1
 DEFAULT_DROPS = 1000
-# The engines: the kernel, for parts that only touch planes, and Bullet.
-KERNEL, BULLET = 'kernel', 'bullet'
+# The engines: the kernel, for parts that only touch planes, also on a GPU, and Bullet.
+KERNEL, CUDA, BULLET = 'kernel', 'cuda', 'bullet'
 # The version of the law and its numerical parameters: poses of another version can differ.
 KERNEL_VERSION = '1'
 

@@ -167,7 +167,7 @@ class Settling:
         pushed -= self._job.wall_speed * CHECK_INTERVAL
         moved[:, 0] = np.minimum(moved[:, 0], np.abs(pushed))
         motion = np.maximum(
-            moved.max(axis=1), np.abs(states.orientation - self.orientation[which]).max(axis=1)
+            moved.max(axis=1), turned_by(states.orientation, self.orientation[which])
         )
         self.position[which] = states.position
         self.orientation[which] = states.orientation
@@ -215,3 +215,13 @@ class Settling:
             kinetic += moments[axis] * spin[:, axis] ** 2
         # A penetrating hull will be pushed back to the surface, so its height is at least that.
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
+
+
+def turned_by(orientation: Array, other: Array) -> Array:
+    """Return the maximum change (n,) of a component between unit quaternions (n, 4).
+
+    A quaternion and its negative are the same orientation. Bullet returns one or the other where
+    two components have almost the same magnitude.
+    """
+    near = np.abs(orientation - other).max(axis=1)
+    return np.asarray(np.minimum(near, np.abs(orientation + other).max(axis=1)))

@@ -66,16 +66,9 @@ def test_dropped_parts_are_identified_and_located(name, workers):
             assert right[0] == 0
 
 
-def test_default_prior_is_the_recommended_estimate(bracket):
-    predicted = ra.estimate('l_bracket')
-    expected = predicted.estimates[predicted.recommended.method].probabilities
-    np.testing.assert_allclose(bracket.shares, expected)
-
-
-def test_recommended_estimate_is_the_prior():
-    predicted = ra.estimate('cylinder_d20_h20')
-    expected = predicted.estimates[predicted.recommended.method].class_probabilities()
-    np.testing.assert_allclose(known_part('cylinder_d20_h20').shares, expected)
+def test_default_prior_is_that_of_drops(bracket):
+    expected = ra.drop('l_bracket').distribution.by_class().counts + 0.5
+    np.testing.assert_allclose(bracket.shares, expected / expected.sum())
 
 
 def test_shares_of_drops_and_of_aspects(workers):

@@ -47,20 +47,11 @@ def test_estimate_has_a_result_for_each_method(box):
     result = ra.estimate(box)
     assert list(result.estimates) == [
         'solid_angle', 'csa', 'crsa', 'stability', 'energy_barrier', 'quasi_static', 'rolling',
-        'learned',
     ]  # fmt: skip
     # Two faces of each size: stability is face area / half the box's height on it.
     areas_over_heights = np.repeat([30 * 20 / 5, 30 * 10 / 10, 20 * 10 / 15], 2)
     expected = areas_over_heights / areas_over_heights.sum()
     assert result.estimates['stability'].probabilities == pytest.approx(expected)
-    assert result.recommended.method in result.estimates
-
-
-def test_the_recommended_method_depends_on_the_height(box):
-    radius = ra.load_part(box).hull_radius
-    low = ra.estimate(box, surface='rubber_mat', height=0.1 * radius)
-    assert low.recommended.method == 'learned'
-    assert ra.estimate(box, height=300 * radius).recommended.method != 'learned'
 
 
 @pytest.mark.slow

@@ -62,7 +62,6 @@ def test_uncertainty_of_the_file_is_carried_through(run, own):
 @pytest.mark.parametrize(
     'words',
     [
-        ['estimate', 'l_bracket', '--method', 'rolling'],
         ['reorient', 'tetrahedron', '--action', 'tap', '--per-aspect', '1'],
         ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--points', '2', '--drops', '2'],
     ],

@@ -13,13 +13,16 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import yaml
+from builtin_interfaces.msg import Time
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.cli.feeder_demo_layout import foxglove_layout
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg, missing_text
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
@@ -27,7 +30,9 @@ from resting_aspects_ros.nodes.camera_simulator.truth import Truth
 from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_fed_part
 from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.nodes.vision_example.node import VisionExample, camera_from, grey_image
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
+from resting_aspects_ros.simulation.plan import plan_run
 
 PART = 'l_bracket'
 QUICK = {'ros.diagnostics.PERIOD': 0.1, 'ros.callbacks.LOG_PERIOD': 0.0}
@@ -207,7 +212,7 @@ def test_run_begins_when_all_subscribers_are_connected():
     assert missing_text(output, 3) == 'waiting for 3 subscribers of /cell/pick_result: 2'
 
 
-def test_model_is_kept_if_the_same_part_is_offered_again(part):
+def test_model_is_kept_if_the_same_part_is_offered_again(part, surfaces):
     node, changed = Mock(), Mock()
     node.get_logger().name = 'camera_simulator'
     truth = Truth(node, {'part': PART, 'evidence': False}, changed)
@@ -216,7 +221,7 @@ def test_model_is_kept_if_the_same_part_is_offered_again(part):
 
     async def run(function, *arguments):
         if function is read_fed_part:
-            known = known_part(offered[arguments[0]])
+            known = known_part(offered[arguments[0]], {1: 1.0})
             return FedPart(known, ())
         models.append(Mock())
         return models[-1]
@@ -224,13 +229,18 @@ def test_model_is_kept_if_the_same_part_is_offered_again(part):
     truth._files = SimpleNamespace(run=run)
     truth._use = lambda model, _: setattr(truth, 'current', model)
     found = []
-    for data in offered:
+    for data, each in offered.items():
         truth._data = data
         asyncio.run(truth._read())
+        aspects = find_aspects(each)
+        drops = Distribution(aspects, np.full(len(aspects), 9), 0, 0, 0)
+        started = {'seed': 1, 'run_id': 'a', 'started': SECOND, 'drops': drops.drops}
+        run = plan_run(each, surfaces.get(), **started)[1]
+        truth._on_drops(distribution_msg(drops, run, Time(), complete=True))
         if truth._building:
             asyncio.run(truth._build_all())
         found.append((truth.is_ready(None), len(models)))
-    # Another version has no model until it is built.
+    # Another version has no model until it has been dropped and its model is built.
     assert found == [(True, 1), (True, 1), (True, 2)]
     changed.assert_called_once_with()
 

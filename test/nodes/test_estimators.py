@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.recommended_method import release_numbers
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
@@ -24,21 +22,14 @@ def test_estimator_responds_without_a_drop(suite, part, method):
     assert (answer.status.code, answer.status.message) == (Status.OK, '')
     found = answer.distribution
     shape = RestingShape(part('u_bracket'), find_aspects(part('u_bracket')))
-    conditions = shipped_surfaces().get('rubber_mat')
-    predicted = estimate(shape, method, release_numbers(shape, conditions))
-    expected = predicted.probabilities
+    expected = estimate(shape, method).probabilities
     # The part was sent in a message, which does not round its numbers.
     np.testing.assert_array_equal([a.probability for a in found.aspects], expected)
     assert (found.method, found.run.part, found.complete) == (method, 'u_bracket', True)
     assert found.run.part_sha256 == part('u_bracket').part_sha256
-    states_bounds = method == 'learned'
-    interval = 'dirichlet' if states_bounds else ''
-    assert (found.drops, found.interval, found.run.run_id) == (0, interval, '')
-    assert found.run.conditions.surface == ('rubber_mat' if states_bounds else '')
-    for each in found.aspects:
-        bounds = predicted.interval([each.id])
-        np.testing.assert_array_equal([each.lower, each.upper], [bounds.lower, bounds.upper])
-        assert math.isnan(each.lower) != states_bounds
+    assert (found.drops, found.interval, found.run.run_id) == (0, '', '')
+    assert found.run.conditions.surface == ''
+    assert all(math.isnan(each.lower) and math.isnan(each.upper) for each in found.aspects)
     for each in found.classes:
         together = sum(expected[k - 1] for k in each.aspects)
         assert each.probability == pytest.approx(together, abs=1e-12)
@@ -62,17 +53,6 @@ def test_method_not_defined_for_a_part_is_rejected(suite, method):
         f'{method} is not defined for cylinder_d20_h20: aspect 1 rests on a curved side, not a '
         'polygon'
     )
-
-
-def test_learned_uses_the_requested_surface_and_refuses_surroundings(suite):
-    answers = [
-        suite.client.ask('l_bracket', method='learned', surface=s) for s in ('steel', 'thrown')
-    ]
-    one, other = ([a.probability for a in each.distribution.aspects] for each in answers)
-    assert max(abs(a - b) for a, b in zip(one, other, strict=True)) > 0.005
-    refused = suite.client.ask('l_bracket', method='learned', surroundings='corner')
-    assert refused.status.code == Status.INVALID
-    assert 'expected a level plane' in refused.status.message
 
 
 def test_unknown_part_is_rejected(suite):

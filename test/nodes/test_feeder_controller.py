@@ -40,6 +40,7 @@ SECOND = 10**9
 TIMEOUT = 'nodes.feeder_controller.node.IMAGE_TIMEOUT'
 QUICK = {'ros.diagnostics.PERIOD': 0.1}
 PATIENT = {TIMEOUT: 1e6, **QUICK}
+DROPS = [28, 27, 25, 13, 7]
 CHOICES = {'WAIT': 0, 'PICK': 1, 'FLIP': 2, 'SPREAD': 3, 'SUPPLY': 4}
 
 
@@ -108,7 +109,7 @@ def seen(class_id='1', x=0.0, clearance=0.05, **fields):
 
 @pytest.fixture(scope='module')
 def bracket(part):
-    return known_part(part(PART))
+    return known_part(part(PART), {1: 1.0})
 
 
 @pytest.fixture
@@ -130,13 +131,14 @@ def begin(start, connect, namespace):
 
 
 @pytest.fixture(scope='module')
-def running(start, connect, part):
-    """A controller that knows its part, in a module."""
+def running(start, connect, part, bracket, surfaces):
+    """A controller that knows drops of its part, in a module."""
     namespace = f'/test_feeder_controller_{os.getpid()}'
     process = start('feeder_controller', namespace, {'part': PART, 'spread_time': 0.4}, PATIENT)
     cell = Cell(connect(namespace))
     cell.meet()
     cell.parts.publish(part_msg(part(PART)))
+    cell.drops.publish(drops_of(bracket, DROPS, surfaces.get()))
     cell.advice('WAIT', lambda advice: 'no image' in advice.reason)
     yield cell, process
     assert process.end(signal.SIGINT) == 0
@@ -190,15 +192,16 @@ def flips_of(known, name, condition):
 # -- the advice ----------------------------------------------------------------------------------
 
 
-def test_empty_tray_is_supplied_by_the_estimate(running, bracket):
+def test_empty_tray_is_supplied(running):
     cell, _ = running
     advice = cell.advice_for(choice='SUPPLY')
     assert advice.supply > 1
     assert f'Image {advice.image} shows no {PART}' in advice.reason
     assert advice.picks == []
-    assert advice.pickable_share == pytest.approx(bracket.shares[0])
-    assert advice.lower < advice.pickable_share < advice.upper
-    assert (advice.drops, advice.actions) == (0, 0)
+    interval = binomtest(DROPS[0], 101).proportion_ci(method='wilson')
+    found = [advice.pickable_share, advice.lower, advice.upper]
+    assert found == pytest.approx([DROPS[0] / 101, interval.low, interval.high])
+    assert (advice.drops, advice.actions) == (sum(DROPS), 0)
     assert list(advice.choices) == [CHOICES['SUPPLY']]
     assert advice.rates[0] > 0
 
@@ -345,8 +348,12 @@ def test_model_follows_drops_and_flips(begin, part, bracket, surfaces):
     # It depends on what the node has discovered yet.
     cell.advice('WAIT', lambda advice: re.search(MISSING_PART, advice.reason))
     cell.parts.publish(part_msg(part(PART)))
-    cell.advice('WAIT', lambda advice: advice.drops == 0 and not math.isnan(advice.pickable_share))
+    cell.advice('WAIT', lambda advice: 'get_distribution is not served' in advice.reason)
+    assert math.isnan(cell.received[-1].pickable_share)
     condition = surfaces.get()
+    # Without a drop in an aspect, nothing is known either.
+    cell.drops.publish(drops_of(bracket, [0] * 5, condition, 'none'))
+    cell.advice('WAIT', lambda advice: f'no drop of {PART} has come to rest' in advice.reason)
     cell.drops.publish(drops_of(bracket, [10, 20, 30, 40, 99], condition))
     advice = cell.advice('WAIT', lambda advice: advice.drops == 199)
     interval = binomtest(40, 200).proportion_ci(method='wilson')
@@ -360,6 +367,53 @@ def test_model_follows_drops_and_flips(begin, part, bracket, surfaces):
     cell.flips.publish(flips_of(bracket, 'flip', condition))
     advice = cell.advice('WAIT', lambda advice: advice.actions == 100)
     assert advice.drops == 199
+
+
+@pytest.fixture(scope='module')
+def whole(fresh_suite):
+    """A suite in which nothing has been dropped."""
+    return fresh_suite()
+
+
+@pytest.fixture
+def advised(whole, start):
+    """Start a controller of a part in the suite, and return its advice; it ends in order."""
+    started = []
+
+    def advised(part):
+        started.append(start('feeder_controller', whole.namespace, {'part': part}, PATIENT))
+        return whole.client.listen(FeederAdvice, f'feeder_advice/{part}', ALL_LATCHED)
+
+    yield advised
+    for process in started:
+        assert process.end(signal.SIGINT) == 0
+        assert 'Traceback' not in process.output
+
+
+def test_drops_are_requested_once_if_none_are_known(whole, advised):
+    """The controller begins with 1000 drops of a part, or with those that are known."""
+    suite, runs = whole, whole.client.poses()
+    thrown = suite.client.ask('tetrahedron', 40, surface='thrown').distribution
+    for name, drops in (('tetrahedron', 40), (PART, 1000)):
+        received = advised(name)
+        suite.client.wait(lambda got=received: got and got[-1].drops, f'drops of {name}')
+        known = suite.client.ask(name, drops, surface='thrown' if drops == 40 else '')
+        counts = sum(each.count for each in known.distribution.aspects)
+        suite.client.wait(lambda got=received, n=counts: got[-1].drops == n, 'all drops')
+        assert received[-1].pickable_share == known.distribution.classes[0].probability
+    found = {each.run.run_id: each.run for each in runs}
+    assert found.pop(thrown.run.run_id).drops == 40
+    (run,) = found.values()
+    assert (run.part, run.drops, run.conditions.surface) == (PART, 1000, 'rubber_mat')
+
+
+def test_drops_are_requested_when_the_classifier_starts(whole, advised):
+    assert whole.processes['aspect_classifier'].end(signal.SIGINT) == 0
+    received = advised('box_10x20x30')
+    wait = whole.client.wait
+    wait(lambda: received and 'is not served: start aspect_classifier' in received[-1].reason, '')
+    whole.start_again('aspect_classifier')
+    wait(lambda: received[-1].drops, 'drops')
 
 
 def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
@@ -376,10 +430,11 @@ def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
     assert process.running
 
 
-def test_camera_that_stops_is_reported_and_may_continue(begin, part):
+def test_camera_that_stops_is_reported_and_may_continue(begin, part, bracket, surfaces):
     times = dict.fromkeys(('robot_time', 'vibrate_time', 'settle_time', 'image_time'), 0.01)
     cell, process = begin({TIMEOUT: 0.3}, **times)
     cell.parts.publish(part_msg(part(PART)))
+    cell.drops.publish(drops_of(bracket, DROPS, surfaces.get()))
     cell.advice('WAIT', lambda advice: 'If the tray is empty, supply' in advice.reason)
     image = cell.show(*(seen('1', 0.05 * k) for k in range(3)))
     advice = cell.advice('WAIT', lambda advice: 'no valid image has arrived for' in advice.reason)

@@ -8,7 +8,9 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.vision.grasp import gripper_poses
 from resting_aspects_ros.nodes.feeder_controller.advice import advise_image
 from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs
@@ -40,8 +42,21 @@ def fed(part, settings):
 
 
 @pytest.fixture(scope='module')
-def model(fed, settings):
-    return build_model(Evidence(fed.known.shares), fed.footprints, settings)
+def evidence(fed):
+    """Return a function that makes the evidence of drops, and of flips (k, k) if given."""
+    aspects = fed.known.aspects
+
+    def evidence(drops, flips=None):
+        if flips is not None:
+            flips = TransitionMatrix(aspects, np.hstack([flips, np.zeros((len(flips), 4), int)]))
+        return Evidence(Distribution(aspects, np.array(drops), 0, 0, 0), flips)
+
+    return evidence
+
+
+@pytest.fixture(scope='module')
+def model(fed, evidence, settings):
+    return build_model(evidence([27, 27, 25, 13, 8]), fed.footprints, settings)
 
 
 @pytest.fixture(scope='module')
@@ -108,16 +123,38 @@ def test_pickable_class_without_a_grasp_is_an_error(fed):
         ids_of_classes(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
 
 
-def test_settings_of_the_decision_reach_its_model(fed):
+def test_settings_of_the_decision_reach_its_model(fed, evidence):
     settings = settings_from(
         {**VALUES, 'place_time': 0.3, 'max_supply': 3, 'min_score': 0.8, 'max_picks': 2}
     )
-    model = build_model(Evidence(fed.known.shares), fed.footprints, settings)
+    model = build_model(evidence([27, 27, 25, 13, 8]), fed.footprints, settings)
     assert (model.max_supply, model.min_score) == (3, 0.8)
     assert (model.times.place, model.feeder.max_picks) == (0.3, 2)
     assert model.feeder.footprints[0].grips
     image = Image(1, 1, 'tray', ())
     assert advise_image(image, fed, model).supply == 3
+
+
+def test_missing_flips_have_the_shares_of_the_drops(fed, evidence, settings):
+    """A rare class keeps its share: 1 of 1000 drops is less than one of 20 flips."""
+    drops = np.array([1, 499, 300, 150, 50])
+    found = build_model(evidence(drops), fed.footprints, settings)
+    np.testing.assert_allclose(found.moves.transitions, np.tile(drops / 1000, (5, 1)), rtol=1e-12)
+    assert found.values.rate > 0
+    assert not found.trapped.any()
+    flips = np.diag([5, 20, 0, 0, 100])
+    found = build_model(evidence(drops, flips), fed.footprints, settings)
+    expected = np.tile(drops / 1000, (5, 1))
+    expected[0] = (np.array([5, 0, 0, 0, 0]) + 15 * drops / 1000) / 20
+    expected[[1, 4]] = np.eye(5)[[1, 4]]
+    np.testing.assert_allclose(found.moves.transitions, expected, rtol=1e-12)
+
+
+def test_class_that_was_never_seen_has_no_rate_and_is_picked(fed, evidence, settings):
+    model = build_model(evidence([0, 3, 2, 0, 0]), fed.footprints, settings)
+    assert model.values.rate == 0
+    assert len(advise_image(Image(1, 1, 'tray', (seen(0, 0.0, 0.0),)), fed, model).picks) == 1
+    assert advise_image(Image(1, 1, 'tray', ()), fed, model).supply > 0
 
 
 @pytest.mark.parametrize(

@@ -156,10 +156,11 @@ def test_prior_is_the_newest_distribution(vision, part, seen):
     assert found.prior != before
 
 
-def test_prediction_is_the_prior_without_drops(vision, part):
+def test_basin_is_the_prior_without_drops(vision, part):
     name = 'angle_45x30x8'
     vision.outlines(name)
-    known = known_part(part(name))
+    basins = [each.basin_share for each in find_aspects(part(name)).aspects]
+    known = known_part(part(name), basins)
     expected = identify_part(known.outlines[2].polygon, known).candidates[0]
     found = vision.identify(known.outlines[2].polygon, name).candidates[0]
     assert (found.symmetry_class, found.prior) == (3, pytest.approx(expected.prior))

@@ -130,7 +130,7 @@ def test_unknown_method(suite):
     assert answer.status.code == Status.INVALID
     assert answer.status.message == (
         "invalid method 'guess': expected drops or one of solid_angle, csa, crsa, stability, "
-        'energy_barrier, quasi_static, rolling, learned'
+        'energy_barrier, quasi_static, rolling'
     )
     assert suite.client.ask(method='drops', drops=5).status.code == Status.OK
 

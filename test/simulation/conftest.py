@@ -1,4 +1,4 @@
-"""Drops of example parts, for the tests of the engine."""
+"""Drops of example parts, for the tests of the engines."""
 
 import pytest
 
@@ -13,13 +13,13 @@ def mat(surfaces):
 
 @pytest.fixture(scope='module')
 def drop(mat):
-    """Drop a part, the first n times on the rubber mat with changes; equal questions once."""
+    """Drop a part, the first n times on the rubber mat with changes; equal drops once."""
     known = {}
 
-    def make(part, n, seed=1, **changes):
-        key = (part.part_sha256, n, seed, *sorted(changes.items()))
+    def make(part, n, seed=1, engine='', **changes):
+        key = (part.part_sha256, n, seed, engine, *sorted(changes.items()))
         if key not in known:
-            job = make_job(part, mat.changed(**changes), seed)
+            job = make_job(part, mat.changed(**changes), seed, engine=engine)
             known[key] = drop_range(job, 0, n)
         return known[key]
 

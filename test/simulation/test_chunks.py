@@ -1,20 +1,27 @@
-"""Chunks: order, number of pending chunks, and workers that die."""
+"""Chunks: bounds, order, number of pending chunks, and workers that die."""
 
 import dataclasses
 from concurrent.futures import BrokenExecutor, CancelledError, Future
-from contextlib import contextmanager
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks, submit_drops
-from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.core.statistics.stopping import checkpoints
+from resting_aspects_ros.simulation.chunks import (
+    MAX_DEATHS,
+    chunk_bounds,
+    drop_chunks,
+    submit_drops,
+)
+from resting_aspects_ros.simulation.drop_job import CHUNKS
 from resting_aspects_ros.simulation.plan import make_job, plan_run
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.run_description import KERNEL, MAX_SEED
+
+CHUNK = CHUNKS[KERNEL]
 
 
 class Recorder:
@@ -83,10 +90,10 @@ def some_poses(first, stop):
     return RestingPoses(first, *(np.zeros((stop - first, *a.shape[1:]), a.dtype) for a in arrays))
 
 
-@pytest.fixture
-def campaign(part, surfaces):
-    """Drop three chunks and a bit with workers; gives the chunks and what was warned of."""
-    _, asked = plan_run(
+@pytest.fixture(scope='module')
+def planned(part, surfaces):
+    """The job and the description of a run of three chunks and a bit."""
+    return plan_run(
         part('tetrahedron'),
         surfaces.get(),
         seed=5,
@@ -96,9 +103,20 @@ def campaign(part, surfaces):
         started=0,
     )
 
+
+@pytest.fixture(scope='module')
+def job(planned):
+    return planned[0]
+
+
+@pytest.fixture
+def campaign(planned):
+    """Make the drops of a run with workers; gives the chunks and what was warned of."""
+    job, asked = planned
+
     def drop(workers):
         warnings = []
-        steps = drop_chunks('job', asked, workers, warnings.append)
+        steps = drop_chunks(job, asked, workers, warnings.append)
         chunks = []
         try:
             for step in steps:
@@ -114,42 +132,64 @@ def campaign(part, surfaces):
     return drop
 
 
-@contextmanager
-def closing_workers(count):
-    workers = ProcessWorkers(count)
-    try:
-        yield workers
-    finally:
-        workers.stop()
-
-
-@pytest.mark.parametrize(
-    ('first', 'drops', 'chunks'),
-    [
+def bounds_in(chunk):
+    """Cases of a first drop, a number of drops, and the chunks of this size that they have."""
+    last = (MAX_SEED + 1) // chunk * chunk
+    return [
         (0, 1, [(0, 1)]),
-        (0, CHUNK, [(0, CHUNK)]),
-        (0, CHUNK + 1, [(0, CHUNK), (CHUNK, CHUNK + 1)]),
-        (CHUNK - 2, 4, [(CHUNK - 2, CHUNK), (CHUNK, CHUNK + 2)]),
+        (0, chunk, [(0, chunk)]),
+        (0, chunk + 1, [(0, chunk), (chunk, chunk + 1)]),
+        (chunk - 2, 4, [(chunk - 2, chunk), (chunk, chunk + 2)]),
         (7, 3, [(7, 10)]),
         (0, 0, []),
-        (
-            2**64 - 1 - CHUNK,
-            CHUNK,
-            [(2**64 - 1 - CHUNK, (a := 2**64 // CHUNK * CHUNK)), (a, 2**64 - 1)],
-        ),
-    ],
+        (MAX_SEED - chunk, chunk, [(MAX_SEED - chunk, last), (last, MAX_SEED)]),
+    ]
+
+
+@pytest.mark.parametrize('engine', CHUNKS)
+def test_drops_are_split_at_chunk_boundaries(part, surfaces, engine):
+    job = make_job(part('tetrahedron'), surfaces.get(), 5, engine=engine)
+    assert job.chunk == CHUNKS[engine]
+    for first, drops, chunks in bounds_in(job.chunk):
+        workers = Recorder(lambda: 2)
+        futures = list(submit_drops(job, first, drops, workers))
+        assert workers.asked == [(job, low, high) for low, high in chunks]
+        assert futures == workers.futures
+
+
+@given(
+    st.one_of(st.integers(0, 3000), st.integers(MAX_SEED - 9000, MAX_SEED - 6000)),
+    st.integers(0, 5000),
+    st.lists(st.integers(1, 8000), max_size=5),
 )
-def test_drops_are_split_at_chunk_boundaries(first, drops, chunks):
-    workers = Recorder(lambda: 2)
-    futures = list(submit_drops('job', first, drops, workers))
-    assert workers.asked == [('job', low, high) for low, high in chunks]
-    assert futures == workers.futures
+def test_chunks_cover_a_range_and_end_only_at_multiples_and_cuts(job, first, drops, cuts):
+    end, shifted = first + drops, [first + cut for cut in cuts]
+    found = list(chunk_bounds(job, first, end, shifted))
+    inner = {k for k in range(first + 1, end) if k % CHUNK == 0 or k in shifted}
+    starts, ends = [first, *sorted(inner)], [*sorted(inner), end]
+    assert found == (list(zip(starts, ends, strict=True)) if drops else [])
+
+
+def test_chunks_end_where_a_precision_is_tested(part, surfaces):
+    job, asked = plan_run(
+        part('tetrahedron'),
+        surfaces.get(),
+        seed=5,
+        drops=3 * CHUNK,
+        precision=0.02,
+        run_id='',
+        started=0,
+    )
+    steps = drop_chunks(job, asked, Mortal(), pytest.fail)
+    ends = [step.end for step in steps if not isinstance(step, Future)]
+    assert ends == sorted({*checkpoints(3 * CHUNK), CHUNK, 2 * CHUNK, 3 * CHUNK})
+    assert ends[0] == 250
 
 
 @pytest.mark.parametrize('lookahead', [1, 2, 5])
-def test_at_most_lookahead_chunks_are_pending(lookahead):
+def test_at_most_lookahead_chunks_are_pending(job, lookahead):
     workers = Recorder(lambda: lookahead)
-    chunks = submit_drops('job', 0, 10 * CHUNK, workers)
+    chunks = submit_drops(job, 0, 10 * CHUNK, workers)
     assert workers.asked == []  # nothing before the first is asked for
     for taken, future in enumerate(chunks, start=1):
         # Handed over in order, not by which is done first.
@@ -158,9 +198,9 @@ def test_at_most_lookahead_chunks_are_pending(lookahead):
     assert len(workers.futures) == 10
 
 
-def test_closing_cancels_only_chunks_not_started():
+def test_closing_cancels_only_chunks_not_started(job):
     workers = Recorder(lambda: 4)
-    chunks = submit_drops('job', 0, 10 * CHUNK, workers)
+    chunks = submit_drops(job, 0, 10 * CHUNK, workers)
     next(chunks)
     workers.futures[1].set_running_or_notify_cancel()
     chunks.close()
@@ -168,29 +208,15 @@ def test_closing_cancels_only_chunks_not_started():
     assert len(workers.asked) == 4
 
 
-def test_the_lookahead_may_grow_and_shrink():
+def test_the_lookahead_may_grow_and_shrink(job):
     lookahead = [1]
     workers = Recorder(lambda: lookahead[0])
     under_way = []
-    chunks = submit_drops('job', 0, 6 * CHUNK, workers)
+    chunks = submit_drops(job, 0, 6 * CHUNK, workers)
     for taken, _ in enumerate(chunks):
         under_way.append(len(workers.futures) - taken)
         lookahead[0] = [3, 2, 2, 2, 2, 2][taken]
     assert under_way == [1, 3, 2, 2, 2, 1]
-
-
-@pytest.mark.parametrize('count', [1, 2])
-def test_poses_do_not_depend_on_the_workers(count, part, surfaces, assert_same_poses):
-    job = make_job(part('tetrahedron'), surfaces.get(), seed=5)
-    # The last chunk is not full; the first does not begin at its first slot.
-    first, drops = CHUNK - 30, 30 + 20
-    here = RestingPoses.join(
-        [drop_range(job, first, CHUNK), drop_range(job, CHUNK, first + drops)]
-    )
-    assert (here.first_drop, len(here)) == (first, drops)
-    with closing_workers(count) as workers:
-        chunks = submit_drops(job, first, drops, workers)
-        assert_same_poses(RestingPoses.join([f.result() for f in chunks]), here)
 
 
 def test_chunks_are_ordered_and_follow_their_futures(campaign):
@@ -234,9 +260,15 @@ def test_one_error_can_report_several_deaths(campaign):
 @pytest.mark.parametrize(
     ('end', 'expected'),
     [
-        (KeyError('hull'), "a worker failed near drop 125 of tetrahedron: KeyError('hull')"),
+        (
+            KeyError('hull'),
+            f"a worker failed near drop {CHUNK} of tetrahedron: KeyError('hull')",
+        ),
         (EngineError('Bullet has no room'), 'Bullet has no room'),
-        (CancelledError(), 'the workers became unavailable near drop 125 of tetrahedron'),
+        (
+            CancelledError(),
+            f'the workers became unavailable near drop {CHUNK} of tetrahedron',
+        ),
     ],
 )
 def test_chunks_of_failed_workers_are_not_repeated(campaign, end, expected):
@@ -247,10 +279,9 @@ def test_chunks_of_failed_workers_are_not_repeated(campaign, end, expected):
     assert workers.asked == [10, CHUNK]
 
 
-def test_stopping_early_cancels_chunks_not_started():
+def test_stopping_early_cancels_chunks_not_started(planned):
     workers = Recorder(lambda: 3)
-    asked = SimpleNamespace(first_drop=0, end=10 * CHUNK)
-    steps = drop_chunks('job', asked, workers, pytest.fail)
+    steps = drop_chunks(*planned, workers, pytest.fail)
     assert next(steps) is workers.futures[0]
     steps.close()
     assert [future.cancelled() for future in workers.futures] == [False, True, True]

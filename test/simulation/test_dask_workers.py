@@ -18,10 +18,13 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.simulation import chunks
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
 from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
+from resting_aspects_ros.simulation.drop_job import CHUNKS
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.run_description import KERNEL
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+
+CHUNK = CHUNKS[KERNEL]
 
 
 @pytest.fixture(scope='module')
@@ -44,15 +47,11 @@ def chunks_of(job, asked, workers):
     return [step for step in steps if not isinstance(step, Future)]
 
 
-def test_poses_are_bit_identical_to_local_ones(planned, workers):
+def test_poses_are_bit_identical_to_local_ones(planned, workers, assert_same_poses):
     job, asked = planned
-    ends = [CHUNK, 2 * CHUNK, 3 * CHUNK, asked.end]
-    here = [drop_range(job, end - 1 - (end - 1) % CHUNK, end) for end in ends]
     there = chunks_of(job, asked, workers)
     assert len(there) == 4
-    for field in dataclasses.fields(RestingPoses):
-        a, b = (getattr(RestingPoses.join(poses), field.name) for poses in (there, here))
-        np.testing.assert_array_equal(a, b)
+    assert_same_poses(RestingPoses.join(there), drop_range(job, 0, asked.end))
 
 
 @pytest.mark.slow
@@ -96,7 +95,7 @@ def test_worker_exception_is_reported(planned, workers, monkeypatch):
         chunks_of(*planned, workers)
 
 
-@pytest.mark.parametrize('package', ['resting_aspects_ros', 'pybullet', 'numpy'])
+@pytest.mark.parametrize('package', ['resting_aspects_ros', 'numba', 'pybullet', 'numpy'])
 def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch, package):
     versions = drops_cluster.worker_versions() | {package: '1.2.3'}
     monkeypatch.setattr(drops_cluster, 'worker_versions', lambda: versions)
@@ -109,7 +108,7 @@ def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch, p
 @pytest.mark.slow
 def test_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
     disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
-    job, asked = plan_run(disc, surfaces.get(), seed=5, drops=260, run_id='', started=0)
+    job, asked = plan_run(disc, surfaces.get(), seed=5, drops=2 * CHUNK + 10, run_id='', started=0)
     assert len(pickle.dumps(job)) > 64 * 1024
     sent = []
     real = workers._executor.submit
@@ -119,7 +118,7 @@ def test_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
         return real(*task)
 
     workers._executor.submit = submit
-    assert RestingPoses.join(chunks_of(job, asked, workers)).end == 260
+    assert RestingPoses.join(chunks_of(job, asked, workers)).end == asked.end
     assert len(sent) == 3
     assert max(sent) < 1000
 

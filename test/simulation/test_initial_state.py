@@ -1,21 +1,24 @@
 """Initial states of drops, and the time to rest."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations
-from resting_aspects_ros.simulation import drop_job, initial_state
+from resting_aspects_ros.simulation import drop_job
 from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.drop_random import NUMBERS, DropRandom
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.plan import MAX_IMPACT, make_job
+from resting_aspects_ros.simulation.run_description import BULLET
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -24,25 +27,11 @@ LEVEL = 1e-3
 # -- Releases -------------------------------------------------------------------------------------
 
 
-def drawn_states(job, chunks):
-    """Position, velocity and spin at release, in R and T, of all drops of some chunks.
-
-    Private to the engine, because no number that leaves it tells how a drop began.
-    """
-    each = [initial_state.initial_states(job, chunk) for chunk in range(chunks)]
-    return initial_state.InitialState(
-        *(
-            np.concatenate([getattr(release, field.name) for release in each])
-            for field in dataclasses.fields(initial_state.InitialState)
-        )
-    )
-
-
 def test_speed_and_spin_have_the_declared_deviations(part, mat):
     thrown = mat.changed(speed_horizontal=0.3, speed_vertical=0.1, spin=7.0)
     job = make_job(part('l_bracket'), thrown, 3)
-    n = 40 * CHUNK
-    states = drawn_states(job, 40)
+    n = 20_000
+    states = initial_states(job, 0, n)
     metres, seconds = job.radius, job.time_unit
     velocity = states.velocity * metres / seconds
     spin = states.spin / seconds
@@ -60,7 +49,7 @@ def test_speed_and_spin_have_the_declared_deviations(part, mat):
 
 
 def test_zero_speed_and_spin_release_at_rest(part, mat):
-    states = drawn_states(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 2)
+    states = initial_states(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 0, 250)
     assert not states.velocity.any()
     assert not states.spin.any()
     assert not states.elapsed.any()
@@ -71,7 +60,7 @@ def test_height_refers_to_the_selected_point(part, mat, height_of):
     shape = part('l_bracket')
     # With spin, so that no part of the fall is left out.
     job = make_job(shape, mat.changed(height=0.05, height_of=height_of, spin=1e-3), 3)
-    states = drawn_states(job, 2)
+    states = initial_states(job, 0, 250)
     if height_of is HeightOf.CENTRE_OF_MASS:
         height = states.position[:, 2]
     else:
@@ -82,15 +71,46 @@ def test_height_refers_to_the_selected_point(part, mat, height_of):
 
 def test_initial_orientations_are_uniform(part, mat):
     job = make_job(part('l_bracket'), mat, 3)
-    body = Rotation.from_quat(drawn_states(job, 40).orientation)
+    body = Rotation.from_quat(initial_states(job, 0, 20_000).orientation)
     of_part = (body * Rotation.from_quat(job.axes).inv()).as_quat()
     for coordinate in down_in_part(of_part).T:
         assert kstest(coordinate, 'uniform', args=(-1, 2)).pvalue > LEVEL
-    # The generator's first numbers turn the first drop, regardless of the part's axes.
-    seeds = np.random.SeedSequence(3, spawn_key=(0,))
-    first = random_orientations(np.random.default_rng(seeds), CHUNK)
-    same = np.abs((of_part[:CHUNK] * first).sum(axis=1))
-    np.testing.assert_allclose(same, 1, atol=1e-12)
+    # The first numbers of a drop turn it, regardless of the part's axes.
+    first = random_orientations(DropRandom(3, 0, 20_000), 20_000)
+    np.testing.assert_allclose(np.abs((of_part * first).sum(axis=1)), 1, atol=1e-12)
+
+
+@given(st.integers(0, 2**64 - 1), st.integers(0, 2**64 - 101), st.integers(0, 90))
+def test_numbers_of_a_drop_depend_on_seed_and_index_only(seed, first, offset):
+    many, few = (
+        (random.random((n, 3)), random.standard_normal((n, 2)))
+        for n, random in (
+            (100, DropRandom(seed, first, first + 100)),
+            (7, DropRandom(seed, first + offset, first + offset + 7)),
+        )
+    )
+    for a, b in zip(many, few, strict=True):
+        np.testing.assert_array_equal(a[offset : offset + 7], b[: 100 - offset])
+
+
+def test_numbers_of_drops_and_seeds_are_independent_and_uniform():
+    n = 5000
+    each = [DropRandom(seed, 0, n).random((n, 8)) for seed in (3, 4)]
+    numbers = np.hstack([*each, np.roll(each[0], 1, axis=0)])
+    assert numbers.min() > 0
+    assert numbers.max() < 1
+    for column in numbers.T:
+        assert kstest(column, 'uniform').pvalue > LEVEL
+    # Of the 276 correlations, which have a standard error of 1 / sqrt(n), none is that large.
+    together = np.corrcoef(numbers.T) - np.eye(24)
+    assert np.abs(together).max() < 4.8 / math.sqrt(n)
+
+
+def test_a_drop_has_no_more_numbers_than_are_reserved_for_it():
+    random = DropRandom(1, 0, 5)
+    random.random((5, NUMBERS))
+    with pytest.raises(ValueError, match='invalid shape'):
+        random.random(5)
 
 
 @pytest.mark.parametrize('height_of', HeightOf)
@@ -99,12 +119,13 @@ def test_omitted_fall_is_a_free_fall(part, mat, height_of):
     thrown = mat.changed(
         height=0.05, height_of=height_of, speed_horizontal=0.2, speed_vertical=0.4
     )
-    short = drawn_states(make_job(part('l_bracket'), thrown, 3), 4)
-    full = drawn_states(make_job(part('l_bracket'), thrown.changed(spin=1e-12), 3), 4)
+    shape, n = part('l_bracket'), 500
+    short = initial_states(make_job(shape, thrown, 3), 0, n)
+    full = initial_states(make_job(shape, thrown.changed(spin=1e-12), 3), 0, n)
     np.testing.assert_array_equal(short.orientation, full.orientation)
     t = short.elapsed[:, None]
     assert (t >= 0).all()
-    assert np.count_nonzero(t) > CHUNK
+    assert np.count_nonzero(t) > n / 4
     down = np.array([0, 0, -1.0])
     np.testing.assert_allclose(short.velocity, full.velocity + t * down, atol=1e-9)
     np.testing.assert_allclose(
@@ -131,14 +152,14 @@ def test_height_below_hull_radius_is_rejected(part, mat):
 
 
 def test_time_to_rest_includes_the_fall(drop, part, mat):
-    shape = part('box_10x20x30')
+    shape, n = part('box_10x20x30'), 2000
     fall = math.sqrt(2 * mat.height / mat.gravity)
-    assert drop(shape, 60, restitution=0.0).time_to_rest.min() >= fall
+    assert drop(shape, n, restitution=0.0).time_to_rest.min() >= fall
     # Without bounces it is soon over: one that falls flat takes as long as the fall, and the
     # least steady of the others has tipped over and rocked within some T.
-    late = drop(shape, 60, restitution=0.0).time_to_rest.max() - fall
+    late = drop(shape, n, restitution=0.0).time_to_rest.max() - fall
     assert late < 30 * math.sqrt(shape.hull_radius / mat.gravity)
-    assert drop(shape, 60, restitution=0.8).time_to_rest.mean() > fall + late / 2
+    assert drop(shape, n, restitution=0.8).time_to_rest.mean() > fall + late / 2
 
 
 @pytest.mark.parametrize(
@@ -151,8 +172,8 @@ def test_time_to_rest_includes_the_fall(drop, part, mat):
         ({'spin': 300.0}, None),
     ],
 )
-def test_time_step_limits_the_travel_per_step(part, mat, changes, steps):
-    job = make_job(part('l_bracket'), mat.changed(**changes), 1)
+def test_time_step_of_bullet_limits_the_travel_per_step(part, mat, changes, steps):
+    job = make_job(part('l_bracket'), mat.changed(**changes), 1, engine=BULLET)
     assert job.time_step == pytest.approx(
         math.sqrt(job.radius / mat.gravity) / job.steps_per_t, rel=1e-12
     )
@@ -168,6 +189,14 @@ def test_time_step_limits_the_travel_per_step(part, mat, changes, steps):
         assert travel > 0.99 * drop_job.TRAVEL_PER_STEP
     else:
         assert job.steps_per_t == steps
+
+
+@pytest.mark.parametrize('refinement', [1, 4])
+def test_time_step_of_the_kernel_is_a_share_of_the_time_unit(part, mat, refinement):
+    shape = part('l_bracket')
+    job = make_job(shape, mat.changed(height=2.0, spin=300.0), 1, refinement=refinement)
+    unit = math.sqrt(shape.hull_radius / mat.gravity)
+    assert job.time_step == pytest.approx(unit / 40 / refinement, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Real worker processes: how they start, end, and are replaced."""
+"""Real worker processes, which make drops in Bullet: how they start, end, and are replaced."""
 
 import dataclasses
 import os
@@ -15,21 +15,22 @@ from pathlib import Path
 
 import pytest
 
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation import process_workers
 from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks
+from resting_aspects_ros.simulation.drop_job import CHUNKS
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
+from resting_aspects_ros.simulation.plan import make_job, plan_run
 from resting_aspects_ros.simulation.process_workers import (
-    MAX_WORKERS,
     NICENESS,
     ProcessWorkers,
     WorkerDiedError,
-    default_workers,
 )
+from resting_aspects_ros.simulation.run_description import BULLET
 
+CHUNK = CHUNKS[BULLET]
 DEADLINE = 600.0  # s; finds what hangs
 # What a pipe holds: a job of more than this once blocked the end of a run for ever.
 PIPE = 64 * 1024
@@ -43,15 +44,20 @@ def planned(request, part, surfaces, solid):
     """The job and the description of a run of two short chunks, of a small and a large job."""
     shape = part('tetrahedron') if request.param == 'tetrahedron' else disc(solid)
     return plan_run(
-        shape, surfaces.get(), seed=5, drops=30, first_drop=FIRST, run_id='', started=0
+        shape,
+        surfaces.get(),
+        seed=5,
+        drops=30,
+        first_drop=FIRST,
+        run_id='',
+        started=0,
+        engine=BULLET,
     )
 
 
 @pytest.fixture(scope='module')
 def job(part, surfaces):
-    return plan_run(
-        part('tetrahedron'), surfaces.get(), seed=5, drops=CHUNK, run_id='', started=0
-    )[0]
+    return make_job(part('tetrahedron'), surfaces.get(), 5, engine=BULLET)
 
 
 @pytest.fixture
@@ -61,6 +67,21 @@ def make_workers():
 
     def make(count):
         made.append(ProcessWorkers(count))
+        return made[-1]
+
+    yield make
+    for workers in made:
+        stop(workers)
+
+
+@pytest.fixture
+def make_local(job):
+    """Make the workers of a run, which have started their processes."""
+    made = []
+
+    def make(count):
+        made.append(LocalWorkers(count))
+        made[-1].submit(job, 0, 1).result()
         return made[-1]
 
     yield make
@@ -110,7 +131,7 @@ def poses_of(steps):
 
 
 def dropped_here(job):
-    return RestingPoses.join([drop_range(job, FIRST, CHUNK), drop_range(job, CHUNK, FIRST + 30)])
+    return drop_range(job, FIRST, FIRST + 30)
 
 
 def test_large_job_is_larger_than_a_pipe(planned):
@@ -119,28 +140,10 @@ def test_large_job_is_larger_than_a_pipe(planned):
 
 
 def test_error_in_a_worker_reaches_the_caller(job, make_workers):
-    # Not of one chunk: the engine refuses it, in the worker.
     workers = make_workers(1)
-    with pytest.raises(ValueError, match=rf'^invalid drops 0 to {CHUNK}: expected '):
-        workers.submit(job, 0, CHUNK + 1).result()
+    with pytest.raises(ValueError, match='counter must be positive'):
+        workers.submit(job, -1, 1).result()
     assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
-
-
-@pytest.mark.parametrize('workers', [0, -1, MAX_WORKERS + 1])
-def test_number_of_workers_out_of_bounds_is_refused(workers):
-    expected = f'invalid workers {workers}: expected 1 to {MAX_WORKERS}'
-    with pytest.raises(InvalidValueError, match=f'^{re.escape(expected)}$'):
-        ProcessWorkers(workers)
-
-
-def test_default_is_a_worker_per_allowed_core():
-    allowed = os.sched_getaffinity(0)
-    assert default_workers() <= os.cpu_count()
-    try:
-        os.sched_setaffinity(0, {min(allowed)})
-        assert default_workers() == 1
-    finally:
-        os.sched_setaffinity(0, allowed)
 
 
 @pytest.mark.quick_cases(1)
@@ -167,16 +170,17 @@ def test_workers_have_a_lower_priority(job, make_workers):
     assert os.getpriority(os.PRIO_PROCESS, worker) == os.nice(0) + NICENESS
 
 
-def test_workers_do_not_import_scipy(job, make_workers):
-    # It would take them longer than all else before the first drop.
+def test_processes_start_with_the_first_job_of_bullet(part, surfaces, job):
     before = children()
-    workers = make_workers(1)
-    workers.submit(job, 0, 1).result()
-    (worker,) = processes(1, besides=before)
-    maps = Path(f'/proc/{worker}/maps').read_text(encoding='utf-8')
-    assert 'pybullet' in maps
-    assert 'numpy' in maps
-    assert '/scipy/' not in maps
+    workers = LocalWorkers(2)
+    try:
+        workers.submit(make_job(part('tetrahedron'), surfaces.get(), 5), 0, 600).result()
+        processes(0, besides=before)
+        workers.submit(job, 0, 3).result()
+        processes(2, besides=before)
+    finally:
+        stop(workers)
+    processes(0, besides=before)
 
 
 @pytest.mark.quick_cases(1)
@@ -218,11 +222,11 @@ def test_stuck_workers_are_stopped(planned, make_workers, hold):
 
 
 @pytest.mark.quick_cases(1)
-def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert_same_poses):
+def test_runs_are_complete_when_workers_are_killed(planned, make_local, assert_same_poses):
     job, asked = planned
     here = dropped_here(job)
     before = children()
-    workers = make_workers(2)
+    workers = make_local(2)
     warnings = []
     runs = [drop_chunks(job, asked, workers, warnings.append) for _ in range(2)]
     for run in runs:
@@ -240,10 +244,10 @@ def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert
 
 
 @pytest.mark.quick_cases(1)
-def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_same_poses):
+def test_idle_workers_that_died_do_not_end_a_run(planned, make_local, assert_same_poses):
     job, asked = planned
     before = children()
-    workers = make_workers(MAX_DEATHS + 1)
+    workers = make_local(MAX_DEATHS + 1)
     for worker in processes(MAX_DEATHS + 1, besides=before):
         os.kill(worker, signal.SIGKILL)
         ended(worker)
@@ -254,13 +258,13 @@ def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_s
 
 
 def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
-    planned, make_workers, assert_same_poses
+    planned, make_local, assert_same_poses
 ):
     # As by drops of one chunk that always end the process that simulates them.
     job, asked = planned
     asked = dataclasses.replace(asked, first_drop=0, drops=2 * CHUNK)
     before = children()
-    workers = make_workers(1)
+    workers = make_local(1)
     steps = drop_chunks(job, asked, workers, lambda _: None)
     kept = [step for step in (next(steps), next(steps)) if not isinstance(step, Future)]
     for _ in range(MAX_DEATHS):
@@ -268,6 +272,7 @@ def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
         os.kill(*processes(1, besides=before), signal.SIGKILL)
     with pytest.raises(EngineError, match=f'^{MAX_DEATHS} worker processes died in a row'):
         next(steps)
+    assert workers.replaced == MAX_DEATHS
     assert_same_poses(*kept, drop_range(job, 0, CHUNK))
     assert len(workers.submit(job, 0, 3).result()) == 3
 
@@ -290,13 +295,11 @@ def test_failure_to_start_a_process_is_an_error(monkeypatch):
     processes(0, besides=before)
 
 
-def test_worker_that_lacks_the_engine_is_an_error(planned, make_workers, monkeypatch, tmp_path):
+def test_worker_that_lacks_the_engine_is_an_error(job, make_workers, monkeypatch, tmp_path):
     (tmp_path / 'pybullet.py').write_text('raise MemoryError\n', encoding='utf-8')
     monkeypatch.syspath_prepend(tmp_path)
-    workers = make_workers(1)
-    expected = rf'^a worker failed near drop {FIRST} of .*: MemoryError\(\)$'
-    with pytest.raises(EngineError, match=expected):
-        list(drop_chunks(*planned, workers, pytest.fail))
+    with pytest.raises(MemoryError):
+        make_workers(1).submit(job, 0, 1).result()
 
 
 def disc(solid):
@@ -310,16 +313,16 @@ PARENT = """
 import sys
 from pathlib import Path
 from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 from resting_aspects_ros.simulation.part_library import PartLibrary
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 # At the top of the script: workers do not run it again.
 config = Path(sys.argv[1])
 part = PartLibrary(config / 'parts').load('tetrahedron')
-job = make_job(part, Surfaces.read(config / 'surfaces.yaml').get(), 1)
-workers = ProcessWorkers(2)
+job = make_job(part, Surfaces.read(config / 'surfaces.yaml').get(), 1, engine='bullet')
+workers = LocalWorkers(2)
 drops = sum(len(f.result()) for f in submit_drops(job, 120, 10, workers))
 pending = workers.submit(job, 0, 125)
 print(drops, flush=True)

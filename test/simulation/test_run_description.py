@@ -6,8 +6,9 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, plan_run
+from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.run_description import MAX_DROPS, MAX_SEED
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 
 
 @pytest.fixture
@@ -21,8 +22,9 @@ def plan(part, surfaces):
     return make
 
 
-def test_a_run_is_described_in_full(plan, part, surfaces):
-    job, run = plan(seed=7, drops=10, first_drop=3)
+@pytest.mark.parametrize(('engine', 'version'), [('kernel', '1'), ('bullet', '3.2.7')])
+def test_a_run_is_described_in_full(plan, part, surfaces, engine, version):
+    job, run = plan(seed=7, drops=10, first_drop=3, engine=engine)
     assert dataclasses.asdict(run) == {
         'run_id': 'r',
         'part': 'l_bracket',
@@ -32,8 +34,8 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
         'first_drop': 3,
         'drops': 10,
         'precision': 0.0,
-        'engine': 'bullet',
-        'engine_version': '3.2.7',
+        'engine': engine,
+        'engine_version': version,
         'suite_version': __version__,
         'time_step': job.time_step,
         'started': 5,
@@ -105,11 +107,26 @@ def test_sequence_is_equal_for_the_same_drops(plan, surfaces):
     assert plan(surfaces.get().changed(friction=0.3))[1].sequence() != run.sequence()
 
 
-def test_the_engine_is_named_with_its_version():
-    assert (ENGINE, ENGINE_VERSION) == ('bullet', '3.2.7')
+@pytest.mark.parametrize(
+    ('kind', 'engine'),
+    [('plane', 'kernel'), ('chute', 'kernel'), ('bowl_track', 'bullet'), ('pocket', 'bullet')],
+)
+def test_bullet_simulates_only_what_the_kernel_cannot(plan, surfaces, kind, engine):
+    conditions = dataclasses.replace(surfaces.get(), surroundings=named_surroundings(kind).key)
+    assert plan(conditions)[1].engine == engine
+    assert plan(conditions, engine='bullet')[1].engine == 'bullet'
+    if engine == 'bullet':
+        with pytest.raises(InvalidValueError, match='invalid engine kernel: expected bullet'):
+            plan(conditions, engine='kernel')
+
+
+def test_unknown_engine_is_rejected(plan):
+    with pytest.raises(InvalidValueError, match="invalid engine 'odd': expected kernel or bullet"):
+        plan(engine='odd')
 
 
 def test_sequence_differs_by_engine_version_and_timestep(plan):
     _, run = plan()
+    assert plan(engine='bullet')[1].sequence() != run.sequence()
     for changes in ({'engine_version': '9'}, {'suite_version': '9'}, {'time_step': 1.0}):
         assert dataclasses.replace(run, **changes).sequence() != run.sequence()

@@ -9,9 +9,10 @@ from resting_aspects_ros.cli.forecast_options import add_cell
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.cli.values import parse_integer
 from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
 
 PART, MINUTES, SEED = 'l_bracket', '10', 1
-DROPS, PER_ASPECT = 300, 40
+DROPS, PER_ASPECT = DEFAULT_DROPS, 40
 DOCUMENT, PICTURE, LAYOUT = 'feeder_demo.json', 'feeder_demo.png', 'foxglove.json'
 INTERRUPTED = 130
 
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--pickable',
         metavar='IDS',
         help='aspects in which the robot can pick the part, such as 1,3: all of their symmetry '
-        'classes (the class that is most probable by the shape)',
+        'classes (the most probable class)',
     )
     group.add_argument('--pickable-classes', metavar='NUMBERS', help='symmetry classes instead')
     add_cell(parser, MINUTES, 'the run in simulated time', gripper=False)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from resting_aspects_ros.core.vision.identification import Identification
 
 DESCRIPTION = """Tell from an observed outline which part lies where and in which aspect. The
-prior is the distribution that `estimate` predicts. 'None of these' and
+prior is the distribution of 1000 drops on rubber_mat. 'None of these' and
 'touching parts' are answers, too."""
 EXAMPLES = """examples:
   resting_aspects identify l_bracket --polygon seen.json

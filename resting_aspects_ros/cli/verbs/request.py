@@ -17,7 +17,6 @@ from resting_aspects_ros.cli.options import (
     requested_number,
 )
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.core.estimators.estimate import LEARNED
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
 
@@ -47,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         metavar='NAME',
         default='drops',
-        help='drops, or a method of `estimate`, of which only learned uses conditions (drops)',
+        help='drops, or a method of `estimate` (drops)',
     )
     parser.add_argument(
         '--only-known',
@@ -106,19 +105,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
     """Raise InvalidValueError for a flag that a method of `estimate` ignores."""
-    of_drops = ['drops', 'precision', 'seed', 'surroundings', 'picture']
-    if arguments.method != LEARNED:
-        of_drops += ['surface', 'surfaces', *QUANTITIES, 'height_of']
-    for name in of_drops:
+    run = 'drops', 'precision', 'seed', 'surroundings', 'picture'
+    for name in (*run, 'surface', 'surfaces', *QUANTITIES, 'height_of'):
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
             raise InvalidValueError(
                 f'invalid {flag} {shown(str(given))}: expected only with --method drops'
-                + (
-                    f' or {LEARNED}'
-                    if name in QUANTITIES or name in ('surface', 'surfaces', 'height_of')
-                    else ''
-                )
             )
 
 
@@ -168,11 +160,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     from resting_aspects_ros.ros.distribution_conversions import estimate_from
 
     with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
-        message = client.get_distribution(
-            arguments.part,
-            method=arguments.method,
-            conditions=_conditions(arguments, client),
-        )
+        message = client.get_distribution(arguments.part, method=arguments.method)
         found = estimate_from(message)
         part = client.get_part(arguments.part)
     result = EstimateResult(part, found.aspects, {found.method: found}, {})

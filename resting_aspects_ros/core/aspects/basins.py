@@ -30,34 +30,8 @@ class BorderArc(NamedTuple):
     onto: int
 
 
-class BasinTriangles(NamedTuple):
-    """Spherical triangles of which the basins consist.
-
-    Attributes
-    ----------
-    corners : (n, 3, 3) float
-        Unit vectors. The first is the direction of a corner of the body, in whose cone the support
-        height is that of this corner.
-    radii : (n,) float
-        Distance of this corner from the centre of mass.
-    onto : (n,) int
-        The stable facet to whose basin the triangle belongs. A clockwise triangle is subtracted.
-    """
-
-    corners: Array
-    radii: Array
-    onto: Indices
-
-
-def basin_areas(triangles: BasinTriangles, facets: int) -> Array:
-    """Return the basin areas (f,), sr, whose sum is 4 pi; 0 for unstable facets."""
-    area = np.zeros(facets)
-    np.add.at(area, triangles.onto, triangle_angles(*np.moveaxis(triangles.corners, 1, 0)))
-    return area
-
-
-def basin_triangles(body: Polyhedron, rest: Indices) -> BasinTriangles:
-    """Return the triangles of the basins.
+def basin_areas(body: Polyhedron, rest: Indices) -> Array:
+    """Return the basin areas (f,), sr, whose sum is 4 pi; 0 for unstable facets.
 
     Parameters
     ----------
@@ -67,7 +41,6 @@ def basin_triangles(body: Polyhedron, rest: Indices) -> BasinTriangles:
     pieces: list[list[BorderArc]] = [[] for _ in body.ends]
     triangles: list[tuple[Array, Array, Array]] = []
     onto: list[int] = []
-    at: list[int] = []
     for corner in np.argsort(np.linalg.norm(body.points, axis=1), kind='stable').tolist():
         point = body.points[corner] / np.linalg.norm(body.points[corner])
         entries, exits = [], []
@@ -99,9 +72,9 @@ def basin_triangles(body: Polyhedron, rest: Indices) -> BasinTriangles:
                 arc = (piece.begin, piece.end) if ahead else (piece.end, piece.begin)
                 triangles.append((point, *arc))
                 onto.append(piece.onto)
-                at.append(corner)
-    radii = np.linalg.norm(body.points[at], axis=1)
-    return BasinTriangles(np.array(triangles), radii, np.array(onto))
+    area = np.zeros(len(rest))
+    np.add.at(area, onto, triangle_angles(*np.moveaxis(np.array(triangles), 1, 0)))
+    return area
 
 
 def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[BorderArc]:

@@ -13,11 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects.basins import (
-    BasinTriangles,
-    basin_areas,
-    basin_triangles,
-)
+from resting_aspects_ros.core.aspects.basins import basin_areas
 from resting_aspects_ros.core.aspects.descent import Descent
 from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron, polyhedron
 from resting_aspects_ros.core.rotations import Array
@@ -97,13 +93,8 @@ class Landscape:
     @cached_property
     def basin_shares(self) -> Array:
         """(k,) share of the directions from which a part rolls to each minimum; their sum is 1."""
-        areas = basin_areas(self.basin_triangles, len(self._rest))
+        areas = basin_areas(self.hull, self._rest)
         return np.asarray(areas[self.minima] / (4 * np.pi))
-
-    @cached_property
-    def basin_triangles(self) -> BasinTriangles:
-        """Spherical triangles of which the basins of the minima consist."""
-        return basin_triangles(self.hull, self._rest)
 
     @cached_property
     def saddles(self) -> Saddles:

@@ -1,11 +1,9 @@
 """The methods by name, and the distribution that each predicts."""
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -18,23 +16,17 @@ from resting_aspects_ros.core.estimators.analytic_weights import (
     solid_angle,
     stability,
 )
-from resting_aspects_ros.core.estimators.learned import learned
-from resting_aspects_ros.core.estimators.release import TYPICAL, Release
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval, containing
-
-LEARNED = 'learned'
 
 
 @dataclass(frozen=True)
 class Method:
-    """A method that predicts probabilities.
+    """A method that predicts probabilities from the shape of a part.
 
     weights : function
-        Returns the weights (k,) of the aspects of a RestingShape by id, to which the probabilities
-        are proportional, or raises NotDefinedError. That of LEARNED has the conditions of the
-        drops as its second argument.
+        Returns the weights (k,) of the aspects by id, to which the probabilities are proportional,
+        or raises NotDefinedError.
     label : str
         Display name.
     meaning : str
@@ -45,16 +37,11 @@ class Method:
         Its name as the heading of a column, in one or two short lines.
     """
 
-    weights: Callable[..., Array]
+    weights: Callable[[RestingShape], Array]
     label: str
     meaning: str
     source: str
     heading: str
-
-
-def learned_shares(shape: RestingShape, release: Release = TYPICAL) -> Array:
-    """Return exp(score_i): a score of features of the landscape and the conditions."""
-    return learned(shape, release)[0]
 
 
 METHODS = {
@@ -107,13 +94,6 @@ METHODS = {
         'Baktash, Sharp, Zhou, Crane, Jacobson 2025',
         'rol-\nling',
     ),
-    LEARNED: Method(
-        learned_shares,
-        'learned',
-        'fitted to drops of random solids, for the conditions',
-        'this suite, `make learned`',
-        'lear-\nned',
-    ),
 }
 
 
@@ -125,16 +105,11 @@ class Estimate:
         One of METHODS.
     probabilities : (k,) float
         Probability of each aspect, by id from 1; their sum is 1.
-    weight : float
-        Number of drops whose counts have the same uncertainty as the prediction; NaN if it is not
-        known, which only LEARNED states. As a prior of counts it is Dirichlet, with weight times
-        the probabilities as its parameters.
     """
 
     aspects: AspectSet
     method: str
     probabilities: Array
-    weight: float = math.nan
 
     @property
     def source(self) -> str:
@@ -146,24 +121,6 @@ class Estimate:
         numbers = [aspect.symmetry_class for aspect in self.aspects.aspects]
         return np.asarray(np.bincount(numbers, weights=self.probabilities)[1:])
 
-    def interval(self, aspects: Sequence[int], confidence: float = CONFIDENCE) -> Interval:
-        """Return the probability of any of the aspects, by id; its bounds are NaN if not known."""
-        shares = self.probabilities[[k - 1 for k in aspects]]
-        return share_interval(float(shares.sum()), self.weight, confidence)
-
-
-def share_interval(share: float, weight: float, confidence: float = CONFIDENCE) -> Interval:
-    """Return a predicted probability with its bounds, which are NaN if the weight is NaN."""
-    share = min(float(share), 1.0)
-    if math.isnan(weight):
-        return Interval(share, math.nan, math.nan)
-    a, b = weight * share, weight * (1 - share)
-    if a <= 0 or b <= 0:
-        return Interval(share, share, share)
-    tail = (1 - confidence) / 2
-    lower, upper = containing(share, betaincinv(a, b, tail), betaincinv(a, b, 1 - tail))
-    return Interval(share, float(lower), float(upper))
-
 
 def check_method(method: str) -> None:
     """Raise InvalidValueError if there is no such method."""
@@ -171,12 +128,11 @@ def check_method(method: str) -> None:
         raise InvalidValueError(f'invalid method {method!r}: expected one of {", ".join(METHODS)}')
 
 
-def estimate(shape: RestingShape, method: str, release: Release = TYPICAL) -> Estimate:
+def estimate(shape: RestingShape, method: str) -> Estimate:
     """Return the distribution that a method predicts for a part.
 
     Aspects of one symmetry class are equally probable. If a part has only one aspect, its
-    probability is 1 for every method. The conditions of the drops, ``release``, only matter for
-    LEARNED.
+    probability is 1 for every method.
 
     Raises
     ------
@@ -189,29 +145,25 @@ def estimate(shape: RestingShape, method: str, release: Release = TYPICAL) -> Es
     aspects = shape.aspects
     if len(aspects) == 1:
         return Estimate(aspects, method, np.ones(1))
-    certainty = math.nan
     try:
-        if method == LEARNED:
-            weights, certainty = learned(shape, release)
-        else:
-            weights = METHODS[method].weights(shape)
+        weights = METHODS[method].weights(shape)
     except NotDefinedError as error:
         raise NotDefinedError(f'{method} is not defined for {shape.part.name}: {error}') from error
     for members in aspects.classes():
         indices = [aspect.id - 1 for aspect in members]
         weights[indices] = weights[indices].mean()
-    return Estimate(aspects, method, weights / weights.sum(), certainty)
+    return Estimate(aspects, method, weights / weights.sum())
 
 
 def estimate_each(
-    shape: RestingShape, names: Iterable[str], release: Release = TYPICAL
+    shape: RestingShape, names: Iterable[str]
 ) -> tuple[dict[str, Estimate], dict[str, str]]:
     """Return the estimates by method, and the reasons for methods that are not defined."""
     estimates: dict[str, Estimate] = {}
     reasons: dict[str, str] = {}
     for name in names:
         try:
-            estimates[name] = estimate(shape, name, release)
+            estimates[name] = estimate(shape, name)
         except NotDefinedError as error:
             reasons[name] = str(error)
     return estimates, reasons

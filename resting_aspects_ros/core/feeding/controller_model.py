@@ -1,8 +1,6 @@
 """What the controller of a feeder knows: the model of the forecast, and the value of each part."""
 
 import dataclasses
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,15 +9,12 @@ import numpy as np
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.cycle import MAX_TIME, CycleTimes
 from resting_aspects_ros.core.feeding.density import FreeShares, free_shares
-from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast
 from resting_aspects_ros.core.feeding.model import FeederModel, SteadyStates, check_number
 from resting_aspects_ros.core.feeding.steady_state import Moves, moves_of
 from resting_aspects_ros.core.reorientation.markov import Mask
-from resting_aspects_ros.core.statistics.intervals import Array, Counts
+from resting_aspects_ros.core.statistics.intervals import Array
 
-# Shares without drops behind them count as those of this number of drops.
-SHARES_AS_DROPS = 1_000_000
 DEFAULT_MIN_SCORE = 0.5
 
 
@@ -165,31 +160,3 @@ def controller_model(
     table = free_shares(feeder.tray, feeder.footprints, found.state.mix, seed, found.number)
     best = min(found.number, len(table.free))
     return ControllerModel(feeder, table, best, spread, max_supply, min_score)
-
-
-def feeder_of_shares(
-    shares: Sequence[float] | Array,
-    pickable: Mask,
-    footprints: Sequence[Footprint],
-    tray: Tray,
-    times: CycleTimes,
-    max_picks: int | None = None,
-) -> FeederModel:
-    """Return a model of a feeder of which only the shares of dropped parts are known.
-
-    It is for the start, with the shares of an analytic estimate: a flip is assumed to have the
-    result of a drop.
-
-    Parameters
-    ----------
-    shares : (k,) float
-        Estimated shares of the classes; they are divided by their sum.
-    """
-    given = np.asarray(shares, dtype=np.float64)
-    if not (np.isfinite(given).all() and (given >= 0).all() and given.sum() > 0):
-        raise InvalidValueError(
-            f'invalid shares {shown(shares)}: expected numbers of 0 or more, not all 0'
-        )
-    drop: Counts = np.rint(SHARES_AS_DROPS * given / math.fsum(given)).astype(np.int64)
-    flips = np.tile(drop, (len(drop), 1))
-    return FeederModel(drop, flips, pickable, footprints, tray, times, max_picks)

@@ -9,10 +9,8 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.api.recommended_method import release_numbers
-from resting_aspects_ros.core.estimators.estimate import LEARNED, estimate
-from resting_aspects_ros.core.estimators.release import TYPICAL
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.estimators.estimate import estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import max_drops
@@ -70,19 +68,8 @@ class DistributionService:
             return await self._find_or_drop(request)
         offered = await self._usable(request.part)
         part, aspects = self._parts.version(requested_part(offered, request.part).part_sha256)
-        shape = RestingShape(part, aspects)
-        conditions = None
-        release = TYPICAL  # not used
-        if method == LEARNED:
-            conditions = await self._conditions(request, part.part_sha256)
-            if conditions.surroundings:
-                raise NotDefinedError(
-                    f'{method} is not defined for drops in surroundings: expected a level plane'
-                )
-            release = release_numbers(shape, conditions)
-        prediction = estimate(shape, method, release)
-        now = self._node.get_clock().now().to_msg()
-        return estimate_msg(prediction, part, now, self._frame, conditions)
+        prediction = estimate(RestingShape(part, aspects), method)
+        return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
 
     async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
         drops = max_drops(request.drops, request.precision, MAX_DROPS)

@@ -9,10 +9,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import PartOutlines
 
-from resting_aspects_ros.api.identify import PSEUDO_COUNT, predicted_shares
+from resting_aspects_ros.api.identify import PSEUDO_COUNT
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import Distribution
@@ -27,14 +26,14 @@ from resting_aspects_ros.ros.outline_conversions import outlines_msg
 from resting_aspects_ros.ros.status import NotAvailableError
 
 
-def outlines_and_shares(part: Part, aspects: AspectSet) -> tuple[tuple[Outline, ...], Array]:
-    """Return the outlines of a part, and the predicted shares (k,) of its aspects.
+def checked_outlines(part: Part, aspects: AspectSet) -> tuple[Outline, ...]:
+    """Return the outlines of a part; runs in a FileWorker.
 
-    Runs in a FileWorker. Raises PartError if the part has no aspect or an outline is not valid.
+    Raises PartError if the part has no aspect or an outline is not valid.
     """
     if not len(aspects):
         raise PartError('the part has no aspect')
-    return find_outlines(part, aspects), predicted_shares(RestingShape(part, aspects))
+    return find_outlines(part, aspects)
 
 
 def compare_outlines(one: Outline, others: tuple[Outline, ...]) -> list[LookAlike]:
@@ -46,7 +45,8 @@ def compare_outlines(one: Outline, others: tuple[Outline, ...]) -> list[LookAlik
 class _Entry:
     """The outlines of a version of a part; without them, the reason.
 
-    counted : the distribution from which the shares of ``known`` were computed, if any
+    counted : the distribution from which the shares of ``known`` were computed; None: they are
+        the shares of the basins
     """
 
     part_sha256: str
@@ -125,8 +125,9 @@ class OutlineStore:
         entry = _Entry(part_sha256)
         outlines: tuple[Outline, ...] = ()
         try:
-            outlines, predicted = await self._files.run(outlines_and_shares, part, aspects)
-            entry.known = KnownPart(part, aspects, outlines, class_shares(outlines, predicted))
+            outlines = await self._files.run(checked_outlines, part, aspects)
+            basins = class_shares(outlines, [each.basin_share for each in aspects.aspects])
+            entry.known = KnownPart(part, aspects, outlines, basins)
         except RestingAspectsError as error:
             entry.problem = f'the outlines of {name} cannot be computed: {error}'
             self._node.get_logger().warning(entry.problem)

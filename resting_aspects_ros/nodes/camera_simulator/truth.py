@@ -29,8 +29,6 @@ CELL_PARAMETERS = tuple(each for each in OF_CONTROLLER if each.name in SHARED)
 class Truth(ModelUpdates):
     """The model whose moves and times are true of the virtual parts.
 
-    Until drops and flips arrive, it is the estimate with which feeder_controller begins, too.
-
     Parameters
     ----------
     values : dict

@@ -1,12 +1,12 @@
 """What is known of the part of a controller: its drops, its flips, and which of them fit it."""
 
-from dataclasses import replace
-
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.nodes.feeder_controller.model import (
     Evidence,
@@ -14,7 +14,6 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
     drops_in,
     flips_in,
     ids_of_classes,
-    pickable_share,
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 
@@ -27,7 +26,6 @@ class PartEvidence:
 
     fed : FedPart or None
         The part, once it has been read.
-    current : Evidence or None
     ignored : list of str
         Why messages are not used.
     """
@@ -41,12 +39,25 @@ class PartEvidence:
         self._used: tuple[int, int] | None = None  # drops and flips of the model
         self._ignored = {'drops': '', 'flips': ''}
         self.fed: FedPart | None = None
-        self.current: Evidence | None = None
+        self._counted: Distribution | None = None
+        self._transitions: TransitionMatrix | None = None
 
     @property
     def ignored(self) -> list[str]:
         """Why messages are not used."""
         return [text for text in self._ignored.values() if text]
+
+    @property
+    def current(self) -> Evidence | None:
+        """The evidence; None while no drop is known that came to rest in an aspect."""
+        if self._counted is None or not self._counted.counts.any():
+            return None
+        return Evidence(self._counted, self._transitions)
+
+    @property
+    def lacks_drops(self) -> bool:
+        """Whether the part has been read, and no drops of it are known."""
+        return self.fed is not None and self._counted is None
 
     @property
     def is_complete(self) -> bool:
@@ -56,23 +67,24 @@ class PartEvidence:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Numbers of drops and of flips in the evidence; 0 without a part."""
-        return (self.current.drop_count, self.current.flip_count) if self.current else (0, 0)
+        """Numbers of drops and of flips in the evidence; 0 without evidence."""
+        found = self.current
+        return (found.drop_count, found.flip_count) if found is not None else (0, 0)
 
     def set_part(self, fed: FedPart) -> None:
-        """Begin again with the estimate of a part, and what is known of it.
+        """Begin again with a part, and what is known of it.
 
         Raises InvalidValueError if it does not have the pickable classes.
         """
         self._ids = ids_of_classes(fed.known, self._settings)
         self.fed, self._used = fed, None
-        self.current = Evidence(fed.known.shares, weight=fed.weight)
+        self._counted = self._transitions = None
         self._use_drops()
         self._use_flips()
 
     def forget_part(self) -> None:
         """Forget a part that cannot be used."""
-        self.fed = self.current = None
+        self.fed = self._counted = self._transitions = None
 
     def add_drops(self, message: AspectDistribution) -> bool:
         """Take a distribution; return whether it changes the evidence enough for a new model."""
@@ -97,30 +109,30 @@ class PartEvidence:
 
     def use(self) -> Evidence:
         """Return the evidence for a model."""
-        assert self.current is not None
+        found = self.current
+        assert found is not None
         self._used = self.counts
-        return self.current
+        return found
 
     def share(self, evidence: Evidence) -> Interval:
         """Return the probability that a supplied part is pickable."""
-        return pickable_share(evidence, self._ids, self._settings.pickable)
+        return evidence.drops.combined_interval(self._ids)
 
     def _use_drops(self) -> bool:
         """Take the newest distribution as evidence; return whether it is valid."""
-        if self.fed is None or self.current is None or self._drops is None:
+        if self.fed is None or self._drops is None:
             return False
         try:
-            drops = drops_in(self._drops, self.fed.known)
+            self._counted = drops_in(self._drops, self.fed.known)
         except InvalidValueError as error:
             self._ignore('drops', f'ignored a distribution: {error}')
             return False
         self._ignored['drops'] = ''
-        self.current = replace(self.current, drops=drops)
         return True
 
     def _use_flips(self) -> bool:
         """Take the newest transition matrix as evidence; return whether it is valid."""
-        if self.fed is None or self.current is None or self._flips is None:
+        if self.fed is None or self._flips is None:
             return False
         name = self._flips.action.name or self._flips.action.kind
         try:
@@ -129,12 +141,11 @@ class PartEvidence:
                     f'invalid action {name}: expected {self._settings.action}, as the parameter '
                     'action states'
                 )
-            flips = flips_in(self._flips, self.fed.known)
+            self._transitions = flips_in(self._flips, self.fed.known)
         except InvalidValueError as error:
             self._ignore('flips', f'ignored a transition matrix: {error}')
             return False
         self._ignored['flips'] = ''
-        self.current = replace(self.current, flips=flips)
         return True
 
     def _ignore(self, kind: str, text: str) -> None:
@@ -144,7 +155,8 @@ class PartEvidence:
 
     def _is_new(self, complete: bool) -> bool:
         """Return whether the evidence differs enough from that of the model."""
-        assert self.current is not None
+        if self.current is None:
+            return False
         now = self.counts
         if self._used is None or complete:
             return now != self._used

@@ -1,9 +1,5 @@
-"""The model of a controller's decisions, from parameters, a part, its drops and its flips.
+"""The model of a controller's decisions, from parameters, a part, its drops and its flips."""
 
-It starts with the estimate of the part, and is replaced as drops and flips arrive.
-"""
-
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,21 +10,15 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 
 from resting_aspects_ros.api.forecast_setup import footprints_of, pickable_aspects
 from resting_aspects_ros.api.grasps import check_grasps
-from resting_aspects_ros.api.identify import known_part, prediction
+from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.estimators.estimate import share_interval
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
-from resting_aspects_ros.core.feeding.controller_model import (
-    ControllerModel,
-    controller_model,
-    feeder_of_shares,
-)
+from resting_aspects_ros.core.feeding.controller_model import ControllerModel, controller_model
 from resting_aspects_ros.core.feeding.footprint import Footprint
 from resting_aspects_ros.core.feeding.model import FeederModel
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Array, Counts, Interval
+from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.core.vision.grasp import Grasp
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
@@ -39,28 +29,18 @@ from resting_aspects_ros.ros.transition_conversions import (
     check_transitions,
     transition_matrix_from,
 )
-from resting_aspects_ros.simulation.conditions import DropConditions
 
-# If there are fewer drops, or flips of a class, the estimate counts as the missing ones. An
-# estimate that states its weight counts as that many drops, up to the maximum.
-MIN_DROPS, MIN_FLIPS, MAX_WEIGHT = 100, 20, 1000
+# If there are fewer flips of a class, the missing ones have the result of a drop.
+MIN_FLIPS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class FedPart:
-    """The part in a feeder, with the footprints of its classes, and the grasps of the robot.
-
-    weight : float
-        That of the estimate in ``known.shares``, drops; NaN if it is not known.
-    conditions : DropConditions or None
-        Those of the estimate; None: the default ones.
-    """
+    """The part in a feeder, with the footprints of its classes, and the grasps of the robot."""
 
     known: KnownPart
     footprints: tuple[Footprint, ...]
     grasps: tuple[Grasp, ...] = ()
-    weight: float = math.nan
-    conditions: DropConditions | None = None
 
     @property
     def version(self) -> str:
@@ -72,29 +52,18 @@ class FedPart:
 class Evidence:
     """What is known of the classes of a part.
 
-    shares : (k,) float
-        The estimate.
-    drops : Distribution or None
-        Over the aspects of the part.
+    drops : Distribution
+        Over the aspects of the part; at least one drop came to rest in an aspect.
     flips : TransitionMatrix or None
-    weight : float
-        That of the estimate, drops; NaN if it is not known.
     """
 
-    shares: Array
-    drops: Distribution | None = None
+    drops: Distribution
     flips: TransitionMatrix | None = None
-    weight: float = math.nan
-
-    @property
-    def min_drops(self) -> int:
-        """Number of drops below which the estimate counts as the missing ones."""
-        return MIN_DROPS if math.isnan(self.weight) else round(min(self.weight, MAX_WEIGHT))
 
     @property
     def drop_count(self) -> int:
         """Number of drops that came to rest in an aspect."""
-        return int(self.drops.counts.sum()) if self.drops is not None else 0
+        return int(self.drops.counts.sum())
 
     @property
     def flip_count(self) -> int:
@@ -102,25 +71,16 @@ class Evidence:
         return int(self.flips.counts.sum()) if self.flips is not None else 0
 
 
-def read_fed_part(
-    data: bytes,
-    name: str,
-    grasps: tuple[Grasp, ...] = (),
-    conditions: DropConditions | None = None,
-) -> FedPart:
-    """Return the part in a serialized description on parts/<name>; runs in a FileWorker.
-
-    The estimate is that for ``conditions``, by default those of rubber_mat.
-    """
+def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
     message = deserialize_message(data, PartDescription)
     check_description(message, name)
     part = part_from(message)
-    found = prediction(RestingShape(part), conditions)
-    known = known_part(part, found.probabilities)
+    known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
     check_grasps(grasps, known.placements, ())
     classes = known.aspects.classes()
     footprints = footprints_of(known.part, known.aspects, classes, grasps)
-    return FedPart(known, footprints, grasps, found.weight, conditions)
+    return FedPart(known, footprints, grasps)
 
 
 def build_model(
@@ -130,17 +90,19 @@ def build_model(
 
     Raises InvalidValueError if a parameter does not fit the part.
     """
-    count = len(evidence.shares)
-    pickable = np.isin(np.arange(1, count + 1), settings.pickable)
-    common = pickable, footprints, settings.tray, settings.times, settings.max_picks
-    feeder = feeder_of_shares(evidence.shares, *common)
-    if evidence.drop_count or evidence.flip_count:
-        drop = _filled(_drops_by_class(evidence.drops, count), evidence.shares, evidence.min_drops)
-        flips = np.zeros((count, count), dtype=np.int64)
-        if evidence.flips is not None:
-            flips = evidence.flips.by_class().counts
-        rows = [_filled(row, drop / drop.sum(), MIN_FLIPS) for row in flips]
-        feeder = FeederModel(drop, np.array(rows), *common)
+    drops = evidence.drops.by_class().counts
+    flips = np.zeros((len(drops), len(drops)), dtype=np.int64)
+    if evidence.flips is not None:
+        flips = evidence.flips.by_class().counts
+    feeder = FeederModel(
+        drops,
+        _filled(flips, drops),
+        np.isin(np.arange(1, len(drops) + 1), settings.pickable),
+        footprints,
+        settings.tray,
+        settings.times,
+        settings.max_picks,
+    )
     model = controller_model(
         feeder,
         spread=settings.spread,
@@ -150,18 +112,6 @@ def build_model(
     )
     _ = model.values  # found here, and not in the process of the node
     return model
-
-
-def pickable_share(
-    evidence: Evidence, aspects: Sequence[int], pickable: Sequence[int]
-) -> Interval:
-    """Return the probability that a supplied part is in a pickable class.
-
-    aspects : ids of the aspects of the pickable classes
-    """
-    if evidence.drops is not None:
-        return evidence.drops.combined_interval(aspects)
-    return share_interval(sum(evidence.shares[k - 1] for k in pickable), evidence.weight)
 
 
 def ids_of_classes(part: KnownPart, settings: Settings) -> tuple[int, ...]:
@@ -219,17 +169,12 @@ def _check_version(name: str, part_sha256: str, part: KnownPart) -> None:
         )
 
 
-def _drops_by_class(drops: Distribution | None, count: int) -> Counts:
-    return drops.by_class().counts if drops is not None else np.zeros(count, dtype=np.int64)
+def _filled(flips: Counts, drops: Counts) -> Counts:
+    """Return flips (k, m), to which the missing ones are added with the shares of drops (k,).
 
-
-def _filled(counts: Counts, shares: Array, least: int) -> Counts:
-    """Return counts (m,), to which shares (k,) of the missing ones up to ``least`` are added.
-
-    The first k of the counts are those of the classes.
+    The rows with missing flips are multiplied by the number of drops, so that counts remain exact.
     """
-    missing = max(least - int(counts.sum()), 0)
-    steps = np.rint(missing * np.cumsum(shares) / shares.sum()).astype(np.int64)
-    filled = counts.copy()
-    filled[: len(shares)] += np.diff(steps, prepend=0)
-    return filled
+    missing = np.maximum(MIN_FLIPS - flips.sum(axis=1, keepdims=True), 0)
+    filled = flips * drops.sum()
+    filled[:, : len(drops)] += missing * drops
+    return np.where(missing > 0, filled, flips)

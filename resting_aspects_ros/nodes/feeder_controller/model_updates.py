@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
-from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
+from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
@@ -19,31 +19,45 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
     read_fed_part,
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
-from resting_aspects_ros.ros.callbacks import guarded_task, subscribe
-from resting_aspects_ros.ros.conversions import conditions_from
+from resting_aspects_ros.ros.callbacks import (
+    guarded,
+    guarded_task,
+    steady_timer,
+    subscribe,
+    wait_for,
+)
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
-    DEFAULT_CONDITIONS,
+    GET_DISTRIBUTION,
     LATCHED,
     PARTS,
+    SERVICES,
     TRANSITIONS,
 )
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.ros.status import NotAvailableError, status_error
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
 
 # A part with very many triangles and aspects needs more time than a file, s.
 MAX_SECONDS = 120.0
+# Drops are requested if none have arrived for one to two periods after the part was read, s:
+# latched ones arrive sooner.
+REQUEST_PERIOD = 1.0
+# Maximum time for the response, s. The same request again continues the same drops.
+REQUEST_TIMEOUT = 60.0
 
 
 class ModelUpdates:
     """The model of the decisions, from what is latched on the topics of the part.
+
+    If no drops are known, it requests them.
 
     Parameters
     ----------
     changed : called when `current` has changed
 
     current : ControllerModel or None
-        None until a part has been read, and if a parameter does not fit it.
+        None until a part has been read and dropped, and if a parameter does not fit it.
     version : int
         Number of changes of `current`.
     error : str
@@ -56,20 +70,23 @@ class ModelUpdates:
         self._changed = changed
         self._files = FileWorker(node, MAX_SECONDS)
         self._data = b''  # the newest description
-        self._conditions: DropConditions | None = None  # the default ones of the simulator
         self._known = PartEvidence(node, settings)
         self._evidence: Evidence | None = None  # of the model
         self._building = self._again = False
+        self._requesting = self._lacked_drops = False
+        self._problem = 'they are being requested'
         self.current: ControllerModel | None = None
         self.version = 0
         self.error = ''
         name = settings.part
         self._topic = node.resolve_topic_name(f'{PARTS}/{name}')
         subscribe(node, PartDescription, self._topic, self._on_part, LATCHED, raw=True)
-        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._on_conditions, LATCHED)
         drops, flips = f'{ASPECT_DISTRIBUTIONS}/{name}', f'{TRANSITIONS}/{name}'
         subscribe(node, AspectDistribution, drops, self._on_drops, LATCHED)
         subscribe(node, TransitionMatrixMsg, flips, self._on_flips, LATCHED)
+        self._service = node.create_client(GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES)
+        check = guarded(node, 'no drops are requested', self._request_missing_drops)
+        steady_timer(node, REQUEST_PERIOD, check)
 
     def stop(self) -> None:
         """End the process that builds models."""
@@ -84,15 +101,20 @@ class ModelUpdates:
     @property
     def state(self) -> str:
         """Why there is no model."""
+        name, known = self._settings.part, self._known
         if self.error:
             return self.error
+        if known.lacks_drops:
+            return f'no drops of {name} are known: {self._problem}'
+        if known.fed is not None and known.current is None:
+            return f'no drop of {name} has come to rest in an aspect'
         if self._data:
-            return f'{self._settings.part} is being read'
+            return f'{name} is being read'
         if self._node.count_publishers(self._topic):
             return f'{self._topic} has not arrived yet'
         return (
             f'{self._topic} has no publisher: start the suite with "resting_aspects nodes", and '
-            f'check that it has a part {self._settings.part}'
+            f'check that it has a part {name}'
         )
 
     @property
@@ -102,7 +124,7 @@ class ModelUpdates:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Numbers of drops and of flips behind the model; 0 for an estimate, and without one."""
+        """Numbers of drops and of flips behind the model; 0 without one."""
         if self.current is None or self._evidence is None:
             return 0, 0
         return self._evidence.drop_count, self._evidence.flip_count
@@ -120,7 +142,7 @@ class ModelUpdates:
         drops, flips = self.counts
         return (
             f'{self._known.share(self._evidence).probability:.1%} of {self._settings.part} can be '
-            f'picked ({f"{drops} drops" if drops else "an estimate, no drops"}, {flips} flips): '
+            f'picked ({drops} drops, {flips} flips): '
             f'{60 * self.current.values.rate:.1f} parts per minute with '
             f'{self.current.best_number} parts on the tray'
         )
@@ -148,8 +170,10 @@ class ModelUpdates:
 
     @property
     def warnings(self) -> list[str]:
-        """Messages that are not used, and classes from which the flip does not help."""
+        """Messages that are not used, missing drops, and classes from which no flip helps."""
         found = self._known.ignored
+        if self._known.lacks_drops:
+            found.append(self.state)
         if self.current is not None and self.current.trapped.any():
             classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.trapped))
             found.append(f'a flip brings no part of class {classes} into a pickable class')
@@ -160,32 +184,23 @@ class ModelUpdates:
             self._data = bytes(data)
             self._execute(self._read)
 
-    def _on_conditions(self, message: DropConditionsMsg) -> None:
-        """Estimate again for new default conditions."""
-        conditions = conditions_from(message)
-        if conditions != self._conditions:
-            self._conditions = conditions
-            if self._data:
-                self._execute(self._read)
-
     async def _read(self) -> None:
         """Read the newest description of the part, unless a newer one arrives."""
-        newest = self._data, self._conditions
-        given = self._data, self._settings.part, self._settings.grasps, self._conditions
+        data = self._data
         try:
-            fed = await self._files.run(read_fed_part, *given)
-            if newest != (self._data, self._conditions):
-                return
+            fed = await self._files.run(
+                read_fed_part, data, self._settings.part, self._settings.grasps
+            )
             known = self._known.fed
-            if known and (fed.version, fed.conditions) == (known.version, known.conditions):
+            if data != self._data or (known is not None and fed.version == known.version):
                 return
             self._known.set_part(fed)
         except RestingAspectsError as error:
-            if newest == (self._data, self._conditions):
+            if data == self._data:
                 self._known.forget_part()
                 self._fail(error)
             return
-        if known is not None and known.version != fed.version:
+        if known is not None:
             self.current = None  # until there is a model of the new version
             self.version += 1
             self._changed()
@@ -194,6 +209,35 @@ class ModelUpdates:
                 'its classes may have changed'
             )
         self._build()
+
+    def _request_missing_drops(self) -> None:
+        """Request drops if none are known of the part, and none were a period ago."""
+        lacked, self._lacked_drops = self._lacked_drops, self._known.lacks_drops
+        if lacked and self._lacked_drops and not self._requesting:
+            self._requesting = True
+            self._execute(self._request_drops)
+
+    async def _request_drops(self) -> None:
+        """Request drops under the default conditions, which the service makes if necessary."""
+        name = self._node.resolve_service_name(GET_DISTRIBUTION)
+        answer = None
+        try:
+            if not self._service.service_is_ready():  # the request would be lost
+                raise NotAvailableError(f'{name} is not served: start aspect_classifier')
+            request = GetDistribution.Request(part=self._settings.part, drops=DEFAULT_DROPS)
+            answer = self._service.call_async(request)
+            if not await wait_for(self._node, answer, REQUEST_TIMEOUT):
+                raise NotAvailableError(f'{name} has not answered for {REQUEST_TIMEOUT:g} s')
+            response = answer.result()
+            if response.status.code != Status.OK:
+                raise status_error(response.status)
+            self._on_drops(response.distribution)
+        except RestingAspectsError as error:
+            self._problem = str(error)
+        finally:
+            self._requesting = False
+            if answer is not None:
+                self._service.remove_pending_request(answer)
 
     def _on_drops(self, message: AspectDistribution) -> None:
         if self._known.add_drops(message):
@@ -204,7 +248,7 @@ class ModelUpdates:
             self._build()
 
     def _build(self) -> None:
-        """Build the model, at most one at a time."""
+        """Build the model if drops are known, at most one at a time."""
         self._again = self._building
         if not self._building:
             self._building = True
@@ -214,7 +258,7 @@ class ModelUpdates:
         """Build the model until no newer evidence is left."""
         try:
             self._again = True
-            while self._again and (fed := self._known.fed) is not None:
+            while self._again and (fed := self._known.fed) and self._known.current:
                 self._again = False
                 evidence = self._known.use()
                 try:

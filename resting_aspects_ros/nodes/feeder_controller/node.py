@@ -46,7 +46,7 @@ class FeederController(Node):
     """Publishes feeder_advice/<part>: pick, flip, spread, supply or wait.
 
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
-    transitions/<part>.
+    transitions/<part>, and calls get_distribution if no drops are known.
     """
 
     def __init__(self) -> None:

@@ -15,6 +15,7 @@ from resting_aspects_ros.simulation.settling import (
     MAX_GROWTH,
     REST_MOTION,
     Settling,
+    turned_by,
 )
 
 # Time, T, for which a part must be still. The last T before the end is the most expensive one,
@@ -114,7 +115,7 @@ class SceneSettling(Settling):
         moved = states.position - self.position[which]
         carried = self._surface_velocities * CHECK_INTERVAL
         distance = np.abs(moved[:, None, :] - carried).max(axis=2).min(axis=1)
-        turned = _change(states.orientation, self.orientation[which])
+        turned = turned_by(states.orientation, self.orientation[which])
         self.position[which] = states.position
         self.orientation[which] = states.orientation
         creep = MAX_CREEP if self._scene.driven else REST_MOTION
@@ -149,7 +150,7 @@ class SceneSettling(Settling):
     def _turned(self, pointing: Array, anchor: Array) -> Array:
         """Return by how much what _pointing returns has changed, (n,)."""
         if self._scene.free < 2:
-            return _change(pointing, anchor)
+            return turned_by(pointing, anchor)
         return np.asarray(np.abs(pointing - anchor).max(axis=1))
 
     def _pointing(self, orientation: Array) -> Array:
@@ -165,13 +166,3 @@ class SceneSettling(Settling):
         radius = self._job.radius
         inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]
         return np.asarray(np.any([np.zeros(len(position), dtype=np.bool_), *inside], axis=0))
-
-
-def _change(orientation: Array, other: Array) -> Array:
-    """Return the maximum change (n,) of a component between unit quaternions (n, 4).
-
-    A quaternion and its negative are the same orientation. Bullet returns one or the other where
-    two components have almost the same magnitude.
-    """
-    near = np.abs(orientation - other).max(axis=1)
-    return np.asarray(np.minimum(near, np.abs(orientation + other).max(axis=1)))

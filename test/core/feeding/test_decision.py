@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.controller_model import (
     ControllerModel,
-    controller_model,
-    feeder_of_shares,
 )
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import Choice, SeenPart, advise
@@ -220,14 +218,6 @@ def test_decisions_are_those_of_enumeration_on_a_tiny_tray(flip):
         assert (advice.then if advice.picks else advice.choice) is action, parts
 
 
-def test_start_with_shares_only_gives_advice():
-    """A flip counts as a drop, so that its expected picks follow from the shares."""
-    feeder = feeder_of_shares([0.7, 0.3], np.array([False, True]), [PART] * 2, TRAY, TIMES)
-    found = controller_model(feeder, max_supply=0)
-    expected = advise([NONE] * 2, found).expected[Choice.FLIP]
-    assert expected.picks == pytest.approx(2 * 0.3 * found.table.at(2)[1], rel=1e-5)
-
-
 def test_limit_of_supply_is_respected(model):
     assert advise([], dataclasses.replace(model, max_supply=3)).supply == 3
 
@@ -253,9 +243,3 @@ def test_wrong_part_is_refused(part, model):
 def test_wrong_model_is_refused(wrong, model):
     with pytest.raises(InvalidValueError, match='expected'):
         dataclasses.replace(model, **wrong)
-
-
-@pytest.mark.parametrize('shares', [[0.0, 0.0], [-1.0, 2.0], [math.nan, 1.0]])
-def test_wrong_shares_are_refused(shares):
-    with pytest.raises(InvalidValueError, match='expected'):
-        feeder_of_shares(shares, np.array([False, True]), [PART] * 2, TRAY, TIMES)

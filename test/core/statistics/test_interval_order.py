@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.estimators.estimate import share_interval
 from resting_aspects_ros.core.reorientation.markov import long_run, long_run_bounds
 from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare, compare_with_exact
@@ -50,16 +49,6 @@ def test_class_that_was_never_seen_has_its_mean_in_its_interval():
     live = LiveCounts((1, 2), np.array([10_000, 0]), np.array([0, 0]))
     rare = live.intervals()[1]
     assert rare.lower <= rare.probability <= rare.upper
-
-
-@given(
-    st.one_of(st.sampled_from([0.0, 1e-9, 1 - 1e-9, 1.0]), st.floats(0, 1)),
-    st.sampled_from([1e-3, 0.1, 5.0, 1e6]),
-    confidences,
-)
-def test_predicted_interval_contains_the_prediction(share, weight, confidence):
-    found = share_interval(share, weight, confidence)
-    assert_ordered(found.lower, found.probability, found.upper)
 
 
 @given(counts, st.data(), confidences)

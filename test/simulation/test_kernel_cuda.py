@@ -1,0 +1,52 @@
+"""The kernel for a GPU: in the simulator of Numba, because no GPU is there when tests run."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.plan import make_job
+
+# Both engines as Python: the simulator cannot call compiled functions.
+PROGRAM = """
+import numpy as np
+from resting_aspects_ros import load_part
+from resting_aspects_ros.simulation import kernel_cuda
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.surfaces import all_surfaces
+kernel_cuda.check_device = lambda: None
+kernel_cuda.MEMORY = 20_000  # of a few drops, so that there are several launches
+for name, surface in (('l_bracket', 'rubber_mat'), ('hex_nut', 'steel')):
+    conditions = all_surfaces().get(surface)
+    jobs = [make_job(load_part(name), conditions, 1, engine=e) for e in ('kernel', 'cuda')]
+    one, other = (drop_range(job, 0, 9) for job in jobs)
+    np.testing.assert_array_equal(one.orientation, other.orientation)
+    np.testing.assert_array_equal(one.time_to_rest, other.time_to_rest)
+print('equal')
+"""
+
+
+@pytest.mark.slow
+def test_threads_of_a_gpu_make_the_same_drops():
+    simulated = {'NUMBA_ENABLE_CUDASIM': '1', 'NUMBA_DISABLE_JIT': '1'}
+    run = subprocess.run(
+        [sys.executable, '-c', PROGRAM],
+        env=os.environ | simulated,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.stdout == 'equal\n', run.stderr
+
+
+def test_a_missing_gpu_is_an_error(part, surfaces):
+    cuda = pytest.importorskip('numba.cuda')
+    if cuda.is_available():
+        pytest.skip('there is a GPU')
+    job = make_job(part('l_bracket'), surfaces.get(), 1, engine='cuda')
+    with pytest.raises(EngineError, match='cuda'):
+        drop_range(job, 0, 1)
