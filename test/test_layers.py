@@ -78,6 +78,7 @@ CORE_NEVER = {'random', 'time', 'datetime', 'os', 'subprocess', 'socket', 'threa
 CORE_EXCEPTIONS = {('subprocess', 'core/geometry/step_file.py')}
 ROS = ('ros/', 'client/', 'nodes/', 'run_logs/')
 ONLY_IN = {
+    'numba': ('simulation/kernel.py', 'simulation/kernel_cuda.py'),
     'pybullet': ('simulation/bullet_',),
     'distributed': ('simulation/dask_workers.py',),
     'dask': (),
@@ -90,7 +91,7 @@ ONLY_IN = {
     'launch_ros': (),
 }
 MESSAGES = ('_msgs', '_srvs', '_interfaces')
-GENERATORS = {'default_rng', 'Generator', 'SeedSequence', 'PCG64', 'BitGenerator'}
+GENERATORS = {'default_rng', 'Generator', 'SeedSequence', 'PCG64', 'Philox', 'BitGenerator'}
 
 
 def modules():

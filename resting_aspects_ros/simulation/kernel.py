@@ -500,7 +500,7 @@ def _disk(kxx, kxy, kyy, ux, uy, limit, px, py):
 def _impulse(con, i, un, ux, uy, mu):
     """Return the impulse of a contact whose velocity without it is given, relative to the aim.
 
-    No impulse if it opens; that which stops it, if friction suffices; otherwise friction is at
+    No impulse if it opens; the one that stops it, if friction suffices; otherwise friction is at
     its limit and opposite to the slip that remains, whose direction Newton's method finds.
     """
     if un >= 0:
