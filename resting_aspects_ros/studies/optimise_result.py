@@ -36,7 +36,7 @@ class OptimiseResult(Optimum):
 
     @property
     def engine(self) -> str:
-        """What simulates the best conditions: Bullet at an edge or a mesh, otherwise the kernel."""
+        """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
         setting = self.best.setting
         scene = scene_of(self.part, setting.drop_conditions)
         edge = setting.action is not None and isinstance(setting.action.action, Step)
