@@ -12,6 +12,7 @@ from bench_case import Trial, contacts_of, ended, released
 
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation.bullet_client import empty_client, pybullet
+from resting_aspects_ros.simulation.bullet_scene import RESIDUAL
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT
 
@@ -60,7 +61,7 @@ def _body(job: DropJob, client: int) -> int:
         fixedTimeStep=step,
         numSubSteps=0,
         numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
-        solverResidualThreshold=bullet_world.SOLVER_RESIDUAL,
+        solverResidualThreshold=RESIDUAL if job.scene else bullet_world.SOLVER_RESIDUAL,
         restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
         erp=step / bullet_world.PENETRATION_TIME,
         contactERP=step / bullet_world.PENETRATION_TIME,
@@ -71,8 +72,13 @@ def _body(job: DropJob, client: int) -> int:
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_PLANE, planeNormal=normal.tolist(), physicsClientId=client
         )
+        # With maximal coordinates of both bodies, a step takes a tenth less time.
         plane = pybullet.createMultiBody(
-            0, shape, basePosition=(offset * normal).tolist(), physicsClientId=client
+            0,
+            shape,
+            basePosition=(offset * normal).tolist(),
+            useMaximalCoordinates=1,
+            physicsClientId=client,
         )
         pybullet.changeDynamics(
             plane, -1, restitution=restitution, lateralFriction=friction, physicsClientId=client
@@ -80,7 +86,6 @@ def _body(job: DropJob, client: int) -> int:
     hull = pybullet.createCollisionShape(
         pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
     )
-    # With maximal coordinates, a step takes a tenth less time.
     body: int = pybullet.createMultiBody(1, hull, useMaximalCoordinates=1, physicsClientId=client)
     pybullet.changeDynamics(
         body,

@@ -11,18 +11,19 @@ from bench_case import EXAMPLE, Trial, example_part, job_of, suite
 from bench_mujoco import MOTION, mujoco_loop
 from bench_plain import plain_loop
 from bench_report import Section, Table
+from numba import cuda
 from rich.progress import track
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.run_description import BULLET
+from resting_aspects_ros.simulation.run_description import BULLET, CUDA
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
 
 # All methods take turns in each round, so that other load on the machine affects all of them.
 ROUNDS = 3
 # Drops per turn of a way that makes about this many per second: 2 to 4 s.
-PER_TURN = {'suite': 50_000, 'Bullet': 4000, 'other': 200}
+PER_TURN = {'GPU': 1_000_000, 'suite': 50_000, 'Bullet': 4000, 'other': 200}
 # Part, surface, and the aim in drops per second on two cores.
 CASES = (
     ('l_bracket', 'rubber_mat', '40000'),
@@ -66,27 +67,7 @@ def ways(count: int) -> Section:
         many, one = LocalWorkers(count), LocalWorkers(1)
         for workers in (many, one):
             stack.callback(workers.stop)
-        part = example_part()
-        job, bullet = job_of(part), job_of(part, engine=BULLET)
-        methods = [
-            Method(f'suite, {count} threads', partial(suite, many, job), PER_TURN['suite']),
-            Method('suite, 1 thread', partial(suite, one, job), PER_TURN['suite'] // count),
-            Method(
-                f'suite, Bullet in {count} processes',
-                partial(suite, many, bullet),
-                PER_TURN['Bullet'],
-            ),
-            Method('plain PyBullet loop', partial(plain_loop, bullet), PER_TURN['other']),
-            *(
-                Method(
-                    f'MuJoCo, {n} {"thread" if n == 1 else "threads"}',
-                    partial(mujoco_loop, n, bullet),
-                    n * PER_TURN['other'],
-                )
-                for n in (1, 2)
-            ),
-        ]
-        methods[0].aim, methods[3].aim = '40000/s', '400 times'
+        methods = _methods(many, one)
         skipped = _turns(methods)
         others = [
             Method(
@@ -99,15 +80,32 @@ def ways(count: int) -> Section:
         ]
         _turns(others)
     made = [each for each in methods if each.trials]
-    whole = made[0].rate
     found = {
-        EXAMPLE: {each.title: each.rate for each in made}
-        | {'ratio_to_plain_loop': whole / methods[3].rate},
+        EXAMPLE: {each.title: each.rate for each in made},
         'suite_drops_per_s': {each.title: each.rate for each in others},
     }
     of_parts = Table(['part, surface', 'drops/s', 'lowest', 'highest', 'aim'])
     of_parts.rows.extend([[each.title, *each.cells, each.aim] for each in others])
     return Section('Drops per second', _text(made) + skipped, [_table(made), of_parts], found)
+
+
+def _methods(many: LocalWorkers, one: LocalWorkers) -> list[Method]:
+    part, n, other = example_part(), many.count, PER_TURN['other']
+    job, bullet = job_of(part), job_of(part, engine=BULLET)
+    all_cores, one_thread = partial(suite, many, job), partial(suite, one, job)
+    in_bullet, plain = partial(suite, many, bullet), partial(plain_loop, bullet)
+    found = [
+        Method(f'suite, {n} threads', all_cores, PER_TURN['suite'], '40000/s'),
+        Method('suite, 1 thread', one_thread, PER_TURN['suite'] // n),
+        Method(f'suite, Bullet in {n} processes', in_bullet, PER_TURN['Bullet']),
+        Method('plain PyBullet loop', plain, other, '400 times'),
+        Method('MuJoCo, 1 thread', partial(mujoco_loop, 1, bullet), other),
+        Method('MuJoCo, 2 threads', partial(mujoco_loop, 2, bullet), 2 * other),
+    ]
+    if cuda.is_available():
+        on_gpu = partial(suite, one, job_of(part, engine=CUDA))
+        found.append(Method('suite on a GPU', on_gpu, PER_TURN['GPU']))
+    return found
 
 
 def _turns(methods: list[Method]) -> str:
@@ -117,7 +115,7 @@ def _turns(methods: list[Method]) -> str:
         try:
             each.work(0, min(each.drops, 500))
             present.append(each)
-        except ImportError as error:
+        except ImportError as error:  # of MuJoCo
             text = f' {each.title} and the like were skipped ({error}).'
     turns = [(k, each) for k in range(ROUNDS) for each in present]
     for k, each in track(turns, 'drops', transient=True):
@@ -168,7 +166,7 @@ def _shares(method: Method) -> Array:
 
 def _text(made: list[Method]) -> str:
     job = job_of(example_part(), engine=BULLET)
-    few = sum(trial.drops for trial in made[-1].trials)
+    few = min(sum(trial.drops for trial in each.trials) for each in made)
     return (
         f'The first table: {EXAMPLE} on `rubber_mat`. The rate is the median of {ROUNDS} rounds, '
         'in each of which all methods take turns. *Suite*: from the first request to the last '
