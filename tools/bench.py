@@ -7,15 +7,13 @@ import json
 import os
 
 from bench_actions import actions
-from bench_case import example_job
 from bench_command import command
 from bench_estimators import estimators
 from bench_geometry import geometry
+from bench_hulls import hulls
 from bench_latency import latency
 from bench_memory import memory
-from bench_report import Section, machine, markdown, show
-from bench_scaling import scaling
-from bench_suite import running_workers
+from bench_report import machine, markdown, show
 from bench_surroundings import surroundings
 from bench_vision import vision
 from bench_ways import ways
@@ -36,14 +34,13 @@ def main() -> None:
     if not console.is_terminal:
         console.width = WIDTH
     conditions = machine()
-    workers = default_workers()
     sections = []
     for measure in (
-        lambda: ways(console, workers),
+        lambda: ways(default_workers()),
         actions,
         surroundings,
         command,
-        lambda: _scaling(workers),
+        hulls,
         geometry,
         estimators,
         vision,
@@ -61,11 +58,6 @@ def main() -> None:
     FIGURES.write_text(json.dumps(figures, indent=2) + '\n', encoding='utf-8')
     DOCUMENT.write_text(markdown(conditions, sections), encoding='utf-8')
     print(f'Written: {FIGURES.relative_to(ROOT)}, {DOCUMENT.relative_to(ROOT)}')
-
-
-def _scaling(count: int) -> Section:
-    with running_workers(count, example_job()) as workers:
-        return scaling(workers)
 
 
 if __name__ == '__main__':

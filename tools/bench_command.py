@@ -1,106 +1,72 @@
-"""Run time and peak memory of the command line."""
+"""Run time and peak memory of the command line and of the import."""
 
 import re
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
-from collections import defaultdict
-from dataclasses import dataclass
-from pathlib import Path
 
 from bench_case import EXAMPLE
 from bench_report import Section, Table
 from dropper import ROOT
 from rich.progress import track
 
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
-
+# Runs of which the time is the median, and of the long commands.
 REPEATS = 3
-# Memory is compared between these numbers of drops.
-FEW, MANY = 2000, 20_000
-# Period of reading the memory, s. The kernel stores the peak, so only the last period can be
-# missed.
-PERIOD = 0.05
-PROCESSES = Path('/proc')
+# Drops, runs, and the aim, s.
+DROPS = ((1000, REPEATS, '1.2'), (100_000, 1, '5'), (1_000_000, 1, ''))
+POINTS, POINT_DROPS = 64, 2000
+STUDY = [
+    *('study', EXAMPLE, '--points', str(POINTS), '--drops', str(POINT_DROPS)),
+    *('--vary', 'restitution=0.3:0.7', '--vary', 'friction=0.1:0.5', '--out'),
+]
+IMPORT = 'import resting_aspects_ros'
+# Runs the command, and prints the memory of its process on standard error at its end.
+PROGRAM = """
+import atexit, runpy, sys
+from pathlib import Path
 
-
-@dataclass(frozen=True)
-class Run:
-    """A finished command; peak memory, MiB, of the parent and of the largest worker."""
-
-    seconds: float
-    parent: float
-    worker: float
+atexit.register(lambda: print(Path('/proc/self/status').read_text(), file=sys.stderr))
+runpy.run_module('resting_aspects_ros.cli', run_name='__main__')
+"""
 
 
 def command() -> Section:
-    """Measure the run time and the peak memory."""
-    numbers = [*[DEFAULT_DROPS] * REPEATS, FEW, MANY]
-    runs = [(n, _run(n)) for n in track(numbers, 'command', transient=True)]
-    by_number: dict[int, list[Run]] = defaultdict(list)
-    for n, run in runs:
-        by_number[n].append(run)
-    table = Table(['drops', 'seconds', 'peak memory of the parent', 'of a worker'])
-    for n, same in by_number.items():
-        last = same[-1]
-        seconds = statistics.median(run.seconds for run in same)
-        table.rows.append(
-            [f'{n}', f'{seconds:.2f}', f'{last.parent:.1f} MiB', f'{last.worker:.1f} MiB']
-        )
-    found = {
-        f'seconds_{DEFAULT_DROPS}_drops': statistics.median(
-            run.seconds for run in by_number[DEFAULT_DROPS]
-        ),
-        **{
-            f'{who}_peak_mib_{n}_drops': getattr(by_number[n][-1], who)
-            for n in (FEW, MANY)
-            for who in ('parent', 'worker')
-        },
-    }
+    """Measure the times and the peak memory."""
+    table = Table(['', 'seconds', 'aim', 'peak memory (MiB)'])
+    found: dict[str, float] = {}
+
+    def add(name: str, program: str, arguments: list[str], repeats: int, aim: str) -> None:
+        runs = [_run(program, arguments) for _ in range(repeats)]
+        seconds, memory = statistics.median(run[0] for run in runs), runs[-1][1]
+        table.rows.append([name, f'{seconds:.2f}', aim, f'{memory:.0f}' if memory else ''])
+        found[name] = seconds
+        if memory:
+            found[f'{name}, MiB'] = memory
+
+    for drops, repeats, aim in track(DROPS, 'command', transient=True):
+        arguments = ['drop', EXAMPLE, '--drops', str(drops)]
+        add(f'drop, {drops} drops', PROGRAM, arguments, repeats, aim)
+    with tempfile.TemporaryDirectory() as folder:
+        name = f'study, {POINTS} points of {POINT_DROPS} drops'
+        add(name, PROGRAM, [*STUDY, f'{folder}/study'], 1, '8')
+    add(IMPORT, IMPORT, [], REPEATS, '0.1')
     text = (
-        f'`resting_aspects drop {EXAMPLE} --drops N`, from the start of the process to its end, '
-        f'including the printed table. For {DEFAULT_DROPS} drops (the default), the time is the '
-        f'median of {REPEATS} runs. Memory is the peak of the resident memory (VmHWM).'
+        f'`resting_aspects drop {EXAMPLE} --drops N`, a study over restitution and friction with '
+        'its page, and the import of the package, each from the start of the process to its end, '
+        f'with a kernel that was compiled before. The time is the median of {REPEATS} runs, for '
+        'the long commands of one. Memory is the peak of the resident memory (VmHWM); that of '
+        'the drops must not grow with their number.'
     )
     return Section('Run time of the command', text, [table], {'command': found})
 
 
-def _run(drops: int) -> Run:
+def _run(program: str, arguments: list[str]) -> tuple[float, float]:
+    """Run Python code; returns the time, s, and the peak memory, MiB, if it prints it."""
     started = time.perf_counter()
-    with subprocess.Popen(
-        [
-            *(sys.executable, '-m', 'resting_aspects_ros.cli'),
-            *('drop', EXAMPLE, '--drops', str(drops)),
-        ],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        peaks: dict[int, float] = {}
-        while True:
-            peaks |= _peaks(process.pid)
-            try:
-                code = process.wait(PERIOD)
-                break
-            except subprocess.TimeoutExpired:
-                continue
-        seconds = time.perf_counter() - started
-    if code:
-        raise subprocess.CalledProcessError(code, process.args)
-    parent = peaks.pop(process.pid)
-    return Run(seconds, parent, max(peaks.values()))
-
-
-def _peaks(parent: int) -> dict[int, float]:
-    """Return the peak memory of a process and of its children, MiB, by process id."""
-    found = {}
-    for folder in PROCESSES.glob('[0-9]*'):
-        try:
-            status = (folder / 'status').read_text(encoding='utf-8')
-        except OSError:  # the process has ended
-            continue
-        numbers = {key: int(n) for key, n in re.findall(r'^(\w+):\s+(\d+)', status, re.MULTILINE)}
-        if parent in (numbers['Pid'], numbers['PPid']) and 'VmHWM' in numbers:
-            found[numbers['Pid']] = numbers['VmHWM'] / 1024
-    return found
+    words = [sys.executable, '-c', program, *arguments]
+    done = subprocess.run(words, cwd=ROOT, check=True, text=True, capture_output=True)
+    seconds = time.perf_counter() - started
+    memory = re.search(r'^VmHWM:\s+(\d+)', done.stderr, re.MULTILINE)
+    return seconds, int(memory[1]) / 1024 if memory else 0.0

@@ -16,7 +16,7 @@ from rich.table import Table as RichTable
 from resting_aspects_ros import __version__
 from resting_aspects_ros.simulation.local_workers import default_workers
 
-PACKAGES = ('pybullet', 'numpy', 'scipy', 'mujoco', 'bpy')
+PACKAGES = ('numba', 'pybullet', 'numpy', 'scipy', 'mujoco')
 CPUINFO = Path('/proc/cpuinfo')
 
 

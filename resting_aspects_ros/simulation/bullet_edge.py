@@ -82,6 +82,7 @@ def fall_over_edge(job: DropJob, states: InitialState) -> Settling:
     The states are relative to the wall below the edge, and the ends to the lower belt.
     """
     passed, status = over_edge(job, partial(EdgeWorld, job), states)
+    # Only the newest world is valid.
     return WallWorld(job).settled(passed, status)
 
 

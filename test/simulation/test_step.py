@@ -294,6 +294,14 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
     assert (drop_range(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
 
 
+def test_every_part_ends_in_the_world_of_the_lower_belt(part, mat):
+    step = dataclasses.replace(LOW, step_height=0.04)
+    poses = drop_range(step_job(part('box_10x20x30'), mat, step), 0, GROUP)
+    assert (poses.status == RestStatus.SETTLED).all()
+    # The belt carries them away from the wall.
+    assert (poses.decided_by == DecidedBy.ENERGY).all()
+
+
 def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat):
     shape = part('box_10x20x30')
     job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2))
