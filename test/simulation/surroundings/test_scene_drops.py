@@ -147,7 +147,7 @@ def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, m
 
 
 @pytest.mark.parametrize(
-    ('engine', 'n'), [(KERNEL, 5000), pytest.param(BULLET, 500, marks=pytest.mark.slow)]
+    ('engine', 'n'), [(KERNEL, 2000), pytest.param(BULLET, 500, marks=pytest.mark.slow)]
 )
 def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make, engine, n):
     shape, image = (solid(trimesh.convex.convex_hull(CHIRAL * [1, y, 1])) for y in (1, -1))
@@ -183,6 +183,6 @@ def test_both_engines_have_the_same_outcomes(part, make, name):
     aspects = find_aspects(shape)
     counts = []
     for engine, n in ((KERNEL, 4000), (BULLET, 400)):
-        job = make(shape, kind, engine, **more)
+        job = dataclasses.replace(make(shape, kind, engine, **more), seed=2)
         counts.append(counts_on_belt(job, aspects, drop_range(job, 0, n), 1))
     assert same(*counts) > LEVEL
