@@ -46,9 +46,9 @@ def engines(dropper: Dropper) -> Iterator[str]:
     )
     yield ''
     yield (
-        'The two engines do not solve the same law of friction. Bullet solves friction for each '
-        'axis of the plane and scales the result to the disk, so that its friction impulse is up '
-        'to 10 degrees off the slip, and more in some impacts. With that rule in the kernel, '
+        'The two engines do not have the same law of friction. Bullet solves friction for each '
+        'axis of the plane and scales the result to the disk, so that its friction impulse is off '
+        'the slip, in some impacts by more than 10 degrees. With that rule in the kernel, '
         't_prism on `rubber_mat` agrees with a finer Bullet (p = .61); with the law of Coulomb, '
         'in which friction is opposite to the slip, it does not (p = .014). See [The law of '
         'contact](law_of_contact.md#differences-from-bullet).'
