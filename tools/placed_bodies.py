@@ -1,4 +1,4 @@
-"""Bodies that are placed in surroundings, for comparisons with mechanics."""
+"""Bodies that are placed on a plane or in surroundings, for comparisons with mechanics."""
 
 import dataclasses
 import math
@@ -11,84 +11,81 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation.bullet_client import pybullet
-from resting_aspects_ros.simulation.bullet_scene import SceneWorld
+from resting_aspects_ros.simulation import kernel
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, BodyStates, InitialState
+from resting_aspects_ros.simulation.initial_state import BodyStates
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import Kind
 from resting_aspects_ros.simulation.surroundings.release import depth_along
-from resting_aspects_ros.simulation.surroundings.scene_settling import SceneSettling
 
-# A block that slides meets more friction than Coulomb's by up to this number times the time step,
-# T, as a share of its friction. A contact whose normal force becomes 0 while Bullet's solver
-# iterates keeps the friction that it had before, which exceeds its limit. Measured: 0.2 to 1.8.
-FRICTION_EXCESS = 2.0
+Vectors = Array | Sequence[float]
 
 
-class Placed(SceneWorld):
-    """Bodies in the surroundings of a job, from given states: scene frame, R and T."""
+class Placed:
+    """Bodies in the kernel, from given states: frame of the surroundings, R and T.
+
+    states : BodyStates
+    time : (n,) float
+        How long each was simulated, T.
+    status : (n,) uint8
+        Codes of RestStatus of the last run.
+    """
 
     def __init__(
         self,
         job: DropJob,
         position: Array,
         orientation: Array,
-        velocity: Array | Sequence[float] = (0.0, 0.0, 0.0),
+        velocity: Vectors = (0.0, 0.0, 0.0),
+        spin: Vectors = (0.0, 0.0, 0.0),
     ) -> None:
-        assert job.scene is not None
-        shape = (len(position), 3)
-        self.frame = job.frame_velocity
-        super().__init__(job)
+        n = len(position)
         self.job = job
-        start = InitialState(
-            np.array(position, dtype=float),
-            np.array(orientation, dtype=float),
-            np.array(np.broadcast_to(velocity, shape) - self.frame),
-            np.zeros(shape),
-            elapsed=np.zeros(len(position)),
+        self.states = BodyStates(
+            *(
+                np.array(np.broadcast_to(each, (n, columns)), dtype=float)
+                for each, columns in ((position, 3), (orientation, 4), (velocity, 3), (spin, 3))
+            )
         )
-        self.slots = np.arange(len(position))
-        self.origins = self._origins(self.slots)
-        self.bodies = self._add(start, self.slots, self.origins)
-        self.settling = SceneSettling(job, start, self.slots)
+        self.time = np.zeros(n)
+        self.status = np.zeros(n, dtype=np.uint8)
+        self._ground = ground_of(job)
 
-    def step(self, time: float) -> BodyStates:
-        """Step for a time, T; returns the states."""
-        self._advance(0, round(time * self.job.steps_per_t))
+    def run(self, time: float) -> BodyStates:
+        """Simulate each body until it has ended, or for ``time`` T or up to 0.5 T longer."""
+        s, n = self.states, len(self.time)
+        ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
+        kernel.simulate(
+            body_of(self.job),
+            self._ground,
+            kernel.Numerics().refined(self.job.refinement, decides=False),
+            time,
+            s.position,
+            s.velocity,
+            s.spin,
+            s.orientation,
+            ends,
+            codes,
+        )
+        rows = ends[:, :3], ends[:, 3:7], ends[:, 9:12], ends[:, 12:]
+        self.states = BodyStates(*(np.ascontiguousarray(each) for each in rows))
+        self.time = self.time + ends[:, 7]
+        self.status = codes[:, 0].astype(np.uint8)
         return self.states
 
-    def put(self, position: Array, orientation: Array) -> None:
-        """Put all bodies at rest at positions (n, 3) and orientations (n, 4), scene frame."""
-        for body, at, facing in zip(self.bodies, position, orientation, strict=True):
-            self._place(body, at.tolist(), facing.tolist(), [0.0] * 3, [0.0] * 3)
-
-    def advance_one(self) -> dict[int, float]:
-        """Make one time step; returns the normal force on the first body by other body."""
-        self._advance(0, 1)
-        forces: dict[int, float] = {}
-        points = pybullet.getContactPoints(self.bodies[0], physicsClientId=self._client)
-        for point in points:
-            forces[point[2]] = forces.get(point[2], 0.0) + point[9]
-        return forces
+    def settle(self) -> npt.NDArray[np.uint8]:
+        """Simulate until all have ended; returns their statuses."""
+        self.run(TIME_LIMIT)
+        return self.status
 
     def tilt(self, angle: float) -> None:
         """Incline the level plane z = 0 by an angle, downhill along x."""
-        down = (math.sin(angle), 0.0, -math.cos(angle))
-        pybullet.setGravity(*down, physicsClientId=self._client)
-
-    def settle(self) -> npt.NDArray[np.uint8]:
-        """Step until all have ended; returns their statuses."""
-        self._settled(self.bodies, self.origins, self.settling)
-        return self.settling.status
-
-    @property
-    def states(self) -> BodyStates:
-        """The states of all bodies, scene frame."""
-        found = self._states(self.bodies, self.origins, self.slots)
-        return dataclasses.replace(found, velocity=found.velocity + self.frame)
+        down = np.array([math.sin(angle), 0.0, -math.cos(angle)])
+        self._ground = self._ground._replace(gravity=down)
 
 
 def job_in(
@@ -106,11 +103,11 @@ def job_in(
 
 def flat_on(
     job: DropJob,
-    yaws: Sequence[float] | Array,
-    velocity: Array | Sequence[float] = (0.0, 0.0, 0.0),
+    yaws: Vectors,
+    velocity: Vectors = (0.0, 0.0, 0.0),
     x: float = 0.0,
     y: float = 0.0,
-    lift: float = REST_MARGIN,
+    lift: float = 0.0,
 ) -> Placed:
     """Place bodies with their part frames turned by angles about z on the plane z = 0."""
     turned = Rotation.from_euler('z', np.reshape(yaws, (-1, 1)))
@@ -146,13 +143,11 @@ def groove_height(job: DropJob, rolls: Array, corners: Array) -> Array:
 def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
     """Place bodies along a groove that are turned by rolls (n,), a little above both planes."""
     assert job.scene is not None
-    placed = flat_on(job, 0 * rolls)
     planes = [body.normal[1:] for body in job.scene.half_spaces]
-    reach = 0.003 + np.array(_reaches(job, rolls, corners))
+    reach = 0.002 + np.array(_reaches(job, rolls, corners))
     at = np.linalg.solve(np.array(planes), reach).T
     turned = Rotation.from_euler('x', rolls[:, None]) * Rotation.from_quat(job.axes)
-    placed.put(np.column_stack([placed.origins[:, 0], at]), turned.as_quat())
-    return placed
+    return Placed(job, np.column_stack([0 * rolls, at]), turned.as_quat())
 
 
 def _reaches(job: DropJob, rolls: Array, corners: Array) -> list[Array]:

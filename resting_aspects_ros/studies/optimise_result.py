@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.surroundings import conditions_document
+from resting_aspects_ros.api.surroundings import conditions_document, scene_of
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.simulation.run_description import KERNEL, KERNEL_VERSION
+from resting_aspects_ros.simulation.plan import engine_version
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.objectives import Objective
 from resting_aspects_ros.studies.optimise_text import optimise_notes
@@ -31,6 +33,14 @@ class OptimiseResult(Optimum):
     def notes(self) -> list[str]:
         """Sentences that state how certain the answer is, and what limits it."""
         return optimise_notes(self)
+
+    @property
+    def engine(self) -> str:
+        """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
+        setting = self.best.setting
+        scene = scene_of(self.part, setting.drop_conditions)
+        edge = setting.action is not None and isinstance(setting.action.action, Step)
+        return BULLET if edge or not (scene is None or scene.flat) else KERNEL
 
     @property
     def document(self) -> dict[str, Any]:
@@ -70,8 +80,8 @@ class OptimiseResult(Optimum):
             'seed': self.seed,
             'surrogate': self.surrogate,
             'surrogate_error': self.surrogate_error,
-            'engine': KERNEL,
-            'engine_version': KERNEL_VERSION,
+            'engine': self.engine,
+            'engine_version': engine_version(self.engine),
         }
 
     def to_json(self) -> str:

@@ -183,7 +183,6 @@ def test_every_key_of_a_result_is_listed(run):
     assert re.findall(r'`(\w+)`', row)[1:] == list(document['classes'][0])
 
 
-@pytest.mark.slow
 def test_every_key_of_transitions_is_listed(run):
     few = ['--action', 'step_down', '--per-aspect', '5', '--drops', '10', '--check-convergence']
     ended = run('reorient', 'tetrahedron', '--wanted', '1', *few, '--json')

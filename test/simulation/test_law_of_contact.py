@@ -88,16 +88,15 @@ def test_a_box_that_lands_flat_bounces_to_the_square_of_the_restitution(lab, res
     part = lab(box(10, 20, 30), restitution=restitution, friction=0.5)
     q, fall = upright(part), 0.8
     at = part.put(q, fall)
-    ends, _ = part.run(at, NONE, NONE, q, 2.0)
-    # The drop is looked at after a while; the closed form gives where it is then.
+    ends, _ = part.run(at, NONE, NONE, q, 1.5)
+    # The drop is looked at before its second impact, and the closed form gives where it is then.
     t, first = ends[0, 7], np.sqrt(2 * fall)
     speed, since = restitution * first, t - first
-    while since > 2 * speed and speed > kernel.BOUNCE:
-        since, speed = since - 2 * speed, speed * restitution
-    expected = speed * since - since**2 / 2 if speed > kernel.BOUNCE else 0.0
-    assert ends[0, 2] - at[0, 2] + fall == pytest.approx(expected, abs=2e-4)
+    assert 0 < since < (2 * speed if restitution else 0.5)
+    expected = speed * since - since**2 / 2 if restitution else 0.0
+    assert ends[0, 2] - at[0, 2] + fall == pytest.approx(expected, abs=2e-5)
     # It does not begin to turn, within the accuracy of the solver.
-    assert np.abs(ends[0, 12:]).max() < kernel.RESIDUAL
+    assert np.abs(ends[0, 12:]).max() < 3 * kernel.RESIDUAL
 
 
 @pytest.mark.parametrize('speed', [0.1, 1.0, 5.0])

@@ -44,6 +44,21 @@ def test_result_does_not_depend_on_the_workers(found, here):
     assert again.to_json() == found.to_json()
 
 
+@pytest.mark.parametrize(
+    ('given', 'engine'),
+    [
+        ({}, 'kernel'),
+        ({'surroundings': 'wall', 'action': 'tap'}, 'kernel'),
+        ({'surroundings': 'pocket'}, 'bullet'),
+        ({'action': 'step_down'}, 'bullet'),
+    ],
+)
+def test_document_names_the_engine(here, given, engine):
+    few = {'points': 2, 'drops': 4, 'budget': 20, 'workers': here()}
+    found = ra.optimise('tetrahedron', {'height': '5mm:10mm'}, wanted=[1], **few, **given)
+    assert json.loads(found.to_json())['engine'] == engine
+
+
 def test_notes_name_materials_and_fresh_drops(found):
     text = ' '.join(found.notes)
     assert 'Friction is a property of the materials' in text

@@ -22,24 +22,24 @@ def part():
 
 @pytest.fixture(scope='module')
 def counted(part, here):
-    return drop_points(part, POINTS, 130, 1, workers=here())
+    return drop_points(part, POINTS, 630, 1, workers=here())
 
 
 def test_every_drop_is_counted(counted):
-    assert counted.drops.tolist() == [130] * 3
+    assert counted.drops.tolist() == [630] * 3
     assert counted.counts.shape == (3, 4)
     assert counted.by_class().tolist() == counted.counts.sum(axis=1, keepdims=True).tolist()
 
 
 def test_counts_of_a_point_do_not_depend_on_other_points(part, counted, here):
-    backward = drop_points(part, POINTS[:0:-1], 130, 1, workers=here())
+    backward = drop_points(part, POINTS[:0:-1], 630, 1, workers=here())
     assert (backward.counts == counted.counts[:0:-1]).all()
     assert (counted.counts[0] != counted.counts[1]).any()
 
 
 def test_counts_are_those_of_a_run_with_the_seed_of_the_point(part, counted, here):
     seed = point_seed(1, part, Setting(POINTS[1]))
-    run = ra.drop(part, 130, surface=POINTS[1], seed=seed, workers=here(), keep_poses=False)
+    run = ra.drop(part, 630, surface=POINTS[1], seed=seed, workers=here(), keep_poses=False)
     assert (run.distribution.counts == counted.counts[1]).all()
 
 
@@ -59,14 +59,14 @@ def test_seed_follows_from_the_point(part):
 def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
     workers = here(dying=(1, 4))
     with pytest.warns(ra.RestingAspectsWarning, match='a worker died'):
-        again = drop_points(part, POINTS, 130, 1, workers=workers)
+        again = drop_points(part, POINTS, 630, 1, workers=workers)
     assert (again.counts == counted.counts).all()
     assert len(workers.submitted) == 8
 
 
 def test_failure_of_a_worker_is_reported(part, here):
     with pytest.raises(EngineError, match='a worker failed'):
-        drop_points(part, POINTS, 130, 1, workers=here(failing=(2,)))
+        drop_points(part, POINTS, 630, 1, workers=here(failing=(2,)))
 
 
 def test_impossible_point_is_skipped(part, here):
@@ -80,6 +80,6 @@ def test_impossible_point_is_skipped(part, here):
 def test_drops_can_be_stopped(part, here):
     made = []
     counted = drop_points(
-        part, POINTS, 130, 1, workers=here(), progress=made.append, stopped=lambda: bool(made)
+        part, POINTS, 630, 1, workers=here(), progress=made.append, stopped=lambda: bool(made)
     )
-    assert np.sum(counted.drops) == made[-1] < 390
+    assert np.sum(counted.drops) == made[-1] < 1890

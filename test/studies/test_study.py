@@ -18,7 +18,7 @@ VARY = {'restitution': '0.1:0.4', 'friction': '0.2:0.5'}
 
 
 def spec(**changes):
-    document = {'parts': ['tetrahedron'], 'vary': VARY, 'points': 4, 'drops': 130}
+    document = {'parts': ['tetrahedron'], 'vary': VARY, 'points': 4, 'drops': 630}
     return make_spec({**document, 'conditions': {'height': '30mm'}, **changes})
 
 
@@ -44,15 +44,15 @@ def test_study_that_was_broken_off_continues(tmp_path, here, whole):
 
 
 def test_points_and_drops_are_added_without_repetition(tmp_path, here, whole):
-    first = run_study(spec(points=2, drops=125), tmp_path, workers=here())
-    assert first.cases[0].drops.tolist() == [125, 125]
+    first = run_study(spec(points=2, drops=500), tmp_path, workers=here())
+    assert first.cases[0].drops.tolist() == [500, 500]
     workers = here()
     more = run_study(spec(), tmp_path, workers=workers)
     assert table(more) == whole
     spans = sorted((start, end) for _, start, end in workers.submitted)
-    assert spans == [(0, 125)] * 2 + [(125, 130)] * 4
+    assert spans == [(0, 500)] * 2 + [(500, 630)] * 4
     again = here()
-    fewer = run_study(spec(points=2, drops=125), tmp_path, workers=again)
+    fewer = run_study(spec(points=2, drops=500), tmp_path, workers=again)
     assert table(fewer) == whole
     assert again.submitted == []
 
