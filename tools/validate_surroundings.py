@@ -58,8 +58,8 @@ def _symmetry(dropper: Dropper) -> Iterator[str]:
     n = SYMMETRY_DROPS
     yield (
         f'{n} drops ({MESH_DROPS} in Bullet on a mesh) in each of two surroundings. *Largest*: '
-        'largest difference of the share of an aspect. *p*: probability that chance alone causes a '
-        'difference at least as large (chi-square). A level slope must have the poses of the '
+        'largest difference of the share of an aspect. *p*: probability that chance alone causes '
+        'a difference at least as large (chi-square). A level slope must have the poses of the '
         'plane, bit for bit.'
     )
     yield ''
