@@ -46,9 +46,9 @@ def engines(dropper: Dropper) -> Iterator[str]:
     )
     yield ''
     yield (
-        'The two engines do not solve the same law of friction. Bullet solves friction for each '
-        'axis of the plane and scales the result to the disk, so that its friction impulse is up '
-        'to 10 degrees off the slip, and more in some impacts. With that rule in the kernel, '
+        'The two engines do not have the same law of friction. Bullet solves friction for each '
+        'axis of the plane and scales the result to the disk, so that its friction impulse is off '
+        'the slip, in some impacts by more than 10 degrees. With that rule in the kernel, '
         't_prism on `rubber_mat` agrees with a finer Bullet (p = .61); with the law of Coulomb, '
         'in which friction is opposite to the slip, it does not (p = .014). See [The law of '
         'contact](law_of_contact.md#differences-from-bullet).'
@@ -65,7 +65,7 @@ def engines(dropper: Dropper) -> Iterator[str]:
         in_bullet = make_job(part, job.conditions, SEED + 1, engine=BULLET)
         finer = dataclasses.replace(in_bullet, refinement=FINER)
         one, *others = (_counts(dropper, each, part, DROPS) for each in (job, in_bullet, finer))
-        cells = ' | '.join(_difference(one, other) for other in others)
+        cells = ' | '.join(difference(one, other) for other in others)
         yield f'| {part.name} | {surface} | {cells} |'
     yield ''
     yield f'Surroundings and actions on `rubber_mat`, {FEW} of each:'
@@ -88,7 +88,7 @@ def _surroundings(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
                 continue
             in_bullet = dataclasses.replace(job, seed=SEED + 1, engine=BULLET)
             counts = [_counts(dropper, each, part, FEW) for each in (job, in_bullet)]
-            yield f'| {part.name} | {name} | {_difference(*counts)} |'
+            yield f'| {part.name} | {name} | {difference(*counts)} |'
 
 
 def _actions(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
@@ -99,7 +99,7 @@ def _actions(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
             job, before = action_job(dropper, part, action, per_class)
             in_bullet = dataclasses.replace(job, seed=SEED + 1, engine=BULLET)
             count = partial(_counts, part=part, n=len(before), rows=before)
-            cells = _difference(*(count(dropper, each) for each in (job, in_bullet)))
+            cells = difference(*(count(dropper, each) for each in (job, in_bullet)))
             yield f'| {part.name} | {name} | {cells} |'
 
 
@@ -141,7 +141,7 @@ def _counts(
     return counts
 
 
-def _difference(one: Counts, other: Counts) -> str:
+def difference(one: Counts, other: Counts) -> str:
     """Return the cells of a comparison of counts (r, m)."""
     statistic, degrees = 0.0, 0
     for a, b in zip(one, other, strict=True):

@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, random_orientations
 from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation.bullet_client import pybullet
 from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
