@@ -74,12 +74,12 @@ def entities(node):
 def test_client_without_a_node_receives_progress(client, counts):
     client.list_parts()  # all services are discovered after this
     done = []
-    found = client.get_distribution('tetrahedron', drops=500, seed=51, progress=done.append)
+    found = client.get_distribution('tetrahedron', drops=1500, seed=51, progress=done.append)
     assert found.complete
-    assert found.drops == sum(counts(found)) == 500
+    assert found.drops == sum(counts(found)) == 1500
     assert (found.run.part, found.run.seed) == ('tetrahedron', 51)
     assert done == sorted(done)
-    assert (done[0] < 500, done[-1]) == (True, 500)
+    assert (done[0] < 1500, done[-1]) == (True, 1500)
 
 
 @pytest.mark.slow
@@ -423,7 +423,7 @@ def test_awaiting_a_closed_client_raises(cell, wait):
 
     async def work():
         timer.cancel()
-        answer = client.get_distribution_async('tetrahedron', drops=500_000, seed=79)
+        answer = client.get_distribution_async('tetrahedron', drops=2_000_000, seed=79)
         results.append('asked')
         try:
             results.append(await answer)
@@ -478,7 +478,7 @@ def test_finished_and_canceled_requests_leave_nothing(suite, spun):
         return not spun._open and set(entities(node)) == before
 
     received = []
-    canceled = spun.get_distribution_async('washer', drops=500_000, progress=received.append)
+    canceled = spun.get_distribution_async('washer', drops=2_000_000, progress=received.append)
     suite.client.wait(lambda: received, 'progress')
     canceled.cancel()
     suite.client.wait(nothing_is_left, 'end of the canceled request')

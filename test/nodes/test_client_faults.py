@@ -35,7 +35,7 @@ def test_timeout_error_contains_the_progress(suite, spun, ahead):
     try:
         answer = spun.get_distribution_async(
             'tetrahedron',
-            drops=100_000,
+            drops=2_000_000,
             seed=81,
             timeout=600,
             progress=hold_up,
@@ -69,7 +69,7 @@ def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
 def test_stopped_simulator_leads_to_an_error(suite, spun, number):
     received = []
     answer = spun.get_distribution_async(
-        'tetrahedron', drops=500_000, seed=84 + number, progress=received.append
+        'tetrahedron', drops=2_000_000, seed=84 + number, progress=received.append
     )
     suite.client.wait(lambda: received, 'progress')
     suite.processes['drop_simulator'].end(number)

@@ -29,13 +29,13 @@ def diagnostics(suite, diagnostics_of):
 
 
 def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
-    drop = suite.client.dropping('tetrahedron', 500_000, seed=1)  # until it is canceled
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
         level, message, values = diagnostics.wait(
             node, lambda _, __, values: int(values['drops per second']) > 0, node
         )
         assert level == DiagnosticStatus.OK
-        assert re.fullmatch(r'tetrahedron: \d+ of 500000 drops', message)
+        assert re.fullmatch(r'tetrahedron: \d+ of 2000000 drops', message)
         assert values['active runs'] == '1'
         assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
@@ -62,13 +62,13 @@ def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
 
 
 def test_active_runs_are_listed(suite, diagnostics):
-    drops = [suite.client.dropping('tetrahedron', 400_000, seed=seed) for seed in (11, 12)]
+    drops = [suite.client.dropping('tetrahedron', 2_000_000, seed=seed) for seed in (11, 12)]
     suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
         _, message, values = diagnostics.wait(
             node, lambda _, __, values: values['active runs'] == '2', node
         )
-        assert re.fullmatch(r'tetrahedron: \d+ of 400000 drops, and 1 more run', message)
+        assert re.fullmatch(r'tetrahedron: \d+ of 2000000 drops, and 1 more run', message)
         assert values['run 1'].startswith(message.partition(',')[0])
         assert values['run 2'].startswith('tetrahedron: ')
     for drop in drops:
@@ -108,8 +108,11 @@ def test_missing_and_uncounted_drops_are_reported(
 
 
 def test_dead_workers_are_counted(suite, diagnostics):
-    assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
-    assert suite.client.drop('tetrahedron', 5, seed=13).outcome == 'succeeded'
+    for seed in (13, 14):
+        drop = suite.client.dropping_in_bullet('tetrahedron', 5, seed=seed)
+        suite.client.wait(lambda drop=drop: drop.done, 'goal')
+        assert drop.outcome == 'succeeded'
+        assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
     level, _, _ = diagnostics.wait(
         'drop_simulator', lambda _, __, values: int(values['workers that died']) > 0, 'deaths'
     )
@@ -123,7 +126,7 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, diagnostics):
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, hard))
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
-    drop = suite.client.dropping('tetrahedron', 500_000, seed=2)  # until it is canceled
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=2)  # until it is canceled
     suite.client.wait(lambda: any(run.error for run in recorded), 'error')
     written = next(run.drops for run in recorded if run.error)
     _, message, values = diagnostics.wait(

@@ -136,7 +136,7 @@ def test_number_of_batches_is_at_most_the_qos_depth(drops, size):
 
 
 def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=13)
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=13)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled goal')
@@ -144,12 +144,12 @@ def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     assert drop.outcome == 'canceled'
     assert result.status.code == Status.CANCELED
     assert result.status.message == (
-        f'canceled after {result.drops} of 100000 drops; these are kept'
+        f'canceled after {result.drops} of 2000000 drops; these are kept'
     )
-    assert 0 < result.drops < 100_000
+    assert 0 < result.drops < 2_000_000
     batches = batches_of(result.run_id)
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
-    assert all(batch.run.drops == 100_000 for batch in batches)
+    assert all(batch.run.drops == 2_000_000 for batch in batches)
     poses = RestingPoses.join([poses_from(batch) for batch in batches])
     assert (poses.first_drop, len(poses)) == (0, result.drops)
     assert result.settled == int((poses.status == RestStatus.SETTLED).sum())
@@ -157,7 +157,7 @@ def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
 
 
 def test_drops_before_a_cancel_are_known(suite, counts):
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=14)
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=14)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled goal')

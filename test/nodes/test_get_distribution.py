@@ -37,7 +37,7 @@ def test_run_is_described_completely(first, part, surfaces):
     assert run.part_sha256 == part('tetrahedron').part_sha256
     assert run.conditions == surfaces.get('rubber_mat')
     assert (run.seed, run.first_drop, run.drops) == (7, 0, 260)
-    assert (run.engine, run.engine_version) == ('bullet', '3.2.7')
+    assert (run.engine, run.engine_version) == ('kernel', '1')
     assert run.time_step > 0
 
 

@@ -81,7 +81,7 @@ def test_goal_is_canceled_at_random_times(suite, quick, times):
     received = suite.client.poses()
     for k in range(times):
         seed = 10_000 * times + k
-        drop = suite.client.dropping('box_10x20x30', 50_000, seed=seed, conditions=quick)
+        drop = suite.client.dropping('box_10x20x30', 2_000_000, seed=seed, conditions=quick)
         suite.client.wait(lambda d=drop: d.accepted, 'goal')
         suite.client.spin(rng.uniform(0, 0.2))
         drop.cancel()
@@ -122,8 +122,8 @@ def test_sigterm_during_runs_stops_all_nodes(run_command, connect, namespace, wa
     nodes = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
     wait(lambda: nodes.output.count('ready') == 3 or not nodes.running, 'nodes')
     client = connect(namespace)
-    drops = [client.dropping(name, 100_000, seed=6) for name in PARTS]
-    asked = [client.asking(name, 50_000, seed=[7]) for name in PARTS]
+    drops = [client.dropping(name, 2_000_000, seed=6) for name in PARTS]
+    asked = [client.asking(name, 1_000_000, seed=[7]) for name in PARTS]
     client.wait(lambda: all(drop.feedback for drop in drops), 'drops')
     client.wait(lambda: len(list(tmp_path.iterdir())) >= len(PARTS), 'logs')
     drops[0].cancel()

@@ -28,7 +28,7 @@ def begin(suite, diagnostics, seeds=itertools.count(1)):  # noqa: B008 - one for
     def begin():
         seed = next(seeds)
         received = suite.client.poses()
-        suite.client.dropping('tetrahedron', 500_000, seed=seed)
+        suite.client.dropping('tetrahedron', 2_000_000, seed=seed)
 
         def run_ids():
             return [batch.run.run_id for batch in received if batch.run.seed == seed]
@@ -46,7 +46,7 @@ def begin(suite, diagnostics, seeds=itertools.count(1)):  # noqa: B008 - one for
 def test_interrupted_run_is_reported_until_the_next_complete(suite, diagnostics, begin):
     run_id = begin()
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
-    expected = rf'run {run_id} of tetrahedron was interrupted: \d+ of 500000 drops'
+    expected = rf'run {run_id} of tetrahedron was interrupted: \d+ of 2000000 drops'
     for node in CONSUMERS:
         level, message, values = diagnostics.wait(
             node, lambda _, message, __: 'was interrupted' in message, f'{node} reports it'

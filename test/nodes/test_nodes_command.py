@@ -52,22 +52,22 @@ def end_during_a_run(nodes, connect, namespace, wait, traceback):
         client = connect(namespace)
         started = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         # From the last drop of a chunk on: feedback comes after one drop.
-        drop = client.dropping('tetrahedron', 100_000, first_drop=499)
+        drop = client.dropping('tetrahedron', 2_000_000, first_drop=499)
 
         def log():
             logged = {each.run_id: each.log for each in started}
-            runs = [batch.run.run_id for batch in received if batch.run.drops == 100_000]
+            runs = [batch.run.run_id for batch in received if batch.run.drops == 2_000_000]
             return next(((run_id, logged[run_id]) for run_id in runs if run_id in logged), None)
 
         received = client.poses()
         client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')
         assert not drop.done
-        assert len(nodes.group()) > 1  # it has workers
+        assert len(nodes.group()) > 1  # it has a process that reads files
         assert_ended_in_order(nodes, end(), wait, traceback)
         run_id, folder = log()
         expected = (
             rf'run {run_id} of tetrahedron was interrupted: the closed log '
-            rf'{folder} has \d+ of 100000 drops'
+            rf'{folder} has \d+ of 2000000 drops'
         )
         assert re.search(expected, nodes.output)
 
@@ -99,8 +99,10 @@ def test_command_stops_cleanly_during_a_run(nodes, end_during_a_run, number):
 
 def test_workers_end_with_a_killed_simulator(start, connect, namespace, wait):
     simulator = start('drop_simulator', namespace, {'workers': 1})
-    connect(namespace).drop('tetrahedron', 1)
-    assert len(simulator.group()) > 1
+    client = connect(namespace)
+    drop = client.dropping_in_bullet('tetrahedron', 1)
+    client.wait(lambda: drop.done, 'drop')
+    assert simulator.send_to_workers(0) == 1
     simulator.end(signal.SIGKILL)
     wait(lambda: simulator.group() == [], 'end of its workers')
 

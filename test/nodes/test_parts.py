@@ -75,7 +75,7 @@ def test_file_name_that_is_not_utf8_is_reported(suite, folder, diagnostics_of):
 
 
 def test_part_is_not_known_after_a_run_without_drops(suite, listed):
-    box = suite.client.dropping('box_10x20x30', 100_000, first_drop=9)
+    box = suite.client.dropping('box_10x20x30', 2_000_000, first_drop=9)
     box.cancel()
     suite.client.wait(lambda: box.done, 'canceled goal')
     assert box.result.status.code == Status.CANCELED

@@ -158,7 +158,7 @@ def test_runs_that_end_while_the_recorder_is_stopped(suite):
 
 
 def test_canceled_run_has_a_complete_log(suite):
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=5)
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=5)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled goal')
@@ -245,7 +245,7 @@ def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_pa
         return sorted(tmp_path.glob(f'*{run_id}*'))
 
     first = recorder()
-    drop = suite.client.dropping('tetrahedron', 5000, seed=10)
+    drop = suite.client.dropping_in_bullet('tetrahedron', 2000, seed=10)
     suite.client.wait(lambda: any(b.run.seed == 10 for b in received['resting_poses']), 'batch')
     simulator = suite.processes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)
@@ -262,8 +262,8 @@ def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_pa
     assert whole.name == f'{interrupted.name}_2'
     assert not (interrupted / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
-    assert sum(len(batch.poses) for batch in batches) == 5000
-    assert recorded_outcome(whole) == LogOutcome(5000, whole=True)
+    assert sum(len(batch.poses) for batch in batches) == 2000
+    assert recorded_outcome(whole) == LogOutcome(2000, whole=True)
     assert second.end() == 0
     third = recorder()
     suite.client.wait(lambda: f'is already in {whole}' in third.output, 'word of it')
@@ -273,7 +273,7 @@ def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_pa
 
 # Last: it ends the recorder.
 def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received, traceback):
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=9)
+    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=9)
 
     def of_the_run():
         return [batch for batch in received['resting_poses'] if batch.run.seed == 9]

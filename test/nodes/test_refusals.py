@@ -151,10 +151,11 @@ def test_invalid_run_id(suite, run_id):
 
 def test_goal_above_the_maximum_gets_busy(suite, diagnostics_of):
     simulator = suite.processes['drop_simulator']
-    assert suite.client.drop(drops=1).outcome == 'succeeded'
+    first = suite.client.dropping_in_bullet(drops=1)
+    suite.client.wait(lambda: first.done, 'start of the worker processes')
     assert simulator.send_to_workers(signal.SIGSTOP) >= 1
     try:
-        drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MAX_GOALS)]
+        drops = [suite.client.dropping_in_bullet(drops=2, seed=seed) for seed in range(MAX_GOALS)]
         diagnostics = diagnostics_of(suite.client)
         many = str(MAX_GOALS)
         diagnostics.wait(

@@ -24,7 +24,8 @@ def received(suite):
 @pytest.fixture(scope='module')
 def run(suite, received):
     """A run that is over."""
-    drop = suite.client.drop('tetrahedron', DROPS, seed=11)
+    drop = suite.client.dropping_in_bullet('tetrahedron', DROPS, seed=11)
+    suite.client.wait(lambda: drop.done, 'run')
     suite.client.wait(lambda: any(batch.last for batch in received), 'last batch')
     assert received[0].run.run_id == drop.result.run_id
     return received[0].run
@@ -51,7 +52,11 @@ def test_restarted_recorder_finds_its_log(suite, run):
 def two_goals(suite, run):
     """Ask twice for the same lost drops, while the workers are held up."""
     ask = functools.partial(
-        suite.client.dropping, drops=300, first_drop=1000, seed=11, run_id=run.run_id
+        suite.client.dropping_in_bullet,
+        drops=300,
+        first_drop=1000,
+        seed=11,
+        run_id=run.run_id,
     )
     simulator = suite.processes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)

@@ -13,7 +13,10 @@ MANY = 200_000  # until it is canceled
 
 @pytest.fixture(scope='module')
 def received(suite):
-    return suite.client.poses()
+    received = suite.client.poses()
+    drop = suite.client.dropping_in_bullet('tetrahedron', 1)
+    suite.client.wait(lambda: drop.done, 'start of the worker processes')
+    return received
 
 
 @pytest.fixture
@@ -26,7 +29,7 @@ def goals(suite, received):
         try:
             made = []
             for _ in range(count):
-                made.append(suite.client.dropping('tetrahedron', *asked, **fields))
+                made.append(suite.client.dropping_in_bullet('tetrahedron', *asked, **fields))
                 suite.client.wait(lambda: made[-1].accepted, 'goal')
         finally:
             simulator.send_to_workers(signal.SIGCONT)
@@ -95,7 +98,7 @@ def test_all_are_canceled_together(suite, received, goals):
 
 
 @pytest.mark.slow
-def test_joining_goal_does_not_count_towards_the_maximum(suite, goals):
+def test_joining_goal_does_not_count_towards_the_maximum(suite, received, goals):
     drops = goals(MAX_GOALS + 4, 500, seed=7178)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.result.status.code for drop in drops} == {Status.OK}

@@ -39,7 +39,7 @@ def test_concurrent_requests_for_two_parts_are_answered(suite, counts):
 
 def test_known_answer_does_not_wait_for_an_active_run(suite):
     assert suite.client.ask('tetrahedron', 5, seed=[6]).status.code == Status.OK
-    long = suite.client.dropping('tetrahedron', 100_000, seed=61)
+    long = suite.client.dropping('tetrahedron', 2_000_000, seed=61)
     suite.client.wait(lambda: long.accepted, 'long goal')
     assert suite.client.ask('tetrahedron', 5, seed=[6]).status.code == Status.OK
     assert suite.client.parts()['tetrahedron'].known
@@ -72,7 +72,7 @@ def test_result_is_kept_after_the_client_was_killed(suite, run_command):
 
 def test_killed_worker_loses_no_drop(suite):
     simulator = suite.processes['drop_simulator']
-    drop = suite.client.dropping('tetrahedron', 500, seed=15)
+    drop = suite.client.dropping_in_bullet('tetrahedron', 500, seed=15)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     assert simulator.send_to_workers(signal.SIGKILL) >= 1
     suite.client.wait(lambda: drop.done, 'goal')
@@ -91,16 +91,18 @@ def test_killed_worker_loses_no_drop(suite):
 
 
 def test_killed_idle_worker_loses_no_drop(suite):
-    assert suite.client.drop('tetrahedron', 5).outcome == 'succeeded'
+    first = suite.client.dropping_in_bullet('tetrahedron', 5)
+    suite.client.wait(lambda: first.done, 'first goal')
     assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
-    drop = suite.client.drop('tetrahedron', 5)
+    drop = suite.client.dropping_in_bullet('tetrahedron', 5, seed=2)
+    suite.client.wait(lambda: drop.done, 'second goal')
     assert drop.result.status.message == ''
     assert drop.outcome == 'succeeded'
 
 
 def test_repeatedly_killed_workers_fail_the_goal(suite):
     simulator = suite.processes['drop_simulator']
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=16)
+    drop = suite.client.dropping_in_bullet('tetrahedron', 100_000, seed=16)
 
     def killed_until_done():
         simulator.send_to_workers(signal.SIGKILL)

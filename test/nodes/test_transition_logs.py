@@ -95,7 +95,7 @@ def test_canceled_run_does_not_hide_a_complete_one(suite, first):
 
     complete = suite.client.wait(known, 'complete matrix')
     received = suite.client.listen(TransitionMatrix, TOPIC, ALL_LATCHED)
-    goal = suite.client.reorienting('tetrahedron', 'tap', 100_000, drops=20, seed=3)
+    goal = suite.client.reorienting('tetrahedron', 'tap', 300_000, drops=20, seed=3)
     suite.client.wait(lambda: len([m for m in received if m.run.seed == 3]) > 2, 'matrices')
     goal.cancel()
     suite.client.wait(lambda: goal.done, 'canceled goal')
@@ -109,7 +109,10 @@ def test_canceled_run_does_not_hide_a_complete_one(suite, first):
 
 @pytest.mark.slow
 def test_actions_before_the_workers_die_are_kept(suite):
-    goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20)
+    # In surroundings with an edge, Bullet makes the actions, in processes.
+    goal = suite.client.reorienting(
+        'box_10x20x30', 'tap', 100_000, drops=20, surroundings='bowl_track'
+    )
     suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'actions')
     simulator = suite.processes['drop_simulator']
 
@@ -131,7 +134,7 @@ def test_actions_before_the_workers_die_are_kept(suite):
 @pytest.mark.slow
 def test_log_of_a_killed_simulator_is_closed_as_incomplete(suite, first):
     received = suite.client.listen(TransitionMatrix, 'transitions/box_10x20x30', LATCHED)
-    suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20)
+    suite.client.reorienting('box_10x20x30', 'tap', 300_000, drops=20)
     suite.client.wait(lambda: len(received) > 2, 'matrices')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     log = suite.log_of(received[-1].run.run_id)
