@@ -43,9 +43,9 @@ def hulls() -> Section:
         states = initial_states(job, 0, DROPS)
         ends, codes = np.empty((DROPS, 15)), np.empty((DROPS, 2), dtype=np.int64)
         at = states.position, states.velocity, states.spin, states.orientation
-        since = time.process_time()
+        start = time.process_time()
         counts = simulate(body, ground_of(job), Numerics(), TIME_LIMIT, *at, ends, codes)
-        spent = 1e6 * (time.process_time() - since)
+        spent = 1e6 * (time.process_time() - start)
         each = {
             'landscape_ms': 1e3 * (planned - started),
             'kernel_ms': 1e3 * (prepared - planned),

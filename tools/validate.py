@@ -1,6 +1,6 @@
 """Validation of drops and actions: convergence, two engines, comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md. Takes about five hours on two cores.
+Prints tables and writes docs/explanation/validation.md. Takes about four hours on two cores.
 `tools/validate.py world` runs and replaces only one section.
 """
 

@@ -27,7 +27,7 @@ TOSSES = ROOT / 'tools' / 'cube_tosses.csv'
 PICTURE = ROOT / 'docs' / 'explanation' / 'cube_tosses.png'
 SIDE, MASS, MOMENT = 0.1048, 0.37, 0.00081  # m, kg, kg m^2
 REPLICATES = {KERNEL: 1000, BULLET: 100}
-# The frequency of a face has the weight of this number of replicates, for any number: otherwise
+# The frequency of a face has the weight of 24 replicates, regardless of their number: otherwise
 # the few tosses that ended on a face that is never simulated would decide the log loss.
 WEIGHT = 24
 NOISE = Noise(orientation=0.02, velocity=0.02, spin=0.3)
