@@ -81,7 +81,8 @@ def fall_over_edge(job: DropJob, states: InitialState) -> Settling:
 
     The states are relative to the wall below the edge, and the ends to the lower belt.
     """
-    return WallWorld(job).settled(*over_edge(job, partial(EdgeWorld, job), states))
+    passed, status = over_edge(job, partial(EdgeWorld, job), states)
+    return WallWorld(job).settled(passed, status)  # made last, because worlds share a client
 
 
 def over_edge(
