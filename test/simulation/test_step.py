@@ -170,7 +170,6 @@ def test_thin_plate_on_a_sharp_edge_has_the_known_motion():
 # -- Parts that fall from a belt ------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_plate_keeps_its_side_on_a_low_step(solid, mat):
     flat = solid(trimesh.creation.box((20, 16, 3)))
     job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
