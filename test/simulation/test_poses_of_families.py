@@ -50,7 +50,6 @@ def angles_to_aspects(aspects, down):
     return np.array(found).T
 
 
-@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', PARTS)
 def test_a_pose_is_in_an_aspect_if_a_direction_of_it_is_down(solid, drop, name):
     part = solid(convex_hull(10 * PARTS[name]()))

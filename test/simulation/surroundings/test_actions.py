@@ -103,7 +103,6 @@ def belt_step(part, mat):
     return make
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings('ignore:no part came to rest')
 @pytest.mark.parametrize(
     ('kind', 'changes'),
@@ -120,7 +119,6 @@ def test_a_step_without_height_to_a_belt_of_equal_speed_keeps_every_aspect(
     assert (counts[:, :6] == np.diag(counts.sum(axis=1))).all()
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings('ignore:no part came to rest')
 def test_a_box_on_the_lower_belt_accelerates_by_friction_times_gravity(belt_step):
     step = ra.Step(belt_speed=0.1, step_height=0.01, lower_speed=0.3)
@@ -205,7 +203,6 @@ def test_parts_that_slide_or_are_lost_are_not_counted_as_at_rest(dropped):
     assert found[len(aspects) :].tolist() == expected[len(aspects) :].tolist()
 
 
-@pytest.mark.slow
 def test_a_tray_that_rocks_moves_its_walls_with_its_floor():
     # Rocking by less than friction and weight hold: parts keep their aspect, because the floor and
     # the walls keep their angle.
