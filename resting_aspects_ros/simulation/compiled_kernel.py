@@ -34,7 +34,7 @@ def simulate(
     body: Body,
     ground: Ground,
     numerics: Numerics,
-    limit: float,
+    limit: Array | float,
     position: Array,
     velocity: Array,
     spin: Array,
@@ -49,7 +49,8 @@ def simulate(
     """
     states = [np.ascontiguousarray(each) for each in (position, velocity, spin, orientation)]
     work = work_of(body, ground)
-    arguments = (body, ground, numerics, work, float(limit), *states, ends, codes)
+    limits = np.full(len(ends), limit, dtype=np.float64)
+    arguments = (body, ground, numerics, work, limits, *states, ends, codes)
     types = ' '.join(_types(arguments))
     with _lock:
         function = _loaded(types) or _built(types, arguments)

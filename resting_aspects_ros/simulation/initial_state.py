@@ -49,11 +49,10 @@ class InitialState:
         )
 
     @property
-    def flight(self) -> float:
-        """Maximum time of flight that is simulated, T."""
+    def flight(self) -> Array:
+        """(n,) time of flight that is simulated, T."""
         up = self.velocity[:, 2]
-        longest: float = (up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2]))).max()
-        return longest
+        return np.asarray(up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2])))
 
 
 @dataclass(frozen=True, eq=False)

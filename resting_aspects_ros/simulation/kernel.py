@@ -72,7 +72,7 @@ CHECK, LIMIT = 0.5, 500.0
 # A part is at rest if no point of it moves faster than SLOW relative to some surface for QUIET.
 # Lasting contact stops a part completely, and a tilt about an edge grows by a factor of e in about
 # T, so that only a tilt below 1e-3 could be mistaken for rest.
-SLOW, QUIET = 1e-3, 0.25
+SLOW, QUIET = 2e-4, 0.25
 # A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
 # at most the share SLOWER, or if it has come down by MAX_FALL.
 SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
@@ -856,7 +856,7 @@ def _impact(work, count, still, moments, inverse, v, w):
 def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, v, w):
     """Return velocity and spin after a time step of lasting contact, body axes.
 
-    If the surfaces move, the poses of the planes are already those at the end of the step.
+    If the surfaces move, the planes are already those at the end of the step.
     """
     con, planes = work.con, work.planes
     v = _plus(v, dt, _body(axes, _at2(ground.gravity)))
@@ -870,9 +870,9 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
         con[i, SX] -= _dot(_at(work.axes, pl, 3), bend) * dt / 2
         con[i, SY] -= _dot(_at(work.axes, pl, 6), bend) * dt / 2
         if moving:
-            at = _plus(_world(axes, r), 1.0, c)
-            end = _dot(_at(planes, pl, NORMAL), at) - planes[pl, OFFSET]
-            con[i, AIM] += (h - end) / dt
+            arm = _plus(_plus(_world(axes, r), 1.0, c), -1.0, _at(planes, pl, ORIGIN))
+            surface = _plus(_at(planes, pl, VELOCITY), 1.0, _cross(_at(planes, pl, ANGULAR), arm))
+            con[i, AIM] += _dot(_at(planes, pl, NORMAL), surface)
         for j in range(work.counts[5]):
             if work.old_corner[j, 0] == k and work.old_corner[j, 1] == pl:
                 con[i, PN], con[i, PX] = work.old[j, 0] * dt, work.old[j, 1] * dt
@@ -1075,6 +1075,9 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 # The forces act in the middle of the step, where they do no work.
                 q, w = _rotated(q, w, moments, inverse, dt / 2)
                 axes, spun = _axes(q), _torque_free(moments, inverse, w)
+                if moving:
+                    # A velocity is that at the end of a step.
+                    _moved(work.planes, ground.planes, motion, t + dt)
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
             if impact:
@@ -1085,8 +1088,6 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 quiet, decide = 0.0, True
             else:
                 work.counts[2] += 1
-                if moving:
-                    _moved(work.planes, ground.planes, motion, t + dt)
                 v1, w = _pressed(
                     body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, vb, w
                 )
@@ -1100,6 +1101,8 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 if moving or _slip(ground, v) + sqrt(_dot(w, w)) > SLOW:
                     quiet = 0.0
                 elif quiet > QUIET:
+                    if motion[SIZE] > 0 and _left(work, motion, c):
+                        return LOST, -1, t, growth, c, v, w, q
                     return SETTLED, -1, t - quiet, growth, c, v, w, q
             if still and (impact or decide):
                 energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 - _dot(gravity, c)
@@ -1110,7 +1113,8 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 + c[2] - min(deepest, 0.0)
             k = _decided(body, work.lowest[0], mu, moments, c, v, w, q, energy)
             if k >= 0:
-                return SETTLED, k, t, growth, c, v, w, q
+                lost = motion[SIZE] > 0 and _left(work, motion, c)
+                return LOST if lost else SETTLED, -1 if lost else k, t, growth, c, v, w, q
         if t >= check:
             check = t + CHECK
             if motion[SIZE] > 0 and _left(work, motion, c):
@@ -1133,7 +1137,9 @@ def simulate_one(
     c, v = _at(position, i, 0), _at(velocity, i, 0)
     q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
     w = _body(_axes(q), _at(spin, i, 0))
-    status, minimum, t, growth, c, v, w, q = _drop(body, ground, numerics, work, limit, c, v, w, q)
+    status, minimum, t, growth, c, v, w, q = _drop(
+        body, ground, numerics, work, limit[i], c, v, w, q
+    )
     codes[i, 0], codes[i, 1] = status, minimum
     _put(ends, i, 0, c)
     ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
@@ -1150,8 +1156,8 @@ def simulate(
 
     Parameters
     ----------
-    limit : float
-        Time at which a drop that still moves is unsettled.
+    limit : (n,) float
+        Times at which drops that still move are unsettled.
     position, velocity, spin : (n, 3) float
         Of the centre of mass; the spin in the axes of the world.
     orientation : (n, 4) float

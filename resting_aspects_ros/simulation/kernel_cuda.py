@@ -24,7 +24,7 @@ def simulate(
     body: kernel_data.Body,
     ground: kernel_data.Ground,
     numerics: kernel_data.Numerics,
-    limit: float,
+    limit: Array,
     position: Array,
     velocity: Array,
     spin: Array,
@@ -45,10 +45,12 @@ def simulate(
     places = kernel_data.Ground(*there)
     for first in range(0, len(position), size):
         rows = slice(first, first + size)
-        states = [cuda.to_device(each[rows]) for each in (position, velocity, spin, orientation)]
+        states = [
+            cuda.to_device(each[rows]) for each in (limit, position, velocity, spin, orientation)
+        ]
         found = [cuda.to_device(each[rows]) for each in (ends, codes)]
         blocks = -(-len(position[rows]) // BLOCK)
-        _drops[blocks, BLOCK](part, places, numerics, work, limit, *states, *found)
+        _drops[blocks, BLOCK](part, places, numerics, work, *states, *found)
         for each, device in zip((ends, codes), found, strict=True):
             each[rows] = device.copy_to_host()
 

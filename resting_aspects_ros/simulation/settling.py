@@ -72,7 +72,7 @@ class Settling:
         self.growth = np.zeros(n)
         self._elapsed = states.elapsed
         motion = job.motion
-        self._limit = TIME_LIMIT + (states.flight if job.edge is None else 0.0)
+        self._limit = TIME_LIMIT + (float(states.flight.max()) if job.edge is None else 0.0)
         if motion is not None:
             self._limit += motion.duration / job.time_unit
         self._now = 0.0
