@@ -71,4 +71,4 @@ def hulls() -> Section:
         'the kernel after that; the aim is 50 ms for 1000 corners. *Steps*: of flight, impact and '
         'lasting contact, per drop.'
     )
-    return Section('Corners of the hull', text, [table], {'corners': found})
+    return Section('Scaling', text, [table], {'corners': found})
