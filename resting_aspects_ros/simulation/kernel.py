@@ -78,6 +78,9 @@ SLOW, QUIET = 2e-4, 0.25
 SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
 # Steps of lasting contact between attempts to decide the aspect.
 ATTEMPTS = 4
+# Maximum number of impacts at a time: where friction pulls a part into a plane (Painleve), no
+# impulse may solve an impact.
+AT_ONCE = 50
 # Maximum number of steps of a drop.
 MAX_STEPS = 1_000_000
 
@@ -1023,7 +1026,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     before = inf  # energy at the impact before
     c0, v0, w0, q0 = c, v, w, q
     start = _dot(gravity, c)
-    flying, contacts = False, 0
+    flying, contacts, at_once = False, 0, 0
     moving = motion[DURATION] > 0
     still = not (moving or ground.driven)
     for i in range(len(ground.planes)):
@@ -1061,11 +1064,11 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             c = _plus(_plus(c0, dt, v0), dt * dt / 2, gravity)
             v = _plus(v0, dt, gravity)
             t += dt
-            quiet, decide = 0.0, False
+            at_once, quiet, decide = 0, 0.0, False
         else:
             if deepest < -DEEP or c[2] != c[2]:
                 return FAILED, -1, t, growth, c, v, w, q
-            impact = slowest < -TOUCHING
+            impact = slowest < -TOUCHING and at_once < AT_ONCE
             if not impact:
                 dt = min(1 / numerics.steps, numerics.swing / sqrt(_dot(w, w) + 1e-12))
                 if moving:
@@ -1085,9 +1088,11 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 vb, w = _impact(work, count, still, moments, inverse, vb, w)
                 v = _world(axes, vb)
                 work.counts[5] = 0
+                at_once += 1
                 quiet, decide = 0.0, True
             else:
                 work.counts[2] += 1
+                at_once = 0
                 v1, w = _pressed(
                     body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, vb, w
                 )
