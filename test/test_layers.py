@@ -78,7 +78,12 @@ CORE_NEVER = {'random', 'time', 'datetime', 'os', 'subprocess', 'socket', 'threa
 CORE_EXCEPTIONS = {('subprocess', 'core/geometry/step_file.py')}
 ROS = ('ros/', 'client/', 'nodes/', 'run_logs/')
 ONLY_IN = {
-    'numba': ('simulation/kernel.py', 'simulation/kernel_cuda.py'),
+    'numba': (
+        'simulation/kernel.py',
+        'simulation/kernel_cuda.py',
+        'simulation/compiled_kernel.py',
+    ),
+    'llvmlite': ('simulation/compiled_kernel.py',),
     'pybullet': ('simulation/bullet_',),
     'distributed': ('simulation/dask_workers.py',),
     'dask': (),

@@ -47,6 +47,7 @@ DEPENDENCIES = {
     'mcap': ('mcap', 'mcap-ros2-support'),
     'networkx': ('networkx', 'python3-networkx'),
     'numpy': ('numpy', 'python3-numpy'),
+    'llvmlite': ('llvmlite', 'python3-llvmlite'),
     'numba': ('numba', 'python3-numba'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
     'pyarrow': ('pyarrow', None),  # rosdep has no key for it

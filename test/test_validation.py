@@ -1,16 +1,20 @@
 """The fit and the measured bodies of `make validate`."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import validate_engine
+import validate_engines
 from dropper import Dropper
 from measured import cases
 from sensitivity import fit
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.comparison import compare
+from resting_aspects_ros.core.statistics.distribution import aspect_ids
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 
 @pytest.fixture(scope='module')
@@ -63,27 +67,44 @@ def test_measured_faces_are_aspects_of_the_bodies():
     assert [a.rolls for a in find_aspects(side.part).aspects if side.hits(a.down_in_part[None])]
 
 
-@pytest.mark.slow
-def test_tables_match_the_drops(part, monkeypatch):
-    workers = ProcessWorkers(1)
-    try:
-        dropper = Dropper(workers)
-        dropper.parts = [part('l_bracket')]
-        monkeypatch.setattr(validate_engine, 'STEP_DROPS', 250)
-        monkeypatch.setattr(validate_engine, 'DECISION_DROPS', 250)
-        (step,) = rows(validate_engine.time_step(dropper))
-        (decided,) = rows(validate_engine.decision(dropper))
-        mat = dropper.surfaces.get()
-        coarse, fine = (
-            dropper.distribution(
-                part('l_bracket'), make_job(part('l_bracket'), mat, 1, **how), 250
-            )
-            for how in ({}, {'refinement': 2})
-        )
-    finally:
-        workers.stop()
-    found = compare(fine, coarse, np.random.default_rng(1))
-    assert step[:3] == ['l_bracket', '160', f'{found.largest_deviation:+.4f}']
+@pytest.fixture
+def dropper(part):
+    workers = LocalWorkers(1)
+    found = Dropper(workers)
+    found.parts = [part('l_bracket')]
+    yield found
+    workers.stop()
+
+
+def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch):
+    n = 2000
+    monkeypatch.setattr(validate_engine, 'DROPS', n)
+    monkeypatch.setattr(validate_engine, 'AIMS', {'thrown': (0.1, 0.005)})
+    ((_, surface, differ, aim, aspect, shift, interval, _),) = rows(
+        validate_engine.convergence(dropper)
+    )
+    (shape,) = dropper.parts
+    job = make_job(shape, dropper.surfaces.get('thrown'), 1)
+    aspects = find_aspects(shape)
+    before, after = (
+        aspect_ids(aspects, drop_range(each, 0, n))
+        for each in (job, dataclasses.replace(job, refinement=4))
+    )
+    assert (surface, aim) == ('thrown', '0.1')
+    changed = before != after
+    assert changed.any()
+    assert differ == f'{changed.mean():.4f}'
+    moved = (after == int(aspect)).mean() - (before == int(aspect)).mean()
+    assert shift == f'{moved:+.4f}'
+    # Two standard errors of a difference of shares of the same drops.
+    c = (changed & ((before == int(aspect)) | (after == int(aspect)))).mean()
+    low, high = map(float, interval.split(' to '))
+    assert (high - low) / 2 == pytest.approx(1.96 * np.sqrt((c - moved**2) / n), rel=0.1)
+
+
+def test_decision_adds_up_to_all_drops(dropper, monkeypatch):
+    monkeypatch.setattr(validate_engine, 'DECISION_DROPS', 250)
+    (decided,) = rows(validate_engine.decision(dropper))
     name, energy, agree, stillness, *none = decided[:8]
     assert name == 'l_bracket'
     assert int(energy) + int(stillness) == 250
@@ -92,6 +113,31 @@ def test_tables_match_the_drops(part, monkeypatch):
     assert none == ['0', '0', '0', '0']
     # What runs on takes longer.
     assert float(decided[9]) > float(decided[8])
+
+
+def test_difference_of_equal_engines_is_within_chance():
+    generator = np.random.default_rng(1)
+    p, n, samples = [0.5, 0.3, 0.19, 0.01], 1000, 400
+    above = 0
+    for _ in range(samples):
+        one, other = (generator.multinomial(n, p, size=2) for _ in range(2))
+        statistic, value, *_ = validate_engines.difference(one, other).split(' | ')
+        assert statistic.endswith('(6)')
+        above += float(value) < 0.05
+    # The rare end makes the statistic only roughly chi-square.
+    assert abs(above / samples - 0.05) < 4 * np.sqrt(0.05 * 0.95 / samples)
+
+
+def test_difference_of_two_shares_is_that_of_a_fourfold_table():
+    one, other = np.array([[300, 700, 0]]), np.array([[360, 640, 0]])
+    cells = validate_engines.difference(one, other).split(' | ')
+    # Pearson's statistic of a table of two rows and two columns.
+    statistic = 2000 * (300 * 640 - 360 * 700) ** 2 / (1000 * 1000 * 660 * 1340)
+    assert cells[0] == f'{statistic:.1f} (1)'
+    assert abs(float(cells[2])) == pytest.approx(0.06)
+    error = 1.96 * np.sqrt((0.3 * 0.7 + 0.36 * 0.64) / 1000)
+    low, high = map(float, cells[3].split(' to '))
+    assert (high - low) / 2 == pytest.approx(error, abs=1e-4)
 
 
 def rows(lines):

@@ -4,13 +4,21 @@ import numpy as np
 import pytest
 import validate_reorientation
 from dropper import Dropper
-from paired_actions import ONE_SIDED, homogeneity, joint_counts, shifts
+from paired import (
+    ONE_SIDED,
+    OUTSIDE,
+    action_job,
+    class_indices,
+    homogeneity,
+    paired_counts,
+    shifts,
+)
 from scipy.stats import chi2
 from validate_reorientation import farthest
 
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.local_workers import LocalWorkers
 
 
 def test_shift_and_error_are_those_of_paired_shares():
@@ -88,16 +96,19 @@ def test_bound_of_the_distance_covers_in_19_of_20_samples():
     assert np.mean(np.array(bounds) >= 0.1) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
 
 
-@pytest.mark.slow
-def test_joint_counts_have_every_action_once(part):
-    shape = part('box_10x20x30')
-    workers = ProcessWorkers(1)
+def test_paired_counts_have_every_action_once(part):
+    shape, workers = part('box_10x20x30'), LocalWorkers(1)
+    aspects = find_aspects(shape)
     try:
-        counts = joint_counts(Dropper(workers), shape, shipped_actions().get('tap').action, 10)
+        dropper = Dropper(workers)
+        job, before = action_job(dropper, shape, shipped_actions().get('tap').action, 100)
+        labels = class_indices(aspects)
+        counts = paired_counts(dropper, job, aspects, labels, len(before), before)
     finally:
         workers.stop()
-    classes = find_aspects(shape).classes()
-    assert counts.shape == (len(classes), len(classes) + 4, len(classes) + 4)
-    assert counts.sum(axis=(1, 2)).tolist() == [10] * len(classes)
-    # A tap is weak: most parts stay, with both time steps.
-    assert counts[0, 0, 0] >= 8
+    classes = len(aspects.classes())
+    columns = classes + len(OUTSIDE)
+    assert counts.shape == (classes, columns, columns)
+    assert counts.sum(axis=(1, 2)).tolist() == np.bincount(before).tolist() == [100] * classes
+    # A tap is weak: most parts stay, in both simulations.
+    assert counts[0, 0, 0] > 80

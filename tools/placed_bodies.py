@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import BodyStates
+from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
@@ -59,10 +60,10 @@ class Placed:
         """Simulate each body until it has ended, or for ``time`` T or up to 0.5 T longer."""
         s, n = self.states, len(self.time)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
-        kernel.simulate(
+        simulate(
             body_of(self.job),
             self._ground,
-            kernel.Numerics().refined(self.job.refinement, decides=False),
+            Numerics().refined(self.job.refinement, decides=False),
             time,
             s.position,
             s.velocity,

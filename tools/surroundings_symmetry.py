@@ -13,16 +13,18 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.bullet_scene import SceneWorld
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
+from resting_aspects_ros.simulation.ends import resting_poses
+from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.run_description import BULLET
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import VGroove, X, Y, tray_from_scene
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, PairValues, Scene
-from resting_aspects_ros.simulation.surroundings.scene_settling import poses_in_scene
 
 # Corners of a chiral part, mm: those of no two of its sides are alike.
 CHIRAL = np.array([[0, 0, 0], [30, 0, 0], [8, 22, 0], [5, 6, 18.0]])
@@ -62,7 +64,7 @@ def groove_and_mesh(
 ) -> tuple[DropJob, DropJob]:
     """Return the jobs in a groove of two planes, and on a mesh of it with 4 x ``cells`` triangles.
 
-    The mesh is a strip of 2 m along x, with sides of 0.3 m.
+    The mesh is a strip of 2 m along x, with sides of 0.3 m. Both are simulated in Bullet.
     """
     y, z = 300 * math.sin(opening / 2), 300 * math.cos(opening / 2)
     along = np.linspace(-1000, 1000, cells + 1)
@@ -76,19 +78,22 @@ def groove_and_mesh(
         mesh.export(path)
         keys = Surroundings(VGroove(opening)).key, Surroundings(MeshSurface(mesh=str(path))).key
     planes, meshed = (
-        make_job(part, dataclasses.replace(conditions, surroundings=key), seed) for key in keys
+        make_job(part, dataclasses.replace(conditions, surroundings=key), seed, engine=BULLET)
+        for key in keys
     )
     return planes, meshed
 
 
 def poses_from(job: DropJob, released: DropJob, drops: int) -> RestingPoses:
-    """Return the resting poses of a job, with the releases of another in the same axes."""
-    chunks = []
-    for chunk in range(drops // CHUNK):
-        world = SceneWorld(job)
-        ends = world.drop_all(initial_states(released, chunk), np.arange(CHUNK))
-        chunks.append(poses_in_scene(job, chunk * CHUNK, ends))
-    return RestingPoses.join(chunks)
+    """Return the resting poses of a job of Bullet, with the releases of another in the same axes.
+
+    ``drops`` is a multiple of GROUP.
+    """
+    groups = []
+    for first in range(0, drops, GROUP):
+        settling = SceneWorld(job).drop(initial_states(released, first, first + GROUP))
+        groups.append(resting_poses(job, first, settling.ends))
+    return RestingPoses.join(groups)
 
 
 def counts_on_belt(

@@ -1,6 +1,6 @@
-"""Validation of drops and actions: time step, decision by energy, comparison with measurements.
+"""Validation of drops and actions: convergence, two engines, comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md. Takes about five hours on two cores.
+Prints tables and writes docs/explanation/validation.md. Takes about four hours on two cores.
 `tools/validate.py world` runs and replaces only one section.
 """
 
@@ -14,7 +14,8 @@ from importlib.metadata import version
 from dropper import ROOT, SEED, Dropper
 from rich.console import Console
 from validate_calibration import calibration
-from validate_engine import decision, time_step
+from validate_engine import convergence, decision
+from validate_engines import engines
 from validate_feeder import feeder
 from validate_identification import identification
 from validate_reorientation import reorientation
@@ -24,11 +25,13 @@ from validate_tosses import tosses
 from validate_world import world
 
 from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
-from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.simulation.plan import engine_version
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
-    'time_step': time_step,
+    'convergence': convergence,
+    'engines': engines,
     'decision': decision,
     'world': world,
     'tosses': tosses,
@@ -52,9 +55,10 @@ MARK = re.compile('^<!-- section: (\\w+) -->$', re.MULTILINE)
 
 def _written(workers: int) -> str:
     today = dt.datetime.now(tz=dt.timezone.utc).date()
+    versions = f'kernel {engine_version(KERNEL)}, Bullet {engine_version(BULLET)}'
     return (
-        f'*{today}: {ENGINE} {ENGINE_VERSION}, NumPy {version("numpy")}, Python '
-        f'{platform.python_version()}, {platform.machine()}, {workers} workers, seed {SEED}.*'
+        f'*{today}: {versions}, NumPy {version("numpy")}, Python {platform.python_version()}, '
+        f'{platform.machine()}, {workers} workers, seed {SEED}.*'
     )
 
 

@@ -4,16 +4,17 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, random_orientations
 from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation.bullet_client import pybullet
 from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.kernel_data import work_of
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.plan import make_job
 
@@ -91,9 +92,11 @@ def _both(
 ) -> tuple[float, tuple[float, float, float, float] | None]:
     """Return by which share the changes of the velocity differ, and figures of a slip."""
     after = np.empty((1, 6))
+    body, ground = body_of(job), ground_of(job)
     kernel.collide(
-        body_of(job),
-        ground_of(job),
+        body,
+        ground,
+        work_of(body, ground),
         state.position,
         state.velocity,
         state.spin,

@@ -1,30 +1,42 @@
-"""Validation of the actions: time step, and what the strongest kick forgets."""
+"""Validation of the actions: numerical parameters, and what the strongest kick forgets."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from dropper import SEED, Dropper
-from paired_actions import ONE_SIDED, Array, Counts, joint_counts, shifts
+from paired import (
+    ONE_SIDED,
+    OUTSIDE,
+    REFINEMENT,
+    Array,
+    Counts,
+    action_job,
+    class_indices,
+    paired_counts,
+    shifts,
+)
 
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.reorient import drop_for_start
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.simulation.impulses import Kick
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
 
 STRONGEST = 'toss'
-# Actions from each symmetry class with each time step: about 50 minutes of one process in
-# all. A step takes about 4 times as long as a toss, and a vibration 6 times.
+# Actions from each symmetry class in each simulation. A step, which Bullet simulates, takes most
+# of the time: about 40 minutes of one process.
 RUNS = {
-    ('box_10x20x30', STRONGEST): 10_000,
-    ('l_bracket', STRONGEST): 10_000,
-    ('t_prism', STRONGEST): 5_000,
-    ('box_10x20x30', 'air_blast'): 10_000,
-    ('l_bracket', 'air_blast'): 10_000,
+    ('box_10x20x30', STRONGEST): 20_000,
+    ('l_bracket', STRONGEST): 20_000,
+    ('t_prism', STRONGEST): 20_000,
+    ('box_10x20x30', 'air_blast'): 20_000,
+    ('l_bracket', 'air_blast'): 20_000,
     ('box_10x20x30', 'step_down'): 6_000,
     ('l_bracket', 'step_down'): 6_000,
     ('t_prism', 'step_down'): 6_000,
-    ('box_10x20x30', 'bowl'): 1_500,
+    ('box_10x20x30', 'bowl'): 6_000,
+    ('l_bracket', 'flip'): 6_000,
 }
 DROPS = 20_000
 # Samples of rows of equal probabilities.
@@ -32,13 +44,15 @@ SAMPLES = 1000
 
 
 def reorientation(dropper: Dropper) -> Iterator[str]:
-    """Show how the named actions depend on the time step, and what the strongest forgets."""
+    """Show how much refined actions differ, and what the strongest forgets."""
     parts = {part.name: part for part in dropper.parts}
-    yield '## Actions and the time step'
+    yield '## Convergence of actions'
     yield ''
     yield (
-        'Named actions on `rubber_mat`, each with the time step of the suite and again with half '
-        'of it, from the same states. *Actions*: from each symmetry class, with each time step. '
+        'Named actions on `rubber_mat`, each with the numerical parameters of the suite and again '
+        f'with all of them refined by a factor of {REFINEMENT[KERNEL]}, or of '
+        f'{REFINEMENT[BULLET]} for a step, which Bullet simulates, from the same states. '
+        '*Actions*: from each symmetry class, in each simulation. '
         '*Differ*: share of the parts that end in another class. *Shift*: of the entry of the '
         'matrix by symmetry class that changes most, with its standard error. *Bound*: no entry '
         'of the matrix changes by more than this, with a confidence of 95 %. The aim is a bound '
@@ -51,17 +65,20 @@ def reorientation(dropper: Dropper) -> Iterator[str]:
     strongest = {}
     for (name, action), per_class in RUNS.items():
         part = parts[name]
-        counts = joint_counts(dropper, part, shipped_actions().get(action).action, per_class)
+        job, before = action_job(dropper, part, shipped_actions().get(action).action, per_class)
+        aspects = find_aspects(part)
+        labels = class_indices(aspects)
+        counts = paired_counts(dropper, job, aspects, labels, len(before), before)
         found = shifts(counts)
         row, column = found.largest
-        to = [*(str(k + 1) for k in range(len(counts))), *OUTCOMES][column]
+        to = [*(str(k + 1) for k in range(len(counts))), *OUTSIDE][column]
         yield (
             f'| {name} | {action} | {counts.sum(axis=(1, 2)).min()} | {found.different:.3f} '
             f'| {row + 1} | {to} | {found.shift[row, column]:+.4f} '
             f'| {found.error[row, column]:.4f} | {found.bound:.4f} |'
         )
         if action == STRONGEST:
-            strongest[name] = counts.sum(axis=2)  # with the time step of the suite
+            strongest[name] = counts.sum(axis=2)  # with the parameters of the suite
     yield ''
     yield from _memory(dropper, [parts[name] for name in strongest], strongest)
 
@@ -92,7 +109,7 @@ def _memory(dropper: Dropper, parts: list[Part], strongest: dict[str, Counts]) -
     for part in parts:
         drop, _ = drop_for_start(part, conditions, DROPS, SEED, dropper.workers, shown=False)
         drop = drop.by_class()
-        outside = [drop.unclassified, drop.unsettled, drop.failed, 0]
+        outside = [drop.unclassified, drop.unsettled, drop.failed, drop.lost, drop.sliding]
         dropped = np.array([[*drop.counts.tolist(), *outside]])
         rows = strongest[part.name]
         values = [

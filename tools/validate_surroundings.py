@@ -26,8 +26,8 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.simulation.plan import make_job
 
-SYMMETRY_DROPS = 4000
-# Drops on a mesh take several times as long.
+SYMMETRY_DROPS = 20_000
+# Only Bullet simulates drops on a mesh, which takes much longer.
 MESH_DROPS = 2000
 
 
@@ -38,8 +38,8 @@ def surroundings(dropper: Dropper) -> Iterator[str]:
     yield ''
     yield (
         'Bodies that are placed on slopes, in grooves and on belts, without restitution and '
-        'rolling friction, at the default time step unless it is stated. *n*: bodies. *Stays*: '
-        'creeps less than 0.001 R in 10 T. For a threshold, *found* is the range of tested angles '
+        'rolling friction, in the kernel. *n*: bodies. *Stays*: creeps less than 0.001 R in 10 T. '
+        'For a threshold, *found* is the range of tested angles '
         'within which the behaviour of all bodies changes; angles 0.1, 0.2, 0.3 and 0.5 degrees '
         'below and above the formula were tested, and the aim is 0.3.'
     )
@@ -57,9 +57,9 @@ def _symmetry(dropper: Dropper) -> Iterator[str]:
     yield ''
     n = SYMMETRY_DROPS
     yield (
-        f'{n} drops ({MESH_DROPS} on a mesh) in each of two surroundings. *Largest*: largest '
-        'difference of the share of an aspect. *p*: probability that chance alone causes a '
-        'difference at least as large (chi-square). A level slope must have the poses of the '
+        f'{n} drops ({MESH_DROPS} in Bullet on a mesh) in each of two surroundings. *Largest*: '
+        'largest difference of the share of an aspect. *p*: probability that chance alone causes '
+        'a difference at least as large (chi-square). A level slope must have the poses of the '
         'plane, bit for bit.'
     )
     yield ''

@@ -1,37 +1,40 @@
-"""Validation of surroundings: the same drops with half the time step."""
+"""Validation of surroundings: the same drops with refined numerical parameters."""
 
 import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 from dropper import SEED, Dropper
-from paired_actions import Counts, Shifts, class_indices, homogeneity, shifts
+from paired import (
+    OUTSIDE,
+    REFINEMENT,
+    Counts,
+    Shifts,
+    class_indices,
+    homogeneity,
+    paired_counts,
+    shifts,
+)
 from rich.progress import track
 from scipy.stats import chi2
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import aspects_in, with_surroundings
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
-from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.run_description import KERNEL
 
-# About 16 minutes of processor time. A share of 0.3 then has a standard error of 0.002 to 0.004.
-DROPS = 8000
+# About 10 minutes of processor time.
+DROPS = 20_000
 PARTS = ('l_bracket', 'box_10x20x30', 't_prism')
 SURROUNDINGS = ('slope', 'v_groove', 'l_chute')
 AIM = 0.01
 
-OUTSIDE = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
-_OUTCOME = (RestStatus.UNSETTLED, RestStatus.FAILED, RestStatus.LOST, RestStatus.SLIDING)
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Case:
-    """A part in surroundings: counts by the ends with coarse and with fine steps.
+    """A part in surroundings: counts by the ends as they are and when refined.
 
     counts : (1, m, m) int
         The m columns are the symmetry classes and OUTSIDE.
@@ -51,18 +54,19 @@ class Case:
 
 
 def surroundings_steps(dropper: Dropper) -> Iterator[str]:
-    """Compare drops in surroundings with the same drops with half the time step."""
+    """Compare drops in surroundings with the same drops in a refined simulation."""
     parts = {part.name: part for part in dropper.parts}
     named = [(parts[p], name) for name in SURROUNDINGS for p in PARTS]
     cases = [
         _case(dropper, part, name, SEED + k)
         for k, (part, name) in enumerate(track(named, 'surroundings'))
     ]
-    yield '## Surroundings and the time step'
+    yield '## Convergence in surroundings'
     yield ''
     yield (
-        f'{DROPS} drops on `rubber_mat` in each of the surroundings, with the time step of the '
-        'suite and again with half of it, from the same states; each case has a seed of its own. '
+        f'{DROPS} drops on `rubber_mat` in each of the surroundings, with the numerical '
+        'parameters of the suite and again with all of them refined by a factor of '
+        f'{REFINEMENT[KERNEL]}, from the same states; each case has a seed of its own. '
         'Aspects of a symmetry class have the same probability, because the orientations at the '
         'release are uniform; the shift of an aspect is therefore that of its class, divided by '
         f'the number of its aspects. The aim is a shift of at most {AIM} for each aspect.'
@@ -78,7 +82,7 @@ def _joint(cases: list[Case]) -> Iterator[str]:
         f'shift of an aspect, or of {", ".join(OUTSIDE)}, with its standard error, which follows '
         'from the drops that end differently. *Bound*: none of them changes by more than this, '
         'with a confidence of 95 %. *Chi-square*: of all shifts of a case together (Stuart and '
-        'Maxwell), and *p*: probability of at least this value if the time step has no effect.'
+        'Maxwell), and *p*: probability of at least this value if the refinement has no effect.'
     )
     yield ''
     yield '| part | surroundings | differ | shift | error | bound | chi-square | p |'
@@ -119,9 +123,9 @@ def _not_shown(cases: list[Case]) -> str:
 
 def _each(cases: list[Case]) -> Iterator[str]:
     yield (
-        'Each class: *aspects*: their number; *share*: of all of them together, with the time '
-        'step of the suite; *shift* and *error*: of the class. Ends outside of the aspects are '
-        'listed if there are any.'
+        'Each class: *aspects*: their number; *share*: of all of them together, with the '
+        'parameters of the suite; *shift* and *error*: of the class. Ends outside of the aspects '
+        'are listed if there are any.'
     )
     yield ''
     yield '| part | surroundings | end | aspects | share | shift | error | shift / error |'
@@ -153,20 +157,7 @@ def _chi_square(value: float, degrees: int) -> str:
 def _case(dropper: Dropper, part: Part, name: str, seed: int) -> Case:
     job = make_job(part, with_surroundings(dropper.surfaces.get(), ra.surroundings(name)), seed)
     aspects = aspects_in(job.scene, find_aspects(part))
-    ends = [
-        _ends(dropper, each, aspects) for each in (job, dataclasses.replace(job, refinement=2))
-    ]
-    members = [*(len(each) for each in aspects.classes()), *[1] * len(OUTSIDE)]
-    counts = np.zeros((1, len(members), len(members)), dtype=np.int64)
-    np.add.at(counts[0], tuple(ends), 1)
+    labels = class_indices(aspects)
+    members = [*np.bincount(labels).tolist(), *[1] * len(OUTSIDE)]
+    counts = paired_counts(dropper, job, aspects, labels, DROPS)
     return Case(part.name, name, counts, np.array(members))
-
-
-def _ends(dropper: Dropper, job: DropJob, aspects: AspectSet) -> Counts:
-    poses = RestingPoses.join(list(dropper.poses(job, DROPS)))
-    classes = len(aspects.classes())
-    known = np.append(classes, class_indices(aspects))  # the id 0 is unclassified
-    ends = known[aspect_ids(aspects, poses)]
-    for k, status in enumerate(_OUTCOME, start=classes + 1):
-        ends[poses.status == status] = k
-    return np.asarray(ends)

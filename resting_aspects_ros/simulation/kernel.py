@@ -3,31 +3,51 @@
 The law is described in docs/explanation/law_of_contact.md. Lengths are in units of the hull radius
 R, times in units of T = sqrt(R / g), and the mass is 1, so g is 1. Body axes are the principal
 axes of inertia, with the centre of mass as origin; quaternions are wxyz, world from body. The
-module is one compiled unit of more than 600 lines, because Numba's cache of compiled functions
-does not see changes of functions in other files.
+module has more than 600 lines because it is compiled as one unit; see compiled_kernel.py.
 """
 
 from math import acos, atan2, cos, inf, pi, sin, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 from numba import njit
 
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
+from resting_aspects_ros.simulation.kernel_data import (
+    ACROSS,
+    ANGULAR,
+    CARRIES,
+    CONTACTS,
+    DURATION,
+    FRICTION,
+    LIFT,
+    NORMAL,
+    OFFSET,
+    ORIGIN,
+    PER_PERIOD,
+    PLANE,
+    PULL,
+    RAMP,
+    RATE,
+    RESTITUTION,
+    ROCK,
+    ROCK_PHASE,
+    ROLL,
+    SHIFT,
+    SHIFT_PHASE,
+    SIZE,
+    SPIN,
+    TANGENT,
+    TWIST,
+    VELOCITY,
+)
 
-# Corners closer to a plane than this touch it.
-GAP = 1e-5
 # Impacts slower than this do not bounce; corners that leave a plane faster than the second number
 # do not touch it any more.
 BOUNCE, LEAVE = 0.05, 0.005
 # Corners that approach faster than this are stopped, or bounce, before a step of lasting contact.
 TOUCHING = 5e-4
-# Maximum rotation, rad, and duration of a step of flight.
-TURN, FLIGHT = 0.25, 0.5
-# Maximum rotation, rad, in a step of lasting contact.
-SWING = 0.1
+# Maximum duration of a step of flight.
+FLIGHT = 0.5
 # Time in which a penetration is removed.
 RECOVERY = 0.25
 # The solver iterates until no speed changes by more than this, or until the maximum. Impacts have
@@ -39,8 +59,6 @@ CREEP = 0.01
 NEWTON, SLIP = 12, 1e-6
 # Where it does not converge, directions between which a root is searched, and its bisections.
 DIRECTIONS, BISECTIONS = 24, 40
-# Maximum number of contacts of a plane; of more corners, those that span the largest area.
-CONTACTS = 4
 # Hulls of at most this number of corners are searched completely for those that touch.
 FEW = 24
 # A part that is further below a plane than this has failed.
@@ -56,8 +74,8 @@ CHECK, LIMIT = 0.5, 500.0
 # T, so that only a tilt below 1e-3 could be mistaken for rest.
 SLOW, QUIET = 1e-3, 0.25
 # A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
-# at most the share SLOWER, or if it is faster than MAX_SPEED or has come down by MAX_FALL.
-SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_SPEED, MAX_FALL = 10.0, 1e-3, 1e-4, 10.0, 50.0
+# at most the share SLOWER, or if it has come down by MAX_FALL.
+SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
 # Steps of lasting contact between attempts to decide the aspect.
 ATTEMPTS = 4
 # Maximum number of steps of a drop.
@@ -69,156 +87,6 @@ SETTLED, UNSETTLED, FAILED = (
     int(RestStatus.FAILED),
 )
 LOST, SLIDING = int(RestStatus.LOST), int(RestStatus.SLIDING)
-
-
-class Body(NamedTuple):
-    """What the simulation needs to know of a part.
-
-    points : (3, v) float
-    starts, near : (v + 1,) and (2 e,) int
-        The corners that are connected with corner k are ``near[starts[k]:starts[k + 1]]``.
-    edges : (2 e,) int
-        The edges to them.
-    ends, sides, feet : (e, 2) int, (e, 2) int and (e,) float
-    normals : (f, 3) float
-        See Polyhedron.
-    minima : (f,) int
-        The minimum to which the part rolls from each facet.
-    directions : (m, 3) float
-        Directions of gravity in the minima.
-    exits, margins, heights : (m,) float
-        Energies below which the part stays in an aspect, distances of the point below the centre
-        of mass from the nearest edge of the flat side, or from the nearest end of the line on
-        which the part rolls, and heights of the centre of mass.
-    rollers : (m, 3) float
-        Axes of the round sides on which the part can roll for ever; zero for a flat side.
-    moments : (3,) float
-    """
-
-    points: Array
-    starts: Array
-    near: Array
-    edges: Array
-    ends: Array
-    sides: Array
-    feet: Array
-    normals: Array
-    minima: Array
-    directions: Array
-    exits: Array
-    margins: Array
-    heights: Array
-    rollers: Array
-    moments: Array
-
-
-# Columns of a plane: normal and tangents, offset along the normal, restitution, friction, rolling
-# and spinning friction (a length), and the velocity of its surface.
-NORMAL, TANGENT, ACROSS, OFFSET, RESTITUTION, FRICTION, ROLL, SPIN, CARRIES = (
-    0,
-    3,
-    6,
-    9,
-    10,
-    11,
-    12,
-    13,
-    14,
-)
-# For planes that move: their origin, velocity, angular velocity and the derivatives of these.
-ORIGIN, VELOCITY, ANGULAR, PULL, TWIST = 17, 20, 23, 26, 29
-PLANE = 32
-# Numbers of a motion: angular frequency, duration of a ramp and of all, phases of the second
-# translation and of the rotation, size of the plate (0: infinite), and the vectors of the
-# amplitudes of both translations and of the rotation.
-RATE, RAMP, DURATION, SHIFT_PHASE, ROCK_PHASE, SIZE, LIFT, SHIFT, ROCK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    9,
-    12,
-)
-MOTION = 15
-# Minimum number of time steps per period of a motion.
-PER_PERIOD = 40
-
-
-class Ground(NamedTuple):
-    """What a part can touch.
-
-    planes : (n, PLANE) float
-        Half-spaces; the part is where ``normal @ x >= offset``.
-    gravity : (3,) float
-        Unit vector.
-    carriers : (k, 3) float
-        Velocities with which surfaces can carry a part for ever; the first is zero.
-    motion : (MOTION,) float
-        Motion of all planes together; zero without one.
-    level : bool
-        Whether there is only a level plane at rest, or one that comes to rest, on which the energy
-        of a part decides its aspect.
-    endless : int
-        In how many directions the surroundings are the same everywhere.
-    driven : bool
-        Whether a surface moves for ever.
-    fastest : float
-        A part that is faster slides for ever.
-    """
-
-    planes: Array
-    gravity: Array
-    carriers: Array
-    motion: Array
-    level: bool
-    endless: int
-    driven: bool
-    fastest: float
-
-
-class Numerics(NamedTuple):
-    """Numerical parameters; see the constants. Without ``decides``, all parts come to rest."""
-
-    steps: float = float(CONTACT_STEPS)
-    gap: float = GAP
-    turn: float = TURN
-    swing: float = SWING
-    decides: bool = True
-
-    def refined(self, factor: float, decides: bool) -> 'Numerics':
-        """Return finer parameters."""
-        return Numerics(
-            self.steps * factor,
-            self.gap / factor,
-            self.turn / factor,
-            self.swing / factor,
-            decides,
-        )
-
-
-class Work(NamedTuple):
-    """Arrays that a thread uses for one drop after the other."""
-
-    planes: Array
-    axes: Array
-    found: Array
-    values: Array
-    touching: Array
-    lowest: Array
-    mark: Array
-    picked: Array
-    con: Array
-    corner: Array
-    plane: Array
-    roll: Array
-    old: Array
-    old_corner: Array
-    old_roll: Array
-    track: Array
-    counts: Array
 
 
 FLAGS: Any = {
@@ -446,7 +314,6 @@ RN, RX, RY, JN, JX, JY = 0, 3, 6, 9, 12, 15
 KN, KXX, KXY, KYY, KNX, KNY, DET, AX, AY, STICK, PN, PX, PY, AIM, SX, SY, HEIGHT, FALL, BEND = (
     range(18, 37)
 )
-COLUMNS = 37
 
 
 @jit
@@ -1258,35 +1125,6 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     return UNSETTLED, -1, t, growth, c, v, w, q
 
 
-@njit(error_model='numpy', nogil=True)
-def work_of(body, ground):
-    """Return the arrays of a thread."""
-    corners, planes = body.points.shape[1], len(ground.planes)
-    found = np.empty((planes, corners), np.int64)
-    for i in range(planes):
-        for k in range(corners):
-            found[i, k] = k
-    return Work(
-        np.zeros((planes, PLANE)),
-        np.zeros((planes, 9)),
-        found,
-        np.empty((planes, 3, corners)),
-        np.zeros((planes, corners + 1), np.int64),
-        np.zeros(planes, np.int64),
-        np.zeros(corners, np.int64),
-        np.zeros(CONTACTS, np.int64),
-        np.zeros((planes * CONTACTS, COLUMNS)),
-        np.zeros(planes * CONTACTS, np.int64),
-        np.zeros(planes * CONTACTS, np.int64),
-        np.zeros((planes, 3)),
-        np.zeros((planes * CONTACTS, 3)),
-        np.zeros((planes * CONTACTS, 2), np.int64),
-        np.zeros((planes, 3)),
-        np.zeros(6),
-        np.zeros(6, np.int64),
-    )
-
-
 @jit
 def simulate_one(
     body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes, i
@@ -1304,8 +1142,10 @@ def simulate_one(
     _put(ends, i, 12, _world(_axes(q), w))
 
 
-@njit(error_model='numpy', nogil=True, cache=True)
-def simulate(body, ground, numerics, limit, position, velocity, spin, orientation, ends, codes):
+@jit
+def simulate(
+    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes
+):
     """Simulate drops from their states until each has ended.
 
     Parameters
@@ -1321,12 +1161,7 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
         are written.
     codes : (n, 2) int
         Where the codes of RestStatus and the minima, or -1, are written.
-
-    Returns
-    -------
-    (4,) int, total numbers of steps, impacts, steps of lasting contact and iterations
     """
-    work = work_of(body, ground)
     for i in range(len(position)):
         simulate_one(
             body,
@@ -1342,17 +1177,15 @@ def simulate(body, ground, numerics, limit, position, velocity, spin, orientatio
             codes,
             i,
         )
-    return work.counts[:4].copy()
 
 
-@njit(error_model='numpy', nogil=True, cache=True)
-def collide(body, ground, position, velocity, spin, orientation, gap, after):
+@njit(**FLAGS, cache=True)
+def collide(body, ground, work, position, velocity, spin, orientation, gap, after):
     """Find the velocities of parts after one impact.
 
     See simulate for the states. All corners closer to a plane than ``gap`` take part; ``after``
     (n, 6) is where velocity and spin are written, which stay as they are if no corner approaches.
     """
-    work = work_of(body, ground)
     moments = _at2(body.moments)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     for i in range(len(ground.planes)):

@@ -3,11 +3,12 @@
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import cuda
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation import kernel, kernel_data
 
 # Threads of a block, and memory of the arrays of all threads, bytes.
 BLOCK, MEMORY = 64, 2**31
@@ -20,28 +21,28 @@ def check_device() -> None:
 
 
 def simulate(
-    body: kernel.Body,
-    ground: kernel.Ground,
-    numerics: kernel.Numerics,
+    body: kernel_data.Body,
+    ground: kernel_data.Ground,
+    numerics: kernel_data.Numerics,
     limit: float,
     position: Array,
     velocity: Array,
     spin: Array,
     orientation: Array,
     ends: Array,
-    codes: Array,
+    codes: npt.NDArray[np.int64],
 ) -> None:
     """Simulate drops on the GPU; see kernel.simulate."""
-    one = kernel.work_of(body, ground)
+    one = kernel_data.work_of(body, ground)
     size = max(1, min(len(position), MEMORY // sum(each.nbytes for each in one)))
-    work = kernel.Work(
+    work = kernel_data.Work(
         *(cuda.to_device(np.broadcast_to(each, (size, *each.shape)).copy()) for each in one)
     )
-    part = kernel.Body(*(cuda.to_device(each) for each in body))
+    part = kernel_data.Body(*(cuda.to_device(each) for each in body))
     there: list[Any] = [
         cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in ground
     ]
-    places = kernel.Ground(*there)
+    places = kernel_data.Ground(*there)
     for first in range(0, len(position), size):
         rows = slice(first, first + size)
         states = [cuda.to_device(each[rows]) for each in (position, velocity, spin, orientation)]
@@ -58,7 +59,7 @@ def _drops(
 ):
     i = cuda.grid(1)
     if i < len(position):
-        own = kernel.Work(
+        own = kernel_data.Work(
             work.planes[i],
             work.axes[i],
             work.found[i],

@@ -1,9 +1,6 @@
 """The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
 
-import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, lru_cache
 
 import numpy as np
@@ -11,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation import kernel
+from resting_aspects_ros.simulation import kernel_data as kernel
+from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.ends import Ends, resting_poses
 from resting_aspects_ros.simulation.initial_state import initial_states
@@ -19,10 +17,9 @@ from resting_aspects_ros.simulation.run_description import CUDA
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
 
-# Time after which the first drops are late because the kernel is compiled, s.
-COMPILED_AFTER = 3.0
-# A part that is faster than this multiple of the speed of its first impact slides for ever.
-MAX_SPEEDUP = 3.0
+# A part in surroundings that is faster than this, R / T, and than this multiple of the speed of
+# its first impact slides for ever: it has come down by at least 50 R.
+MAX_SPEED, MAX_SPEEDUP = 10.0, 3.0
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
@@ -38,19 +35,18 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if motion is not None:
         limit += motion.duration / job.time_unit
     numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
-    with _said_if_compiled():
-        (_on_gpu() if job.engine == CUDA else kernel.simulate)(
-            body_of(job),
-            ground_of(job),
-            numerics,
-            limit,
-            states.position,
-            states.velocity,
-            states.spin,
-            states.orientation,
-            ends,
-            codes,
-        )
+    (_on_gpu() if job.engine == CUDA else simulate)(
+        body_of(job),
+        ground_of(job),
+        numerics,
+        limit,
+        states.position,
+        states.velocity,
+        states.spin,
+        states.orientation,
+        ends,
+        codes,
+    )
     found = Ends(
         position=ends[:, :3],
         orientation=ends[:, 3:7],
@@ -70,22 +66,6 @@ def _on_gpu() -> Callable[..., None]:
 
     kernel_cuda.check_device()
     return kernel_cuda.simulate
-
-
-@contextmanager
-def _said_if_compiled() -> Iterator[None]:
-    """Say that the kernel is being compiled, which takes long only once on a machine."""
-    if getattr(kernel.simulate, 'signatures', True):
-        yield
-        return
-    text = 'compiling the simulation for this machine, which takes about 20 s once ...'
-    timer = threading.Timer(COMPILED_AFTER, print, [text], {'file': sys.stderr, 'flush': True})
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 @lru_cache(maxsize=16)
@@ -151,7 +131,7 @@ def ground_of(job: DropJob) -> kernel.Ground:
         level=scene is None,
         endless=2 if scene is None else scene.free,
         driven=driven,
-        fastest=max(kernel.MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
+        fastest=max(MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
     )
 
 

@@ -10,22 +10,27 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
 
-# Both engines as Python: the simulator cannot call compiled functions.
+# Both as Python: the simulator cannot call compiled functions.
 PROGRAM = """
 import numpy as np
 from resting_aspects_ros import load_part
-from resting_aspects_ros.simulation import kernel_cuda
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation import kernel, kernel_cuda, kernel_data
+from resting_aspects_ros.simulation.initial_state import initial_states
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.surfaces import all_surfaces
-kernel_cuda.check_device = lambda: None
 kernel_cuda.MEMORY = 20_000  # of a few drops, so that there are several launches
 for name, surface in (('l_bracket', 'rubber_mat'), ('hex_nut', 'steel')):
-    conditions = all_surfaces().get(surface)
-    jobs = [make_job(load_part(name), conditions, 1, engine=e) for e in ('kernel', 'cuda')]
-    one, other = (drop_range(job, 0, 9) for job in jobs)
-    np.testing.assert_array_equal(one.orientation, other.orientation)
-    np.testing.assert_array_equal(one.time_to_rest, other.time_to_rest)
+    job = make_job(load_part(name), all_surfaces().get(surface), 1)
+    body, ground = body_of(job), ground_of(job)
+    start = initial_states(job, 0, 9)
+    states = start.position, start.velocity, start.spin, start.orientation
+    one, other = [(np.zeros((9, 15)), np.zeros((9, 2), np.int64)) for _ in range(2)]
+    given = body, ground, kernel_data.Numerics()
+    kernel.simulate(*given, kernel_data.work_of(body, ground), 500.0, *states, *one)
+    kernel_cuda.simulate(*given, 500.0, *states, *other)
+    for a, b in zip(one, other):
+        np.testing.assert_array_equal(a, b)
 print('equal')
 """
 

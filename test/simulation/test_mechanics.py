@@ -1,4 +1,8 @@
-"""Mechanics of the engine, which resting poses do not show, compared with formulas."""
+"""Mechanics of both engines on the plane, which resting poses do not show, against formulas.
+
+For the law of the kernel see test_law_of_contact.py. The settings of Bullet determine how it flies
+and bounces.
+"""
 
 import math
 
@@ -6,22 +10,80 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
+from placed_bodies import Placed
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.simulation import bullet_world, drop_job, initial_state
+from resting_aspects_ros.simulation import bullet_world, drop_job
+from resting_aspects_ros.simulation.initial_state import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.run_description import BULLET
+
+# -- The kernel -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope='module')
+def ball(solid):
+    """A ball whose radius of contact is 1 and whose moments of inertia are about 2/5."""
+    return solid(trimesh.creation.icosphere(4, 10.0))
+
+
+def on_the_surface(job, **moving):
+    """One body that is put on the surface in the orientation of its principal axes."""
+    turn = np.array([[0.0, 0, 0, 1]])
+    return Placed(job, np.array([[0.0, 0, depth_of(turn, job.hull)[0]]]), turn, **moving)
+
+
+@pytest.mark.parametrize('rolling', [0.02, 0.05])
+def test_rolling_friction_decelerates_a_ball(ball, mat, rolling):
+    # mu N against its spin is mu / (1 + I) of its speed per T; its facets of 4 degrees take more.
+    slowed = []
+    for each in (rolling, 2 * rolling):
+        conditions = mat.changed(rolling_friction=each, friction=1.0, restitution=0.0)
+        job = make_job(ball, conditions, 1)
+        placed = on_the_surface(job, velocity=(0.5, 0, 0), spin=(0, 0.5, 0))
+        slowed.append((0.5 - placed.run(3).velocity[0, 0]) / placed.time[0])
+    assert job.rolling_length == pytest.approx(1.0, abs=2e-3)
+    inertia = job.moments.mean()
+    assert slowed[1] - slowed[0] == pytest.approx(rolling / (1 + inertia), rel=0.2)
+
+
+@pytest.mark.parametrize('spinning', [0.01, 0.05])
+def test_spinning_friction_stops_a_spinning_part(ball, mat, spinning):
+    # A ball, as friction at several points would stop a spin, too: torque mu N, inertia 2/5.
+    conditions = mat.changed(rolling_friction=0.0, spinning_friction=spinning, friction=0.0)
+    job = make_job(ball, conditions, 1)
+    placed = on_the_surface(job, spin=(0, 0, 2.0))
+    lost = 2 - placed.run(3).spin[0, 2]
+    expected = spinning / job.moments.mean() * placed.time[0]
+    assert lost == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize('friction', [0.1, 0.3])
+def test_friction_is_the_value_of_the_pair(part, mat, friction):
+    # A box that slides flat is slowed by friction times gravity, regardless of its weight.
+    shape = part('box_10x20x30')
+    job = make_job(shape, mat.changed(friction=friction, restitution=0.0), 1)
+    flat = int(np.ptp(job.hull, axis=0).argmin())
+    turn = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()[None]
+    at = np.array([[0.0, 0, depth_of(turn, job.hull)[0]]])
+    placed = Placed(job, at, turn, (1.0, 0, 0))
+    lost = 1 - placed.run(1).velocity[0, 0]
+    assert lost == pytest.approx(friction * placed.time[0], abs=10 * RESIDUAL)
+
+
+# -- Bullet ---------------------------------------------------------------------------------------
 
 
 class Flight:
-    """One body in the engine's world from a given state, in R and T, looked at as it moves."""
+    """One body in Bullet from a given state, in R and T, looked at as it moves."""
 
     def __init__(self, job, position, orientation, velocity, spin):
         world = bullet_world.World(job)
         self.job, self.client = job, world._client
         state = (position, orientation, velocity, spin)
         rows = [np.array([row], dtype=np.float64) for row in state]
-        start = initial_state.InitialState(*rows, elapsed=np.zeros(1))
-        (self.body,) = world._add(start, np.array([0]), np.zeros((1, 3)))
+        (self.body,) = world._add(InitialState(*rows, elapsed=np.zeros(1)))
 
     def step(self, time):
         for _ in range(round(time * self.job.steps_per_t)):
@@ -48,55 +110,10 @@ class Flight:
         return turn.apply(spin * self.job.moments), float(spin @ (self.job.moments * spin)) / 2
 
 
-def on_the_surface(job, orientation, velocity=(0, 0, 0), spin=(0, 0, 0)):
-    """The states, once each T, of a body that is put on the surface and moves."""
-    world = bullet_world.World(job)
-    lowest = initial_state.depth_of(np.array([orientation]), job.hull)[0]
-    start = initial_state.InitialState(
-        *(np.array([v], float) for v in ((0, 0, lowest), orientation, velocity, spin)),
-        elapsed=np.zeros(1),
-    )
-    origins = bullet_world.slot_origins(np.arange(1))
-    bodies = world._add(start, np.arange(1), origins)
-    while True:
-        for _ in range(job.steps_per_t):
-            pybullet.stepSimulation(physicsClientId=world._client)
-        yield world._states(bodies, origins, np.arange(1))
-
-
-@pytest.mark.parametrize('rolling', [0.03, 0.06])
-def test_rolling_friction_decelerates_a_ball(solid, mat, rolling):
-    # A ball of radius 1 and inertia 2/5: mu N against its spin is 5/7 mu of its speed per T.
-    job = make_job(
-        solid(trimesh.creation.icosphere(4, 10.0)),
-        mat.changed(rolling_friction=rolling, friction=1.0, restitution=0.0),
-        1,
-    )
-    states = on_the_surface(job, (0, 0, 0, 1), velocity=(0.5, 0, 0), spin=(0, 0.5, 0))
-    speeds = [float(next(states).velocity[0, 0]) for _ in range(12)]
-    assert job.rolling_length == pytest.approx(1.0, abs=2e-3)
-    # Its facets, of 4 degrees, make it rattle a little.
-    slowed = (speeds[1] - speeds[11]) / 10
-    assert slowed == pytest.approx(5 / 7 * rolling, rel=0.3)
-
-
-@pytest.mark.parametrize('spinning', [0.01, 0.05])
-def test_spinning_friction_stops_a_spinning_part(solid, mat, spinning):
-    # A ball, as friction at several points would stop a spin, too: torque mu N, inertia 2/5.
-    job = make_job(
-        solid(trimesh.creation.icosphere(4, 10.0)),
-        mat.changed(rolling_friction=0.0, spinning_friction=spinning, friction=0.0),
-        1,
-    )
-    states = on_the_surface(job, (0, 0, 0, 1), spin=(0, 0, 2.0))
-    spins = [float(next(states).spin[0, 2]) for _ in range(6)]
-    assert (spins[0] - spins[5]) / 5 == pytest.approx(5 / 2 * spinning, rel=0.2)
-
-
-def test_flight_conserves_angular_momentum_and_energy(part, mat):
+def test_flight_in_bullet_conserves_angular_momentum_and_energy(part, mat):
     # Its moments all differ, and are far from those of its bounding box, which are Bullet's
     # default; about the axis of the middle one, which it nearly spins about, it turns over.
-    job = make_job(part('u_bracket'), mat.changed(spin=15.0), 1)
+    job = make_job(part('u_bracket'), mat.changed(spin=15.0), 1, engine=BULLET)
     a, b, c = job.moments
     assert a < 0.9 * b < 0.8 * c
     flight = Flight(job, [0, 0, 50], [0.1, 0.5, -0.7, 0.5], [0.2, 0, 1], [0.05, 0.8, 0.05])
@@ -136,8 +153,9 @@ def rebound(job, height):
 
 
 @pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
-def test_bounce_height_is_restitution_squared(octahedron, mat, restitution):
-    job = make_job(octahedron, mat.changed(restitution=restitution, height=0.01), 1)
+def test_bounce_height_in_bullet_is_restitution_squared(octahedron, mat, restitution):
+    conditions = mat.changed(restitution=restitution, height=0.01)
+    job = make_job(octahedron, conditions, 1, engine=BULLET)
     assert job.steps_per_t == drop_job.STEPS_PER_T
     # The impact is seen at the end of a step, 1.4 / 160 of T, so a height of 1 comes out within
     # some 2 % of it, which are of the rebound 2 % / e^2.
@@ -145,51 +163,29 @@ def test_bounce_height_is_restitution_squared(octahedron, mat, restitution):
     assert found == pytest.approx(restitution**2, rel=0.06)
 
 
-def test_bounce_height_converges_with_finer_steps(octahedron, mat, monkeypatch):
+def test_bounce_height_in_bullet_converges_with_finer_steps(octahedron, mat, monkeypatch):
     # With Bullet's defaults they do not: a part is braked ahead of the contact, the more so the
     # finer the steps, and pushed out of its overlap faster.
-    job = make_job(octahedron, mat.changed(height=0.01), 1)
+    job = make_job(octahedron, mat.changed(height=0.01), 1, engine=BULLET)
     monkeypatch.setattr(drop_job, 'STEPS_PER_T', 1280)
     assert job.steps_per_t == 1280
     assert rebound(job, 1.0) == pytest.approx(0.64**2, rel=0.01)
 
 
-def test_zero_restitution_does_not_bounce(octahedron, mat):
-    job = make_job(octahedron, mat.changed(restitution=0.0, height=0.01), 1)
+def test_zero_restitution_in_bullet_does_not_bounce(octahedron, mat):
+    job = make_job(octahedron, mat.changed(restitution=0.0, height=0.01), 1, engine=BULLET)
     assert rebound(job, 1.0) < 0.01
 
 
-def test_friction_is_the_value_of_the_pair(part, mat):
-    # A box that slides flat is slowed by friction times gravity, regardless of its weight.
-    shape = part('box_10x20x30')
-    job = make_job(shape, mat.changed(friction=0.3, restitution=0.0, rolling_friction=0.0), 1)
+def test_friction_in_bullet_is_the_value_of_the_pair(part, mat):
+    conditions = mat.changed(friction=0.3, restitution=0.0, rolling_friction=0.0)
+    job = make_job(part('box_10x20x30'), conditions, 1, engine=BULLET)
     lying = np.ptp(job.hull, axis=0) / 2
     flat = int(lying.argmin())
     orientation = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()
-    start = [0, 0, lying[flat] + 1e-3]
+    start = [0, 0, lying[flat] + REST_MARGIN]
     flight = Flight(job, start, orientation, [1, 0, 0], [0, 0, 0])
     flight.step(0.5)  # to lie
     before = flight.velocity[0]
     flight.step(1)
     assert before - flight.velocity[0] == pytest.approx(0.3, rel=0.02)
-
-
-@pytest.mark.parametrize('tangent', [0.27, 0.33])
-def test_box_slides_on_an_incline_above_the_friction_angle(part, mat, tangent):
-    # On an incline at an angle a the gravity along it is sin a, and friction can hold mu cos a.
-    friction = 0.3
-    job = make_job(
-        part('box_10x20x30'),
-        mat.changed(friction=friction, restitution=0.0, rolling_friction=0.0),
-        1,
-    )
-    lying = np.ptp(job.hull, axis=0) / 2
-    flat = int(lying.argmin())
-    orientation = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()
-    angle = math.atan(tangent)
-    flight = Flight(job, [0, 0, lying[flat] + 1e-3], orientation, [0] * 3, [0] * 3)
-    flight.step(0.5)  # to lie
-    pybullet.setGravity(math.sin(angle), 0, -math.cos(angle), physicsClientId=flight.client)
-    flight.step(2)
-    slides = max(0.0, math.sin(angle) - friction * math.cos(angle))
-    assert flight.velocity[0] == pytest.approx(2 * slides, abs=0.004)

@@ -8,10 +8,9 @@ import trimesh
 from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.surroundings.curved_sides import TOLERANCE, simplified
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
@@ -144,7 +143,7 @@ def test_drops_in_a_bowl_depend_on_their_index_only(part, in_bowl, assert_same_p
 
 @pytest.mark.slow
 def test_a_simplified_bowl_gives_the_shares_of_all_its_triangles(part, in_bowl):
-    shape, n = part('l_bracket'), 2 * CHUNK
+    shape, n = part('l_bracket'), 250
     aspects = find_aspects(shape)
     job = in_bowl(shape, 20)
     (body,) = job.scene.bodies
@@ -152,8 +151,7 @@ def test_a_simplified_bowl_gives_the_shares_of_all_its_triangles(part, in_bowl):
     assert len(body.remaining) < 0.6 * len(body.triangles)
     counts = []
     for each in (job, unsimplified(job)):
-        chunks = [drop_range(each, k * CHUNK, (k + 1) * CHUNK) for k in range(n // CHUNK)]
-        poses = RestingPoses.join(chunks)
+        poses = drop_range(each, 0, n)
         # The nearest aspect: the floor below a part in a bowl is not level.
         inverse = poses.orientation * [-1, -1, -1, 1]
         ids, _ = aspects.locate(-rotate(inverse, np.tile([0.0, 0.0, 1.0], (n, 1))))

@@ -1,7 +1,7 @@
-"""Actions from the same states with two time steps, and the shift of each transition between them.
+"""Drops or actions from the same states, simulated twice, and the shifts of the shares of ends.
 
-Coarse and fine steps lead many parts to the same aspect. The error of a shift therefore follows
-from the parts that end differently, and is smaller than that of two independent samples.
+Many parts end in the same aspect in both simulations. The error of a shift therefore follows from
+the parts that end differently, and is smaller than that of two independent samples.
 """
 
 import dataclasses
@@ -15,28 +15,33 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.simulation.actions import Action
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.reorientation import action_starts
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
 
 Counts = npt.NDArray[np.int64]
 Array = npt.NDArray[np.float64]
 
-# Quantile of the normal distribution that 95 % of it are below.
-ONE_SIDED = 1.645
+# Factor by which the numerical parameters are finer in the second simulation. The kernel's are
+# its time steps, distances and rotations; Bullet, which simulates steps, has only time steps.
+REFINEMENT = {KERNEL: 4, BULLET: 2}
+# Ends of drops that are in no aspect: the last columns of all counts.
+OUTSIDE = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
+_STATUS = (RestStatus.UNSETTLED, RestStatus.FAILED, RestStatus.LOST, RestStatus.SLIDING)
+# Quantiles of the normal distribution that 95 % of it are below, and between -q and q.
+ONE_SIDED, TWO_SIDED = 1.645, 1.96
 # Minimum number of parts that leave or reach a column, for the chi-square distribution to hold.
 MIN_CHANGED = 10
-_OUTCOME = {RestStatus.UNSETTLED: 1, RestStatus.FAILED: 2, RestStatus.LOST: 3}
 
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """Changes of the probabilities of a matrix by symmetry class: fine minus coarse.
+    """Changes of the probabilities of a matrix: second minus first simulation.
 
-    shift, error : (c, c + 4) float
+    shift, error : (r, m) float
         Of each entry, and its standard error.
     different : float
         Share of the parts that end differently.
@@ -62,48 +67,63 @@ class Shifts:
         return float((np.abs(self.shift) + ONE_SIDED * self.error).max())
 
 
-def joint_counts(dropper: Dropper, part: Part, action: Action, per_class: int) -> Counts:
-    """Return counts (c, m, m) by class before, and by column with coarse and with fine steps.
-
-    With at least ``per_class`` actions from each symmetry class. The m columns are the c classes
-    and OUTCOMES.
-    """
-    conditions = dropper.surfaces.get()
-    aspects = find_aspects(part)
-    starts = action_starts(part, aspects.aspects, action, conditions.gravity)
-    job = make_job(part, conditions, SEED, starts=starts)
-    fewest = min(len(members) for members in aspects.classes())
-    n = len(aspects) * -(-per_class // fewest)
-    coarse = _columns(dropper, job, aspects, n)
-    fine = _columns(dropper, dataclasses.replace(job, refinement=2), aspects, n)
-    classes = len(aspects.classes())
-    counts = np.zeros((classes, classes + len(OUTCOMES), classes + len(OUTCOMES)), dtype=np.int64)
-    row = class_indices(aspects)[np.arange(n) % len(aspects)]
-    np.add.at(counts, (row, coarse, fine), 1)
-    return counts
-
-
 def class_indices(aspects: AspectSet) -> Counts:
     """Return the index of the symmetry class of each aspect, from 0."""
     return np.array([aspect.symmetry_class - 1 for aspect in aspects.aspects])
 
 
-def _columns(dropper: Dropper, job: DropJob, aspects: AspectSet, n: int) -> Counts:
-    """Return the column of the matrix in which each of n actions ended."""
-    return np.concatenate([_column(aspects, poses) for poses in dropper.poses(job, n)])
+def ends(dropper: Dropper, job: DropJob, aspects: AspectSet, labels: Counts, n: int) -> Counts:
+    """Return the column (n,) in which each drop ended: the label of its aspect, or OUTSIDE.
+
+    ``labels`` (k,) are those of the aspects: numbers from 0, of which several can be the same.
+    """
+    poses = RestingPoses.join(list(dropper.poses(job, n)))
+    outside = int(labels.max()) + 1
+    found = np.append(outside, labels)[aspect_ids(aspects, poses)]  # the id 0 is unclassified
+    for k, status in enumerate(_STATUS, start=outside + 1):
+        found[poses.status == status] = k
+    return np.asarray(found)
 
 
-def _column(aspects: AspectSet, poses: RestingPoses) -> Counts:
-    classes = len(aspects.classes())
-    known = np.append(classes, class_indices(aspects))  # the id 0 is unclassified
-    column = known[aspect_ids(aspects, poses)]
-    for status, k in _OUTCOME.items():
-        column[poses.status == status] = classes + k
-    return column
+def paired_counts(
+    dropper: Dropper,
+    job: DropJob,
+    aspects: AspectSet,
+    labels: Counts,
+    n: int,
+    rows: Counts | None = None,
+) -> Counts:
+    """Return counts (r, m, m) of n drops by row, and by column as they are and when refined.
+
+    The m columns are the labels and OUTSIDE. ``rows`` (n,) are those of the drops; None: all are
+    in one row.
+    """
+    rows = np.zeros(n, dtype=np.int64) if rows is None else rows
+    refined = dataclasses.replace(job, refinement=REFINEMENT[job.engine])
+    columns = (ends(dropper, each, aspects, labels, n) for each in (job, refined))
+    m = int(labels.max()) + 1 + len(OUTSIDE)
+    counts = np.zeros((int(rows.max()) + 1, m, m), dtype=np.int64)
+    np.add.at(counts, (rows, *columns), 1)
+    return counts
+
+
+def action_job(
+    dropper: Dropper, part: Part, action: Action, per_class: int
+) -> tuple[DropJob, Counts]:
+    """Return the job of an action, and the class (n,) from which each of n actions starts.
+
+    With at least ``per_class`` actions from each symmetry class.
+    """
+    conditions, aspects = dropper.surfaces.get(), find_aspects(part)
+    starts = action_starts(part, aspects.aspects, action, conditions.gravity)
+    fewest = min(len(members) for members in aspects.classes())
+    n = len(aspects) * -(-per_class // fewest)
+    before = class_indices(aspects)[np.arange(n) % len(aspects)]
+    return make_job(part, conditions, SEED, starts=starts), before
 
 
 def shifts(counts: Counts) -> Shifts:
-    """Return the shifts that follow from joint counts (c, m, m).
+    """Return the shifts that follow from joint counts (r, m, m).
 
     The standard errors are those of paired shares, with half a count added to each cell (Agresti
     and Min 2005, Statistics in Medicine 24:729), so that they are not 0 where no part differs.
@@ -121,9 +141,9 @@ def shifts(counts: Counts) -> Shifts:
 def homogeneity(counts: Counts) -> tuple[float, int]:
     """Return the statistic of Stuart and Maxwell of joint counts (m, m), and its degrees.
 
-    If coarse and fine steps have the same probabilities, it has the chi-square distribution with
-    these degrees of freedom. Columns that fewer than MIN_CHANGED parts leave or reach are joined
-    with others.
+    If both simulations have the same probabilities, it has the chi-square distribution with these
+    degrees of freedom. Columns that fewer than MIN_CHANGED parts leave or reach are joined with
+    others.
     """
     changed = _changed(counts)
     while len(counts) > 1 and changed.min() < MIN_CHANGED:
