@@ -512,9 +512,13 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
         suite.client.wait(answer.done, 'timeout')
         assert isinstance(answer.exception(), AnswerTimeoutError)
         assert re.search(r'waited 600 s: \d+ drops are done$', str(answer.exception()))
-    known = spun.get_distribution_async('tetrahedron', seed=seed, only_known=True)
-    suite.client.wait(known.done, 'what is known')
-    assert 0 < known.result().drops < 2_000_000
+
+    def known():
+        answer = spun.get_distribution_async('tetrahedron', seed=seed, only_known=True)
+        suite.client.wait(answer.done, 'what is known')
+        return answer.exception() is None and answer.result()
+
+    assert 0 < suite.client.wait(known, 'its drops are counted').drops < 2_000_000
 
 
 @pytest.mark.slow
@@ -522,17 +526,17 @@ def test_shared_run_continues_after_one_cancel(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         received = []
         mine = spun.get_distribution_async(
-            'tetrahedron', drops=3000, seed=86, progress=received.append
+            'tetrahedron', drops=50_000, seed=86, progress=received.append
         )
         suite.client.wait(lambda: received, 'progress')
         joined = []
         same = other.get_distribution_async(
-            'tetrahedron', drops=3000, seed=86, progress=joined.append
+            'tetrahedron', drops=50_000, seed=86, progress=joined.append
         )
         suite.client.wait(lambda: joined or same.done(), 'progress of the other')
         mine.cancel()
         suite.client.wait(same.done, 'the other answer')
-        assert same.result().drops == 3000
+        assert same.result().drops == 50_000
 
 
 # Without a suite, or with one that dies

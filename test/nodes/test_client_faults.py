@@ -4,6 +4,7 @@ import signal
 
 import pytest
 
+from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.client import (
     AnswerTimeoutError,
     NotAvailableError,
@@ -22,6 +23,12 @@ def spun(suite):
     """A client with the node that suite.client spins while it waits."""
     with RestingAspectsClient(suite.client.node) as client:
         yield client
+
+
+@pytest.fixture
+def slow(surfaces):
+    """Conditions with an edge, in which Bullet needs seconds for 1500 drops."""
+    return with_surroundings(surfaces.get(), 'bowl_track')
 
 
 @pytest.mark.slow
@@ -48,11 +55,11 @@ def test_timeout_error_contains_the_progress(suite, spun, ahead):
 
 
 @pytest.mark.slow
-def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
+def test_stopped_classifier_leads_to_a_timeout(suite, spun, slow, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 2.0)
     received = []
     answer = spun.get_distribution_async(
-        'tetrahedron', drops=1500, seed=83, progress=received.append
+        'tetrahedron', drops=1500, conditions=slow, seed=83, progress=received.append
     )
     suite.client.wait(lambda: received, 'progress')
     assert suite.processes['aspect_classifier'].end(signal.SIGTERM) == 0
@@ -84,11 +91,11 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
 
 # Last test: ROS lists a killed node for another 20 s.
 @pytest.mark.slow
-def test_restarted_classifier_responds(suite, spun, monkeypatch):
+def test_restarted_classifier_responds(suite, spun, slow, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     received = []
     answer = spun.get_distribution_async(
-        'tetrahedron', drops=1500, seed=82, progress=received.append
+        'tetrahedron', drops=1500, conditions=slow, seed=82, progress=received.append
     )
     suite.client.wait(lambda: received, 'progress')
     suite.processes['aspect_classifier'].end(signal.SIGKILL)

@@ -124,7 +124,7 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, diagnostics):
     recorder = suite.processes['drop_recorder']
     # Acts as a quota: no file of the recorder can grow beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, hard))
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (200_000, hard))
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=2)  # until it is canceled
     suite.client.wait(lambda: any(run.error for run in recorded), 'error')
