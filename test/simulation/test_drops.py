@@ -371,7 +371,6 @@ def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, 
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
-@pytest.mark.xfail(reason='the time limit is that of the longest flight of a range')
 def test_drops_that_do_not_settle_do_not_depend_on_other_drops(part, mat, assert_same_poses):
     job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
     whole = drop_range(job, 0, 6)

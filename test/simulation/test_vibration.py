@@ -337,8 +337,7 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     beyond = np.abs(centre[:, :2]).max(axis=1) - 0.05 / 2
     lost = poses.status == RestStatus.LOST
     assert beyond[lost].min() > -1e-4  # it tilts
-    # The kernel can decide a part before it looks where it is.
-    assert beyond[~lost].max() < (0.1 * 0.05 if engine == KERNEL else 0)
+    assert beyond[~lost].max() < 0
     assert n / 8 < lost.sum() < n
     assert (poses.status[~lost] == RestStatus.SETTLED).all()
     counter = TransitionCounter(no_actions(aspects), run, 0.0)
