@@ -69,10 +69,10 @@ MARGIN = 0.01
 ROLLING = 0.1
 # Time between checks, and the time limit without the motion of the surface.
 CHECK, LIMIT = 0.5, 500.0
-# A part is at rest if no point of it moves faster than SLOW relative to some surface for QUIET.
-# Lasting contact stops a part completely, and a tilt about an edge grows by a factor of e in about
-# T, so that only a tilt below 1e-3 could be mistaken for rest.
-SLOW, QUIET = 2e-4, 0.25
+# A part is at rest if no point of it moves faster than SLOW relative to some surface for QUIET. In
+# surroundings, where several planes push, it can tremble a little more. A tilt about an edge grows
+# by a factor of e in about T, so that only a tilt of this size could be mistaken for rest.
+SLOW, SLOW_IN_SCENE, QUIET = 2e-4, 1e-3, 0.25
 # A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
 # at most the share SLOWER, or if it has come down by MAX_FALL.
 SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
@@ -1026,6 +1026,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     before = inf  # energy at the impact before
     c0, v0, w0, q0 = c, v, w, q
     start = _dot(gravity, c)
+    slow = SLOW if ground.level else SLOW_IN_SCENE
     flying, contacts, at_once = False, 0, 0
     moving = motion[DURATION] > 0
     still = not (moving or ground.driven)
@@ -1064,7 +1065,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             c = _plus(_plus(c0, dt, v0), dt * dt / 2, gravity)
             v = _plus(v0, dt, gravity)
             t += dt
-            at_once, quiet, decide = 0, 0.0, False
+            at_once, decide = 0, False
         else:
             if deepest < -DEEP or c[2] != c[2]:
                 return FAILED, -1, t, growth, c, v, w, q
@@ -1089,7 +1090,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 v = _world(axes, vb)
                 work.counts[5] = 0
                 at_once += 1
-                quiet, decide = 0.0, True
+                decide = True
             else:
                 work.counts[2] += 1
                 at_once = 0
@@ -1103,17 +1104,16 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 contacts += 1
                 decide = contacts % ATTEMPTS == 0
                 quiet += dt
-                if moving or _slip(ground, v) + sqrt(_dot(w, w)) > SLOW:
-                    quiet = 0.0
-                elif quiet > QUIET:
-                    if motion[SIZE] > 0 and _left(work, motion, c):
-                        return LOST, -1, t, growth, c, v, w, q
-                    return SETTLED, -1, t - quiet, growth, c, v, w, q
             if still and (impact or decide):
                 energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 - _dot(gravity, c)
                 if impact and before < inf:
                     growth = max(growth, energy - before)
                 before = energy
+        if moving or _slip(ground, v) + sqrt(_dot(w, w)) > slow:
+            quiet = 0.0
+        elif quiet > QUIET:
+            lost = motion[SIZE] > 0 and _left(work, motion, c)
+            return LOST if lost else SETTLED, -1, t - quiet, growth, c, v, w, q
         if decide and ground.level and numerics.decides and not moving:
             energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 + c[2] - min(deepest, 0.0)
             k = _decided(body, work.lowest[0], mu, moments, c, v, w, q, energy)
