@@ -73,6 +73,9 @@ CHECK, LIMIT = 0.5, 500.0
 # surroundings, where several planes push, it can tremble a little more. A tilt about an edge grows
 # by a factor of e in about T, so that only a tilt of this size could be mistaken for rest.
 SLOW, SLOW_IN_SCENE, QUIET = 2e-4, 1e-3, 0.25
+# In surroundings, it is also at rest if at two checks in a row no coordinate and no component of
+# its quaternion has changed by more than STILL, or on a belt, which makes it tremble, by CREEP.
+STILL, CREEP = 1e-4, 1e-3
 # A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
 # at most the share SLOWER, or if it has come down by MAX_FALL.
 SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
@@ -956,13 +959,27 @@ def _decided(body, corner, mu, moments, c, v, w, q, energy):
 
 
 @once
-def _check(ground, track, t, limit, fallen, v, q):
+def _check(ground, track, t, limit, fallen, c, v, q):
     """Return the status of a drop that slides for ever or timed out, else -1.
 
     ``track`` is what was seen when it last turned: time, speed, and where it pointed.
     """
     if ground.level:
         return UNSETTLED if t >= limit else -1
+    passed, moved = t - track[6], inf
+    for i in range(len(ground.carriers)):
+        d = _plus(_plus(c, -1.0, _from(track, 7)), -passed, _at(ground.carriers, i, 0))
+        moved = min(moved, max(abs(d[0]), abs(d[1]), abs(d[2])))
+    most = CREEP if ground.driven else STILL
+    still = moved < most and _change(q, track, 10) < most and passed < 2 * CHECK
+    track[14] = track[14] + 1 if still else 0.0
+    track[6] = t
+    for i in range(3):
+        track[7 + i] = c[i]
+    for i in range(4):
+        track[10 + i] = q[i]
+    if track[14] >= 2:
+        return SETTLED
     if ground.endless == 2:
         n = _body(_axes(q), _at(ground.planes, 0, NORMAL))
         pointing = (n[0], n[1], n[2], 0.0)
@@ -1036,7 +1053,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             work.planes[i, j] = ground.planes[i, j]
     work.counts[5] = 0
     track[:] = 0.0
-    track[0] = -inf
+    track[0] = track[6] = -inf
     check = CHECK
     for _ in range(MAX_STEPS):
         work.counts[0] += 1
@@ -1125,10 +1142,10 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             if motion[SIZE] > 0 and _left(work, motion, c):
                 return LOST, -1, t, growth, c, v, w, q
             if moving:
-                track[0] = -inf
+                track[0] = track[6] = -inf
             else:
                 fallen = _dot(gravity, c) - start
-                status = _check(ground, track, t, limit, fallen, v, q)
+                status = _check(ground, track, t, limit, fallen, c, v, q)
                 if status >= 0:
                     return status, -1, t, growth, c, v, w, q
     return UNSETTLED, -1, t, growth, c, v, w, q

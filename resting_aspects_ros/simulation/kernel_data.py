@@ -190,6 +190,6 @@ def work_of(body: Body, ground: Ground) -> Work:
         old=np.zeros((count, 3)),
         old_corner=np.zeros((count, 2), np.int64),
         old_roll=np.zeros((planes, 3)),
-        track=np.zeros(6),
+        track=np.zeros(15),
         counts=np.zeros(6, np.int64),
     )
