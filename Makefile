@@ -109,10 +109,12 @@ $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
 	@$(UV) install --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# The first drops compile the kernel, which is then kept in __pycache__.
-$(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py $(VENV)/.package
+# The first drops compile the kernel, which is then kept in __pycache__. It depends on the version
+# of Numba, too.
+$(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py \
+        resting_aspects_ros/simulation/kernel_data.py requirements.txt $(VENV)/.package
 	@echo "set-up: compiling the kernel"
-	@$(BIN)/resting_aspects drop tetrahedron --drops 1 > /dev/null 2>&1
+	@$(BIN)/resting_aspects drop tetrahedron --drops 1 > /dev/null
 	@touch $@
 
 $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements

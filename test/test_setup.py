@@ -92,7 +92,8 @@ def test_unsupported_python_is_named_with_its_version(find, path, version):
 RECORDER = """
 case $* in
     -I*) echo "$0" ;;
-    '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && cp "$0" "$3/bin/uv" ;;
+    '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && cp "$0" "$3/bin/uv" &&
+        cp "$0" "$3/bin/resting_aspects" ;;
     *) echo "$0 $*" >> calls; [ ! -e broken ] ;;
 esac
 """
@@ -102,7 +103,12 @@ STEPS = {
     'package': '--editable .',
     'dev': '--requirement requirements-dev.txt',
     'interfaces': 'tools/build_interfaces .venv',
+    'kernel': 'resting_aspects drop',
 }
+
+
+KERNEL = 'resting_aspects_ros/simulation/kernel.py'
+KERNEL_DATA = 'resting_aspects_ros/simulation/kernel_data.py'
 
 
 class Folder:
@@ -119,7 +125,7 @@ class Folder:
             'requirements.txt', 'requirements-dev.txt', 'setup.py', 'setup.cfg', 'package.xml',
             'pyproject.toml', 'test/js/package.json',
             'test/js/package-lock.json', 'resting_aspects_interfaces/msg/Status.msg',
-            'test/js/node_modules/.package-lock.json',
+            'test/js/node_modules/.package-lock.json', KERNEL, KERNEL_DATA,
         ):  # fmt: skip
             (path / name).parent.mkdir(parents=True, exist_ok=True)
             (path / name).touch()
@@ -157,7 +163,7 @@ def folder(tmp_path):
     folder = Folder(tmp_path / 'a folder')
     code, steps = folder.make()
     assert code == 0, folder.printed
-    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'dev']
+    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'kernel', 'dev']
     return folder
 
 
@@ -170,10 +176,12 @@ def test_finished_setup_does_nothing_silently(folder):
 @pytest.mark.parametrize(
     ('file', 'steps'),
     [
-        ('requirements.txt', ['requirements', 'interfaces']),
+        ('requirements.txt', ['requirements', 'interfaces', 'kernel']),
         ('requirements-dev.txt', ['dev']),
-        ('setup.py', ['package']),
-        ('package.xml', ['package']),
+        ('setup.py', ['package', 'kernel']),
+        ('package.xml', ['package', 'kernel']),
+        (KERNEL, ['kernel']),
+        (KERNEL_DATA, ['kernel']),
         ('resting_aspects_interfaces/msg/Status.msg', ['interfaces']),
         ('resting_aspects_interfaces/msg/New.msg', ['interfaces']),
     ],
@@ -196,7 +204,7 @@ def test_interrupted_installation_repeats_all_steps(folder, file):
     (folder.path / 'broken').unlink()
     code, steps = folder.make()
     assert code == 0
-    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'dev']
+    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'kernel', 'dev']
     assert folder.make() == (0, [])
 
 
