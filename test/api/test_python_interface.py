@@ -76,6 +76,17 @@ def test_a_condition_that_is_changed(workers):
     assert np.array_equal(again.poses.position, result.poses.position)
 
 
+@pytest.mark.parametrize('engine', ['kernel', 'bullet'])
+def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
+    options = {'workers': workers, 'engine': engine}
+    runs = (
+        ra.drop('tetrahedron', drops=2, **options).run,
+        ra.reorient('tetrahedron', 'tap', 1, drops=2, **options).run,
+        ra.retention('tetrahedron', 1, **options).run,
+    )
+    assert [run.engine for run in runs] == [engine] * 3
+
+
 def test_it_stops_at_a_precision(workers):
     result = ra.drop('tetrahedron', precision=0.05, workers=workers, keep_poses=False)
     widths = [(each.upper - each.lower) / 2 for each in result.distribution.intervals()]
@@ -119,6 +130,8 @@ def test_convergence_is_checked_if_requested(workers):
         ({'height': -1.0}, 'height'),
         ({'workers': 0}, 'workers'),
         ({'interval': 'wald'}, 'wald'),
+        ({'engine': 'bulet'}, "engine 'bulet'"),
+        ({'engine': 'kernel', 'surroundings': 'pocket'}, 'engine kernel'),
     ],
     ids=str,
 )
@@ -169,7 +182,7 @@ def test_the_log_of_interrupted_drops_is_closed(workers, tmp_path, monkeypatch):
     count = DropCounter._count
     monkeypatch.setattr(DropCounter, '_count', interrupt)
     with pytest.raises(KeyboardInterrupt):
-        ra.drop('tetrahedron', drops=1000, workers=workers, log=tmp_path)
+        ra.drop('tetrahedron', drops=2000, workers=workers, log=tmp_path)
     (log,) = tmp_path.iterdir()
     assert (log / 'metadata.yaml').is_file()
     assert ra.read_log(log).distribution.drops == sum(counted)
@@ -181,20 +194,24 @@ def test_a_log_that_cannot_be_written_is_an_error(workers, tmp_path):
         ra.drop('tetrahedron', drops=5, workers=workers, log=tmp_path / 'file')
 
 
-def test_ctrl_c_ends_the_drops_and_their_workers():
+@pytest.mark.parametrize('engine', ['kernel', 'bullet'])
+def test_ctrl_c_ends_the_drops_and_their_workers(engine):
     code = (
-        'import multiprocessing, resting_aspects_ros as ra\n'
+        'import threading, resting_aspects_ros as ra\n'
+        'from pathlib import Path\n'
+        "options = {'workers': 2, 'keep_poses': False, 'progress': True}\n"
         'try:\n'
-        "    ra.drop('l_bracket', drops=1_000_000, workers=2, keep_poses=False, progress=True)\n"
+        f"    ra.drop('l_bracket', drops=2_000_000, engine='{engine}', **options)\n"
         'except KeyboardInterrupt:\n'
-        "    print('interrupted', multiprocessing.active_children())\n"
+        "    children = Path('/proc/thread-self/children').read_text().split()\n"
+        "    print('interrupted', children, threading.active_count())\n"
     )
     script = subprocess.Popen(
         [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert 'of 1000000 drops' in script.stderr.readline()
+    assert any('of 2000000 drops' in line for line in script.stderr)
     script.send_signal(signal.SIGINT)
-    assert script.communicate(timeout=600)[0].split(maxsplit=1) == ['interrupted', '[]\n']
+    assert script.communicate(timeout=600)[0] == 'interrupted [] 1\n'
 
 
 def test_progress_is_shown_if_requested(workers, capsys):
