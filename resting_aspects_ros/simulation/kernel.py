@@ -84,8 +84,8 @@ ATTEMPTS = 4
 # Maximum number of impacts at a time: where friction pulls a part into a plane (Painleve), no
 # impulse may solve an impact.
 AT_ONCE = 50
-# Maximum number of steps of a drop.
-MAX_STEPS = 1_000_000
+# Maximum number of steps between two checks: a drop in which time stands still has not settled.
+MAX_STEPS = 100_000
 
 SETTLED, UNSETTLED, FAILED = (
     int(RestStatus.SETTLED),
@@ -571,7 +571,7 @@ def _resisted(con, of, planes, axes, roll, i, count, inverse, w):
 @jit
 def _descended(body, d, corner):
     """Return the minimum to which a part rolls whose lowest corner is known; see Descent."""
-    p, starts, near, ends = body.points, body.starts, body.near, body.ends
+    p, fans, ends = body.points, body.fans, body.ends
     sides, normals, feet = body.sides, body.normals, body.feet
     for _ in range(4 * p.shape[1]):
         c = (p[0, corner], p[1, corner], p[2, corner])
@@ -584,13 +584,14 @@ def _descended(body, d, corner):
             away = _cross(d, (1.0, 0.0, 0.0) if abs(d[0]) < 0.6 else (0.0, 1.0, 0.0))
             away = _scaled(1 / sqrt(_dot(away, away)), away)
         best, now, rate = -1, 0.0, 0.0
-        for i in range(starts[corner], starts[corner + 1]):
-            o = near[i]
+        for i in range(fans[corner], fans[corner + 1]):
+            e = body.edges[i]
+            o = ends[e, 0] + ends[e, 1] - corner
             gap = (c[0] - p[0, o], c[1] - p[1, o], c[2] - p[2, o])
             h, s = max(_dot(gap, d), 1e-12), -_dot(gap, away)
             # The angle atan2(h, s) is less; both are in [0, pi].
             if best < 0 or h * rate - s * now < 0:
-                best, now, rate = body.edges[i], h, s
+                best, now, rate = e, h, s
         s = 1 / sqrt(now * now + rate * rate)
         d = _plus(_scaled(rate * s, d), now * s, away)
         d = _scaled(1 / sqrt(_dot(d, d)), d)
@@ -1044,18 +1045,19 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     c0, v0, w0, q0 = c, v, w, q
     start = _dot(gravity, c)
     slow = SLOW if ground.level else SLOW_IN_SCENE
-    flying, contacts, at_once = False, 0, 0
+    flying, contacts, at_once, steps = False, 0, 0, 0
     moving = motion[DURATION] > 0
     still = not (moving or ground.driven)
     for i in range(len(ground.planes)):
-        work.lowest[i] = 0
+        work.lowest[i] = body.near[0]
         for j in range(PLANE):
             work.planes[i, j] = ground.planes[i, j]
     work.counts[5] = 0
     track[:] = 0.0
     track[0] = track[6] = -inf
     check = CHECK
-    for _ in range(MAX_STEPS):
+    while steps < MAX_STEPS:
+        steps += 1
         work.counts[0] += 1
         if moving:
             _moved(work.planes, ground.planes, motion, t)
@@ -1138,7 +1140,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 lost = motion[SIZE] > 0 and _left(work, motion, c)
                 return LOST if lost else SETTLED, -1 if lost else k, t, growth, c, v, w, q
         if t >= check:
-            check = t + CHECK
+            check, steps = t + CHECK, 0
             if motion[SIZE] > 0 and _left(work, motion, c):
                 return LOST, -1, t, growth, c, v, w, q
             if moving:

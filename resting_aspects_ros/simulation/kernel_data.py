@@ -24,10 +24,11 @@ class Body(NamedTuple):
     """What the simulation needs to know of a part.
 
     points : (3, v) float
-    starts, near : (v + 1,) and (2 e,) int
-        The corners that are connected with corner k are ``near[starts[k]:starts[k + 1]]``.
-    edges : (2 e,) int
-        The edges to them.
+    starts, near : (v + 1,) and (k,) int
+        Around corner i of the convex hull of the points are ``near[starts[i]:starts[i + 1]]``.
+    fans, edges : (v + 1,) and (2 e,) int
+        The edges of corner i between facets are ``edges[fans[i]:fans[i + 1]]``. A facet is flat
+        only within a tolerance, so that a path along them need not lead to the lowest corner.
     ends, sides, feet : (e, 2) int, (e, 2) int and (e,) float
     normals : (f, 3) float
         See Polyhedron.
@@ -47,6 +48,7 @@ class Body(NamedTuple):
     points: Array
     starts: Array
     near: Array
+    fans: Array
     edges: Array
     ends: Array
     sides: Array
@@ -63,34 +65,16 @@ class Body(NamedTuple):
 
 # Columns of a plane: normal and tangents, offset along the normal, restitution, friction, rolling
 # and spinning friction (a length), and the velocity of its surface.
-NORMAL, TANGENT, ACROSS, OFFSET, RESTITUTION, FRICTION, ROLL, SPIN, CARRIES = (
-    0,
-    3,
-    6,
-    9,
-    10,
-    11,
-    12,
-    13,
-    14,
-)
+NORMAL, TANGENT, ACROSS, OFFSET, RESTITUTION = 0, 3, 6, 9, 10
+FRICTION, ROLL, SPIN, CARRIES = 11, 12, 13, 14
 # For planes that move: their origin, velocity, angular velocity and the derivatives of these.
 ORIGIN, VELOCITY, ANGULAR, PULL, TWIST = 17, 20, 23, 26, 29
 PLANE = 32
 # Numbers of a motion: angular frequency, duration of a ramp and of all, phases of the second
 # translation and of the rotation, size of the plate (0: infinite), and the vectors of the
 # amplitudes of both translations and of the rotation.
-RATE, RAMP, DURATION, SHIFT_PHASE, ROCK_PHASE, SIZE, LIFT, SHIFT, ROCK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    9,
-    12,
-)
+RATE, RAMP, DURATION, SHIFT_PHASE, ROCK_PHASE, SIZE = range(6)
+LIFT, SHIFT, ROCK = 6, 9, 12
 MOTION = 15
 # Minimum number of time steps per period of a motion.
 PER_PERIOD = 40

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import cache, lru_cache
 
 import numpy as np
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.poses import RestingPoses
@@ -77,15 +78,17 @@ def body_of(job: DropJob) -> kernel.Body:
     def in_body(vectors: Array) -> Array:
         return np.ascontiguousarray(axes.apply(vectors, inverse=True))
 
-    around = hull.edges_of_points
-    edges = np.concatenate([np.array(each) for each in around])
-    corner = np.repeat(np.arange(len(around)), [len(each) for each in around])
-    ends = hull.ends[edges]
+    fans = hull.edges_of_points
+    triangles = ConvexHull(hull.points).simplices.astype(np.int64)
+    # Each edge of the convex hull in both directions, ordered by its first end.
+    both = [[0, 1], [1, 0], [1, 2], [2, 1], [2, 0], [0, 2]]
+    pairs = np.unique(triangles[:, both].reshape(-1, 2), axis=0)
     return kernel.Body(
         points=np.ascontiguousarray(in_body(hull.points).T),
-        starts=np.cumsum([0, *(len(each) for each in around)]),
-        near=np.where(ends[:, 0] == corner, ends[:, 1], ends[:, 0]),
-        edges=edges,
+        starts=np.searchsorted(pairs[:, 0], np.arange(len(hull.points) + 1)),
+        near=np.ascontiguousarray(pairs[:, 1]),
+        fans=np.cumsum([0, *map(len, fans)]),
+        edges=np.concatenate([np.array(each) for each in fans]),
         ends=np.ascontiguousarray(hull.ends),
         sides=np.ascontiguousarray(hull.sides),
         feet=np.ascontiguousarray(hull.feet),

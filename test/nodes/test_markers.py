@@ -193,7 +193,7 @@ def test_markers_are_published_with_distributions(suite):
     distributions = suite.client.listen(
         AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED
     )
-    answer = suite.client.ask('u_bracket', 1000, seed=[9006])
+    answer = suite.client.ask('u_bracket', 50_000, seed=[9006])
     run = answer.distribution.run
     suite.client.wait(lambda: any(d.complete and d.run == run for d in distributions), 'the last')
     last = distributions[-1]

@@ -10,7 +10,7 @@ from resting_aspects_interfaces.msg import Status
 
 def test_identical_concurrent_requests_share_a_run(suite, counts):
     received = suite.client.poses()
-    asked = [suite.client.asking('tetrahedron', 130, seed=[3]) for _ in range(12)]
+    asked = [suite.client.asking('tetrahedron', 50_000, seed=[3]) for _ in range(12)]
     suite.client.wait(lambda: all(answer.done() for answer in asked), 'answers')
     answers = [answer.result() for answer in asked]
     assert {answer.status.code for answer in answers} == {Status.OK}
@@ -18,7 +18,7 @@ def test_identical_concurrent_requests_share_a_run(suite, counts):
     assert len({counts(answer.distribution) for answer in answers}) == 1
 
     def of_the_seed():
-        return [batch for batch in received if batch.run.seed == 3 and batch.run.drops == 130]
+        return [batch for batch in received if batch.run.seed == 3 and batch.run.drops == 50_000]
 
     suite.client.wait(lambda: of_the_seed() and of_the_seed()[-1].last, 'batches')
     assert {batch.run.run_id for batch in of_the_seed()} == {run_id}

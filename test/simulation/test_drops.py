@@ -21,7 +21,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import DecidedBy, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, rotate
 from resting_aspects_ros.core.statistics.distribution import aspect_ids, count_poses
-from resting_aspects_ros.simulation import kernel, settling
+from resting_aspects_ros.simulation import kernel, kernel_data, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.plan import make_job
@@ -278,12 +278,25 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
 
 
+@pytest.mark.parametrize('seed', [7, 8])
+def test_the_lowest_of_many_close_corners_is_found(solid, surfaces, seed):
+    # Neighbours so close to each other that facets are flat only within the tolerance.
+    points = np.random.default_rng(seed).normal(size=(3000, 3))
+    points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
+    shape = solid(trimesh.convex.convex_hull(points))
+    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 500)
+    assert (poses.status == RestStatus.SETTLED).all()
+    lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
+    assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
+
+
 @pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
 @pytest.mark.parametrize('name', EXAMPLES)
 def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
     poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
     assert (poses.energy_growth >= 0).all()
-    assert poses.energy_growth.max() < 1e-9
+    # Heights are as accurate as the distance at which corners touch.
+    assert poses.energy_growth.max() < kernel_data.GAP
 
 
 # -- The decision of the aspect -------------------------------------------------------------------
@@ -303,29 +316,26 @@ def test_still_parts_in_bullet_would_stay_in_their_aspect(part, mat, monkeypatch
     np.testing.assert_allclose(stayed.time_to_rest, called.time_to_rest, rtol=1e-12)
 
 
-ROUND = ('cylinder_d20_h20', 'washer')
-
-
 @pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
 @pytest.mark.parametrize('name', EXAMPLES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
     # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
     # in 150 times; `make validate` makes more.
     shape, conditions = part(name), surfaces.get(surface)
-    n = 20 if name in ROUND else 1000
+    # Those that roll run on for long.
+    n = 200 if name in ('cylinder_d20_h20', 'washer') else 1000
     decided, still = (
         drop_range(make_job(shape, conditions, 1, until_still=wait), 0, n)
         for wait in (False, True)
     )
     assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
-    ended = still.status == RestStatus.SETTLED
-    assert ended.all() or name in ROUND  # which can roll for long
+    assert (still.status == RestStatus.SETTLED).all()
     unit = math.sqrt(shape.hull_radius / conditions.gravity)
     later = still.time_to_rest - decided.time_to_rest
-    assert (later[ended] > -kernel.QUIET * unit).all()
+    assert (later > -kernel.QUIET * unit).all()
     aspects = find_aspects(shape)
-    ids, expected = (aspects.classify(poses.orientation[ended]) for poses in (decided, still))
+    ids, expected = (aspects.classify(poses.orientation) for poses in (decided, still))
     np.testing.assert_array_equal(ids, expected)
     # It turns towards its side and no further than it has to.
     assert len(np.unique(decided.orientation, axis=0)) == n

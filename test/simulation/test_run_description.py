@@ -121,7 +121,9 @@ def test_bullet_simulates_only_what_the_kernel_cannot(plan, surfaces, kind, engi
 
 
 def test_unknown_engine_is_rejected(plan):
-    with pytest.raises(InvalidValueError, match="invalid engine 'odd': expected kernel or bullet"):
+    with pytest.raises(
+        InvalidValueError, match="invalid engine 'odd': expected kernel, cuda or bullet"
+    ):
         plan(engine='odd')
 
 
