@@ -55,6 +55,10 @@ RECOVERY = 0.25
 RESIDUAL, IMPACT_RESIDUAL, ITERATIONS = 1e-5, 1e-7, 500
 # Share of them below which a change ends the iteration, too.
 CREEP = 0.01
+# Where changes become less by a ratio of at least SLOWLY, the same within the share STEADY of what
+# it differs from 1, and the square of the cosine between two of them is COLLINEAR, the iteration
+# goes on from the limit of their series.
+SLOWLY, STEADY, COLLINEAR = 0.5, 0.1, 0.999
 # Steps of Newton's method for the direction of a slip, and its accuracy, R / T.
 NEWTON, SLIP = 12, 1e-6
 # Where it does not converge, directions between which a root is searched, and its bisections.
@@ -320,6 +324,8 @@ RN, RX, RY, JN, JX, JY = 0, 3, 6, 9, 12, 15
 KN, KXX, KXY, KYY, KNX, KNY, DET, AX, AY, STICK, PN, PX, PY, AIM, SX, SY, HEIGHT, FALL, BEND = (
     range(18, 37)
 )
+# The impulses of the iteration before.
+BEFORE = 37
 
 
 @jit
@@ -487,9 +493,15 @@ def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
         v = _plus(_plus(_plus(v, pn, n), px, x), py, y)
         w = _plus(_plus(_plus(w, pn, _at(con, i, JN)), px, _at(con, i, JX)), py, _at(con, i, JY))
     before, last = inf, 1.0
+    dv = dw = (0.0, 0.0, 0.0)
     for _ in range(ITERATIONS):
         counts[3] += 1
-        v_before, w_before = v, w
+        v_before, w_before, dv_before, dw_before = v, w, dv, dw
+        for i in range(count):
+            _put(con, i, BEFORE, _at(con, i, PN))
+        if rolls:
+            for i in range(len(planes)):
+                _put(roll, i, 3, _at(roll, i, 0))
         for i in range(count):
             n, x, y = _at(axes, of[i], 0), _at(axes, of[i], 3), _at(axes, of[i], 6)
             pn, px, py = con[i, PN], con[i, PX], con[i, PY]
@@ -527,8 +539,28 @@ def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
         most = max(ratio, last)
         if change < CREEP * residual or change * most < residual * (1 - most):
             break
+        alike = abs(ratio - last) < STEADY * (1 - ratio)
+        if SLOWLY < ratio < 1 and alike and _collinear(dv, dw, dv_before, dw_before):
+            # The limit of the series.
+            rest = ratio / (1 - ratio)
+            v, w = _plus(v, rest, dv), _plus(w, rest, dw)
+            for i in range(count):
+                p = _at(con, i, PN)
+                _put(con, i, PN, _plus(p, rest, _plus(p, -1.0, _at(con, i, BEFORE))))
+            if rolls:
+                for i in range(len(planes)):
+                    r = _at(roll, i, 0)
+                    _put(roll, i, 0, _plus(r, rest, _plus(r, -1.0, _at(roll, i, 3))))
+            change, ratio = inf, 1.0
         before, last = change, ratio
     return v, w
+
+
+@jit
+def _collinear(v, w, v_before, w_before):
+    product = _dot(v, v_before) + _dot(w, w_before)
+    squares = (_dot(v, v) + _dot(w, w)) * (_dot(v_before, v_before) + _dot(w_before, w_before))
+    return product > 0 and product * product > COLLINEAR * squares
 
 
 @jit

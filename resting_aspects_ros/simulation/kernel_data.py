@@ -17,7 +17,7 @@ TURN, SWING = 0.25, 0.1
 # Maximum number of contacts of a plane; of more corners, those that span the largest area.
 CONTACTS = 4
 # Number of columns of a contact; see kernel.py.
-COLUMNS = 37
+COLUMNS = 40
 
 
 class Body(NamedTuple):
@@ -170,10 +170,10 @@ def work_of(body: Body, ground: Ground) -> Work:
         con=np.zeros((count, COLUMNS)),
         corner=np.zeros(count, np.int64),
         plane=np.zeros(count, np.int64),
-        roll=np.zeros((planes, 3)),
+        roll=np.zeros((planes, 6)),
         old=np.zeros((count, 3)),
         old_corner=np.zeros((count, 2), np.int64),
-        old_roll=np.zeros((planes, 3)),
+        old_roll=np.zeros((planes, 6)),
         track=np.zeros(15),
         counts=np.zeros(6, np.int64),
     )

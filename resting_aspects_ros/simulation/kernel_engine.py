@@ -79,10 +79,7 @@ def body_of(job: DropJob) -> kernel.Body:
         return np.ascontiguousarray(axes.apply(vectors, inverse=True))
 
     fans = hull.edges_of_points
-    triangles = ConvexHull(hull.points).simplices.astype(np.int64)
-    # Each edge of the convex hull in both directions, ordered by its first end.
-    both = [[0, 1], [1, 0], [1, 2], [2, 1], [2, 0], [0, 2]]
-    pairs = np.unique(triangles[:, both].reshape(-1, 2), axis=0)
+    pairs = _edges(hull.points)
     return kernel.Body(
         points=np.ascontiguousarray(in_body(hull.points).T),
         starts=np.searchsorted(pairs[:, 0], np.arange(len(hull.points) + 1)),
@@ -101,6 +98,17 @@ def body_of(job: DropJob) -> kernel.Body:
         rollers=in_body(rule.rollers),
         moments=np.ascontiguousarray(job.moments),
     )
+
+
+def _edges(points: Array) -> Array:
+    """Return (k, 2) the edges of a convex hull in both directions, ordered by their first end."""
+    hull = ConvexHull(points)
+    beside = hull.equations[hull.neighbors]
+    # Not those between triangles of one plane, which can be many at one corner.
+    bent = np.abs(beside - hull.equations[:, None]).max(axis=2) > 1e-9
+    # The neighbour k of a triangle is opposite to its corner k.
+    edges = hull.simplices[:, [[1, 2], [2, 0], [0, 1]]][bent].astype(np.int64)
+    return np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
 
 
 @lru_cache(maxsize=16)
