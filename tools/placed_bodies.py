@@ -99,7 +99,7 @@ def job_in(
 ) -> DropJob:
     """Return the job of a part in a kind of surroundings; ``more`` is for make_job."""
     found = Surroundings(kind, bodies=bodies or {}, release=release or {})
-    return make_job(part, dataclasses.replace(conditions, surroundings=found.key), 1, **more)
+    return make_job(part, dataclasses.replace(conditions, surroundings=found), 1, **more)
 
 
 def flat_on(

@@ -76,7 +76,7 @@ def groove_and_mesh(
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'groove.stl'
         mesh.export(path)
-        keys = Surroundings(VGroove(opening)).key, Surroundings(MeshSurface(mesh=str(path))).key
+        keys = Surroundings(VGroove(opening)), Surroundings(MeshSurface(mesh=str(path)))
     planes, meshed = (
         make_job(part, dataclasses.replace(conditions, surroundings=key), seed, engine=BULLET)
         for key in keys

@@ -8,7 +8,7 @@ from typing import TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
+from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
 from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
@@ -141,12 +141,12 @@ class CountedActions:
 
     def document(self, wanted: Sequence[int] = ()) -> dict[str, object]:
         """Return the document that `resting_aspects reorient --json` prints."""
-        run = dataclasses.asdict(self.run)
+        run = self.run.document()
         actions, by_precision = run.pop('drops'), run.pop('precision')
         rows = zip(self.drop.aspects.aspects, self.drop.counts, self.drop.intervals(), strict=True)
         document: dict[str, object] = {
             'schema_version': SCHEMA_VERSION,
-            **{str(name): plain(value) for name, value in run.items()},
+            **run,
             'mesh_sha256': self.part.mesh_sha256,
             'precision': by_precision,
             'action': plain(self.action.values),
@@ -167,8 +167,7 @@ class CountedActions:
             **matrix_fields(self.matrix),
             'long_run': None,
         }
-        if self.run.conditions.surroundings:
-            document['conditions'] = conditions_document(self.run.conditions)
+        if self.run.conditions.surroundings is not None:
             document['sliding'] = self.matrix.sliding
         view = self.by_class()
         if self.long_run is not None and view.long_run is not None:

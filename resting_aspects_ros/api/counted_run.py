@@ -7,7 +7,7 @@ from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
+from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.contact_counts import Placements
@@ -78,7 +78,7 @@ class CountedRun:
     def to_json(self) -> str:
         """Return the JSON document that `resting_aspects drop --json` prints."""
         fields: dict[str, object] = {
-            **dataclasses.asdict(self.run),
+            **self.run.document(),
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
             'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
             'unit': self.part.unit if self.part else None,
@@ -97,8 +97,6 @@ class CountedRun:
                 'columns': self.by_state.columns,
                 'counts': self.by_state.counts,
             }
-        if self.run.conditions.surroundings:
-            fields['conditions'] = conditions_document(self.run.conditions)
         if shapes := simulated_shapes(self.part, self.run.conditions):
             fields |= shapes.document()
         if self.contacts is not None:

@@ -11,7 +11,6 @@ from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
 from resting_aspects_ros.report.controlled_forecast import controlled_fields
-from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast_document import forecast_fields
 from resting_aspects_ros.report.forecast_table import (
@@ -108,12 +107,12 @@ class ForecastResult:
         """
         found = self.reorientation
         base = found.document()
-        run = dataclasses.asdict(found.run)
+        run = found.run.document()
         for name in ('drops', 'precision'):
             del run[name]
         return {
             'schema_version': base['schema_version'],
-            **{str(name): plain(value) for name, value in run.items()},
+            **run,
             **{name: base[name] for name in _SHARED},
             'pickable': list(self.pickable),
             **forecast_fields(self.named),

@@ -124,9 +124,9 @@ def reorient(
         plan_actions, loaded, requested, given, seed=seed, engine=engine, **values
     )
     # Wrong input is refused before the first drop.
-    if given.surroundings:
+    if given.surroundings is not None:
         check_actions(loaded, requested, given, **values)
-    planned = None if given.surroundings else plan()
+    planned = None if given.surroundings is not None else plan()
     with given_workers(workers) as pool:
         dropped, rests = drop_for_start(
             loaded, given, drops, seed, pool, engine=engine, shown=progress

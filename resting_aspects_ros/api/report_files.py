@@ -75,7 +75,7 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     measured: ReferenceCounts | None = None
     notes = list(_notes(result))
     # The methods assume a level plane.
-    level = not result.run.conditions.surroundings
+    level = result.run.conditions.surroundings is None
     if part is not None and len(distribution.aspects) and level:
         with analysis('the analytic estimates', notes):
             shape = RestingShape(part, distribution.aspects)
@@ -157,11 +157,11 @@ def _facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
 def _surroundings_facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
     conditions = result.run.conditions
-    if not conditions.surroundings:
+    if conditions.surroundings is None:
         return {}
     shapes = simulated_shapes(result.part, conditions)
     simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
-    return {'Surroundings': [*surroundings_facts(conditions), *simulated]}
+    return {'Surroundings': [*surroundings_facts(conditions.surroundings, conditions), *simulated]}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:

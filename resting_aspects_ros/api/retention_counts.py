@@ -6,7 +6,7 @@ from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain
+from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.transition_document import retention_fields
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -41,13 +41,13 @@ class RetentionCounts:
 
     def to_json(self) -> str:
         """Return the JSON document that `resting_aspects retention --json` prints."""
-        run = dataclasses.asdict(self.run)
+        run = self.run.document()
         asked = run.pop('drops')
         del run['precision']
         return json_text(
             {
                 'schema_version': SCHEMA_VERSION,
-                **{str(name): plain(value) for name, value in run.items()},
+                **run,
                 'mesh_sha256': self.part.mesh_sha256,
                 'disturbances_asked': asked,
                 'complete': self.complete,

@@ -10,7 +10,6 @@ from resting_aspects_ros.core.geometry.decomposition import ConvexPieces, convex
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.rounding import number_text
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody
 
 # Shorter distances, m, are rounding errors.
@@ -57,14 +56,15 @@ def simulated_shapes(part: Part | None, conditions: DropConditions) -> Simulated
     They are not known without the part, without the mesh of the surroundings, and if CoACD is not
     installed where a result of another machine is shown.
     """
-    if part is None or not conditions.surroundings:
+    around = conditions.surroundings
+    if part is None or around is None or not around.known:
         return None
     try:
         scene = scene_of(part, conditions)
         if scene is None or scene.flat:
             return None
         pieces = convex_pieces(part)
-    except (UnknownMeshError, PartError):
+    except PartError:
         return None
     return SimulatedShapes(
         pieces, next((b for b in scene.bodies if isinstance(b, MeshBody)), None)

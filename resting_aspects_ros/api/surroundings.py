@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,14 @@ from resting_aspects_ros.core.rotations import (
     rotate,
 )
 from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import NO_CONTACT, tray_from_scene
 from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,
-    surroundings_from,
     surroundings_names,
 )
-from resting_aspects_ros.simulation.surroundings.mesh_surface import (
-    MeshSurface,
-    UnknownMeshError,
-)
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 from resting_aspects_ros.simulation.surroundings.scene import Block, HalfSpace, Scene
 
 # Where a part is, by the kind of the surroundings.
@@ -84,23 +78,22 @@ def with_surroundings(
     if given is None:
         return conditions
     found = given if isinstance(given, Surroundings) else named_surroundings(given)
-    return dataclasses.replace(conditions, surroundings=found.key)
+    return dataclasses.replace(conditions, surroundings=found)
 
 
 def scene_of(part: Part, conditions: DropConditions) -> Scene | None:
     """Return the surroundings of drops of a part; None for the infinite level plane."""
-    if not conditions.surroundings:
+    if conditions.surroundings is None:
         return None
-    return surroundings_from(conditions.surroundings).scene(conditions, part.hull_radius)
+    return conditions.surroundings.scene(conditions, part.hull_radius)
 
 
 def has_level_floor(conditions: DropConditions) -> bool:
     """Return whether parts lie on a level plane; False if the surroundings are a mesh."""
-    if not conditions.surroundings:
+    if conditions.surroundings is None:
         return True
-    try:
-        shape = surroundings_from(conditions.surroundings).shape
-    except UnknownMeshError:
+    shape = conditions.surroundings.shape
+    if isinstance(shape, MeshSurface):
         return False
     floor = shape.bodies(dict.fromkeys(shape.body_names, NO_CONTACT))[0]
     if not isinstance(floor, HalfSpace | Block):
@@ -145,55 +138,36 @@ def without_drops(
 ) -> tuple[AspectSet, ContactCounts | None]:
     """Return how drops are counted: by which aspects, and by what they touch if there are walls.
 
-    A mesh surface need not be known: drops on it are counted by the aspects of a level plane.
+    Drops on a mesh surface without its mesh are counted by the aspects of a level plane.
     """
-    try:
-        scene = scene_of(part, conditions)
-    except UnknownMeshError:
+    if conditions.surroundings is not None and not conditions.surroundings.known:
         return aspects, None
+    scene = scene_of(part, conditions)
     aspects = aspects_in(scene, aspects)
     return aspects, contacts_in(scene, part, aspects)
 
 
-def surroundings_name(conditions: DropConditions) -> str:
+def surroundings_name(surroundings: Surroundings) -> str:
     """Return the name of surroundings of the suite, or the kind of others."""
-    key = conditions.surroundings
-    return _shipped_names().get(key) or str(surroundings_document(key)['kind'])
+    return _shipped_names().get(surroundings) or surroundings.shape.kind
 
 
 @functools.cache
-def _shipped_names() -> dict[str, str]:
-    """Return the names of the surroundings in config/surroundings, by key."""
-    return {named_surroundings(name).key: name for name in surroundings_names()}
+def _shipped_names() -> dict[Surroundings, str]:
+    """Return the names of the surroundings in config/surroundings."""
+    return {named_surroundings(name): name for name in surroundings_names()}
 
 
-def surroundings_text(key: str) -> str:
-    """Return where parts are, such as 'on a slope (angle 10 deg)'; without a mesh, its kind."""
-    try:
-        text = surroundings_from(key).text
-    except UnknownMeshError:
-        text = MeshSurface.kind
-    return f'{PLACES[json.loads(key)["kind"]]} {text}'
+def surroundings_text(surroundings: Surroundings) -> str:
+    """Return where parts are, such as 'on a slope (angle 10 deg)'."""
+    text = dataclasses.replace(surroundings, name='').text
+    return f'{PLACES[surroundings.shape.kind]} {text}'
 
 
 def conditions_text(conditions: DropConditions) -> str:
     """Return the surface and the surroundings in words; see surface_text."""
-    surface, key = surface_text(conditions), conditions.surroundings
-    return f'{surface}, {surroundings_text(key)}' if key else surface
-
-
-def conditions_document(conditions: DropConditions) -> dict[str, Any]:
-    """Return conditions as plain JSON types, with the surroundings as a mapping."""
-    document = {name: plain(value) for name, value in dataclasses.asdict(conditions).items()}
-    if conditions.surroundings:
-        document['surroundings'] = surroundings_document(conditions.surroundings)
-    return document
-
-
-def surroundings_document(key: str) -> dict[str, Any]:
-    """Return the document of the surroundings with a key; their mesh need not be known."""
-    document: dict[str, Any] = json.loads(key)
-    return document
+    surface, around = surface_text(conditions), conditions.surroundings
+    return surface if around is None else f'{surface}, {surroundings_text(around)}'
 
 
 def _contact_plane(scene: Scene, face: HalfSpace) -> ContactPlane:

@@ -1,27 +1,24 @@
 """The surroundings of a run in words, for the report page."""
 
-import json
 from collections.abc import Iterator
 
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.surroundings.description import BODY_VALUES, RELEASE_VALUES
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
-from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
+from resting_aspects_ros.simulation.surroundings.description import (
+    BODY_VALUES,
+    RELEASE_VALUES,
+    Surroundings,
+)
 from resting_aspects_ros.simulation.surroundings.texts import value_text
 
 
-def surroundings_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
+def surroundings_facts(
+    surroundings: Surroundings, conditions: DropConditions
+) -> Iterator[tuple[str, str]]:
     """Yield label and value: the kind, its dimensions, each body, and the release.
 
     The friction and the other values of a body are those of the conditions unless it has its own.
     """
-    try:
-        surroundings = surroundings_from(conditions.surroundings)
-    except UnknownMeshError:  # of a document, which does not contain the mesh
-        for name, value in json.loads(conditions.surroundings).items():
-            yield name.replace('_', ' '), str(value)
-        return
     shape = surroundings.shape
     yield 'kind', shape.kind.replace('_', ' ')
     for name, quantity in quantities_of(shape).items():

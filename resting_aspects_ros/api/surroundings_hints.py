@@ -10,8 +10,6 @@ from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.kinds import VGroove
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
-from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # How parts leave surroundings of a kind.
@@ -31,11 +29,8 @@ def outcome_hints(
     radius : float or None
         Hull radius of the part, m; None if the part is not known: yields nothing.
     """
-    if not conditions.surroundings or radius is None:
-        return
-    try:
-        surroundings = surroundings_from(conditions.surroundings)
-    except UnknownMeshError:
+    surroundings = conditions.surroundings
+    if surroundings is None or radius is None or not surroundings.known:
         return
     scene = surroundings.scene(conditions, radius)
     if distribution.sliding:
@@ -63,13 +58,11 @@ def warn_of_surroundings(conditions: DropConditions, radius: float) -> None:
     radius : float
         Hull radius of the part, m.
     """
-    if not conditions.surroundings:
-        return
-    surroundings = surroundings_from(conditions.surroundings)
-    if isinstance(surroundings.shape, VGroove) and (
-        reason := wedge_reason(surroundings.scene(conditions, radius), surroundings.shape.opening)
-    ):
-        warn(reason)
+    surroundings = conditions.surroundings
+    if surroundings is not None and isinstance(surroundings.shape, VGroove):
+        scene = surroundings.scene(conditions, radius)
+        if reason := wedge_reason(scene, surroundings.shape.opening):
+            warn(reason)
 
 
 def wedge_reason(scene: Scene, opening: float) -> str:

@@ -169,7 +169,8 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
             f'invalid --from-log {str(log)!r}: expected a log with the description of its part'
         )
     logged.warn_if_unfinished()
-    logged.check_surroundings()
+    run = logged.known_run
+    assert run is not None
     if arguments.drops is not None or arguments.precision is not None:
         return DropRequest(part, run.conditions, run.seed, drops, precision, run)
     # Repeat the recorded drops: a canceled or interrupted run has fewer than requested.

@@ -89,7 +89,7 @@ def requested_reorientation(
         'landscape': landscape,
     }
     drop, rests = None, None
-    if conditions.surroundings:
+    if conditions.surroundings is not None:
         for action in actions:  # before the drops
             check_actions(part, action, conditions, **values)
         drop, rests = make_drops(part, conditions)

@@ -28,7 +28,8 @@ from resting_aspects_ros.simulation.run_description import (
     check_first_drop,
     check_run_id,
 )
-from resting_aspects_ros.simulation.surroundings.library import key_of_document
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 NANOSECONDS = 1_000_000_000
 # Maximum length of the JSON document of surroundings; those of the suite have 300 characters.
@@ -58,7 +59,7 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
     return DropConditions(
         surface=conditions.surface,
         height_of=int(conditions.height_of),
-        surroundings=conditions.surroundings,
+        surroundings=conditions.surroundings_key,
         **values,
     )
 
@@ -66,24 +67,24 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
 def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
     """Return the conditions in a message; raises InvalidValueError for an invalid value.
 
-    The mesh of a mesh surface need not be known: a node that only counts poses does not need it.
+    A mesh surface has no mesh: a node that only counts poses does not need it.
     """
     values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
     return drop_conditions.DropConditions(
         surface=msg.surface,
         height_of=msg.height_of,
-        surroundings=_surroundings_key(msg.surroundings),
+        surroundings=surroundings_of(msg.surroundings),
         **values,
     )
 
 
-def _surroundings_key(document: str) -> str:
-    """Return the canonical form of the JSON document of surroundings."""
+def surroundings_of(document: str) -> Surroundings | None:
+    """Return the surroundings of a JSON document, without the mesh; InvalidValueError."""
     if len(document) > MAX_DOCUMENT:
         raise InvalidValueError(
             f'invalid surroundings {shown(document)}: expected at most {MAX_DOCUMENT} characters'
         )
-    return key_of_document(document)
+    return surroundings_from(document)
 
 
 def run_msg(run: Run) -> RunDescription:

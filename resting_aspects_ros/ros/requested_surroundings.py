@@ -1,7 +1,6 @@
 """The surroundings that goals and requests name: files of a folder of the node, or documents."""
 
 import dataclasses
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -10,32 +9,22 @@ from rclpy.node import Node
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown
 from resting_aspects_ros.core.input_file import is_folder
 from resting_aspects_ros.core.part import is_valid_name
-from resting_aspects_ros.ros.conversions import conditions_from
+from resting_aspects_ros.ros.conversions import conditions_from, surroundings_of
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.status import requested_conditions
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.config_files import surroundings_folder
 from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.surroundings.library import (
-    named_surroundings,
-    surroundings_from,
-)
-from resting_aspects_ros.simulation.surroundings.mesh_surface import (
-    MeshFile,
-    MeshSurface,
-    UnknownMeshError,
-    known_mesh,
-    remember_mesh,
-)
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 
 SURROUNDINGS_FOLDER = Parameter(
     'surroundings_folder',
     '',
     'folder of YAML files of named surroundings; empty: those of the suite',
 )
-# The key of surroundings, and their mesh if the node does not know it yet.
-Found = tuple[str, MeshFile | None]
 
 
 def names_in(folder: Path) -> list[str]:
@@ -46,33 +35,26 @@ def names_in(folder: Path) -> list[str]:
         return []
 
 
-def read_named(folder: Path, name: str, known: Collection[str]) -> Found:
-    """Return the surroundings with a name in a folder; runs in a FileWorker.
-
-    known : hashes of the meshes that the node knows
-    """
+def read_named(folder: Path, name: str) -> Surroundings:
+    """Return the surroundings with a name in a folder; runs in a FileWorker."""
     names = names_in(folder)
     if name not in names:
         raise InvalidValueError(
             f'invalid surroundings {shown(name)}: expected a JSON document, or one of '
             f'{", ".join(names)}'
         )
-    found = named_surroundings(folder / f'{name}.yaml')
-    shape = found.shape
-    if not isinstance(shape, MeshSurface) or shape.mesh_sha256 in known:
-        return found.key, None
-    return found.key, known_mesh(shape.mesh_sha256)
+    return named_surroundings(folder / f'{name}.yaml')
 
 
-def read_all(folder: Path, known: Collection[str]) -> dict[str, Found | str]:
+def read_all(folder: Path) -> dict[str, Surroundings | str]:
     """Return all surroundings in a folder, or why one is unusable; runs in a FileWorker."""
-    all_found: dict[str, Found | str] = {}
+    found: dict[str, Surroundings | str] = {}
     for name in names_in(folder):
         try:
-            all_found[name] = read_named(folder, name, known)
+            found[name] = read_named(folder, name)
         except RestingAspectsError as error:
-            all_found[name] = str(error)
-    return all_found
+            found[name] = str(error)
+    return found
 
 
 class RequestedSurroundings:
@@ -91,8 +73,7 @@ class RequestedSurroundings:
             )
         self._node = node
         self._files = files
-        self._meshes: set[str] = set()  # their hashes
-        self._names: dict[str, str] = {}  # by key
+        self._known: dict[str, Surroundings] = {}  # with meshes and names, by key
 
     async def conditions(
         self, surfaces: Surfaces, request: Any, default: DropConditions
@@ -104,54 +85,44 @@ class RequestedSurroundings:
         """
         if request.conditions:
             message = request.conditions[0]
-            message.surroundings = await self.key(message.surroundings)
-            return surfaces.named(conditions_from(message))
+            around, message.surroundings = await self.find(message.surroundings), ''
+            given = dataclasses.replace(conditions_from(message), surroundings=around)
+            return surfaces.named(given)
         found = requested_conditions(surfaces, request.surface, [], default)
-        return dataclasses.replace(found, surroundings=await self.key(request.surroundings))
+        return dataclasses.replace(found, surroundings=await self.find(request.surroundings))
 
-    async def key(self, requested: str) -> str:
-        """Return the key of surroundings that are given by name or by a JSON document."""
+    async def find(self, requested: str) -> Surroundings | None:
+        """Return surroundings that are given by name or by a JSON document; None if empty."""
         if not requested:
-            return ''
+            return None
         if not requested.lstrip().startswith('{'):
-            found = await self._files.run(read_named, self._folder, requested, self._meshes)
-            return self._add(requested, found)
-        try:
-            key = surroundings_from(requested).key
-            if key in self._names:
-                return key
-        except UnknownMeshError:
-            pass
+            named = await self._files.run(read_named, self._folder, requested)
+            self._known[named.key] = named
+            return named
+        found = surroundings_of(requested)
+        if found is None or found.key in self._known:
+            return found and self._known[found.key]
         # For the mesh of the document, or the name of surroundings that another node resolved.
         await self._read_all()
-        try:
-            return surroundings_from(requested).key
-        except UnknownMeshError as error:
-            raise InvalidValueError(
-                f'{error}: one of the surroundings in {SURROUNDINGS_FOLDER.name} of '
-                f'{self._node.get_name()} must have it'
-            ) from None
-
-    def name(self, key: str) -> str:
-        """Return the name of surroundings that were requested by name; otherwise their kind."""
-        return self._names.get(key) or surroundings_from(key).shape.kind
-
-    def meshes(self) -> list[MeshFile]:
-        """Return the known meshes, which a FileWorker needs in order to plan drops."""
-        return [mesh for sha256 in self._meshes if (mesh := known_mesh(sha256)) is not None]
+        found = self._known.get(found.key, found)
+        if isinstance(found.shape, MeshSurface) and found.shape.file is None:
+            shapes = (each.shape for each in self._known.values())
+            meshes = (each.file for each in shapes if isinstance(each, MeshSurface))
+            sha256 = found.shape.mesh_sha256
+            mesh = next((each for each in meshes if each and each.sha256 == sha256), None)
+            if mesh is None:
+                raise InvalidValueError(
+                    f'invalid mesh {shown(found.shape.mesh)} of surroundings: expected one of the '
+                    f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
+                )
+            shape = dataclasses.replace(found.shape, file=mesh)
+            found = dataclasses.replace(found, shape=shape)
+        return found
 
     async def _read_all(self) -> None:
-        found = await self._files.run(read_all, self._folder, self._meshes)
-        for name, each in found.items():
+        found = await self._files.run(read_all, self._folder)
+        for each in found.values():
             if isinstance(each, str):
                 self._node.get_logger().warning(each)
             else:
-                self._add(name, each)
-
-    def _add(self, name: str, found: Found) -> str:
-        key, mesh = found
-        if mesh is not None:
-            remember_mesh(mesh)
-            self._meshes.add(mesh.sha256)
-        self._names[key] = name
-        return key
+                self._known[each.key] = each

@@ -17,12 +17,7 @@ from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
-from resting_aspects_ros.simulation.surroundings.mesh_surface import (
-    MeshSurface,
-    known_mesh,
-    mesh_file,
-    remember_mesh,
-)
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface, mesh_file
 from resting_aspects_ros.simulation.surroundings.scene import (
     Block,
     HalfSpace,
@@ -39,44 +34,43 @@ _FACES = (
 )
 
 
-def surroundings_msg(
-    run: Run, scene: Scene, name: str, frame: str = FRAME
-) -> SurroundingsDescription:
-    """Return the message that describes the surroundings of a run completely.
-
-    name : name of the surroundings, or their kind
-    """
-    found = surroundings_from(run.conditions.surroundings)
+def surroundings_msg(run: Run, scene: Scene, frame: str = FRAME) -> SurroundingsDescription:
+    """Return the message that describes the surroundings of a run completely."""
+    found = run.conditions.surroundings
+    assert found is not None  # the scene is that of the surroundings
     message = SurroundingsDescription(
         header=Header(stamp=time_msg(run.started), frame_id=frame),
         part=run.part,
         run_id=run.run_id,
-        name=name,
-        document=run.conditions.surroundings,
-        text=dataclasses.replace(found, name=name).text,
+        name=found.name or found.shape.kind,
+        document=found.key,
+        text=found.text,
         bodies=[_body_msg(scene, body) for body in scene.bodies],
     )
     if isinstance(found.shape, MeshSurface):
-        mesh = known_mesh(found.shape.mesh_sha256)
-        assert mesh is not None  # otherwise surroundings_from raises
+        mesh = found.shape.file
+        assert mesh is not None  # otherwise there is no scene
         message.mesh_file, message.mesh_sha256, message.mesh = mesh.name, mesh.sha256, mesh.data
     return message
 
 
 def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
-    """Return the surroundings in a message, whose mesh is then known to this process.
+    """Return the surroundings in a message, with their mesh.
 
     Parses a mesh file: a node calls it in a FileWorker. Raises InvalidValueError or PartError.
     """
-    if message.mesh_sha256 and known_mesh(message.mesh_sha256) is None:
+    mesh = None
+    if message.mesh_sha256:
         label = f'mesh {shown(message.mesh_file)} of the surroundings of {shown(message.part)}'
         mesh = mesh_file(bytes(message.mesh), message.mesh_file, label)
         if mesh.sha256 != message.mesh_sha256:
             raise InvalidValueError(
                 f'invalid {label}: expected the hash {shown(message.mesh_sha256)}'
             )
-        remember_mesh(mesh)
-    return dataclasses.replace(surroundings_from(message.document), name=message.name)
+    found = surroundings_from(message.document, mesh)
+    if found is None:
+        raise InvalidValueError("invalid document '' of surroundings: expected a JSON document")
+    return dataclasses.replace(found, name=message.name)
 
 
 def serialized_surroundings(data: bytes) -> Surroundings:

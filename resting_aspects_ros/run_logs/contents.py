@@ -1,5 +1,6 @@
 """Content of a log: the run, its part, its poses and its counts, or its transition matrix."""
 
+import dataclasses
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import TypeVar
 
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, warn
+from resting_aspects_ros.core.errors import LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import (
@@ -32,7 +33,6 @@ from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.merge_runs import RunPoses
 from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 T = TypeVar('T')
 TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)
@@ -97,7 +97,7 @@ class LoggedRun:
 
     @cached_property
     def surroundings(self) -> Surroundings | None:
-        """The surroundings of the run, whose mesh is then known; None if the log has none."""
+        """The surroundings of the run, with their mesh; None if the log has none."""
         data = self._last.get(SURROUNDINGS_TYPE)
         return None if data is None else parsed(self.log, serialized_surroundings, data)
 
@@ -128,7 +128,7 @@ class LoggedRun:
         end = run.end if self._end is None else max(self._end, self.seen.end)
         missing = self.seen.missing(run.first_drop, end)
         is_described = part.part_sha256 == run.part_sha256 and (
-            not run.conditions.surroundings or SURROUNDINGS_TYPE in self._last
+            run.conditions.surroundings is None or SURROUNDINGS_TYPE in self._last
         )
         return LogOutcome(len(self.seen), whole=not missing and is_described)
 
@@ -140,20 +140,22 @@ class LoggedRun:
             return self.seen.ranges
         return [(run.first_drop, run.first_drop + self.outcome.drops)]
 
-    def check_surroundings(self) -> None:
-        """Make the mesh of the surroundings known; raises LogError if the log lacks it.
-
-        The document of other surroundings is part of the conditions.
-        """
-        if self.run is None or not self.run.conditions.surroundings:
-            return
+    @cached_property
+    def known_run(self) -> RunDescription | None:
+        """The run, whose mesh surface has its mesh; raises LogError if the log lacks it."""
+        run = self.run
+        if run is None or run.conditions.surroundings is None:
+            return run
         found = self.surroundings
-        try:
-            key = surroundings_from(self.run.conditions.surroundings).key
-        except InvalidValueError as error:
-            raise LogError(f'{named("log", self.log)}: {error}') from None
-        if found is not None and found.key != key:
+        if found is not None and found != run.conditions.surroundings:
             warn(f'{named("log", self.log)} describes other surroundings than those of its run')
+            found = None
+        if found is None and not run.conditions.surroundings.known:
+            raise LogError(f'{named("log", self.log)} lacks the mesh of its surroundings')
+        if found is None:
+            return run
+        conditions = dataclasses.replace(run.conditions, surroundings=found)
+        return dataclasses.replace(run, conditions=conditions)
 
     def warn_if_unfinished(self) -> None:
         """Warn if the log is not closed."""

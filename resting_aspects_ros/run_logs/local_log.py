@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from rclpy.serialization import serialize_message
 
-from resting_aspects_ros.api.surroundings import scene_of, surroundings_name
+from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -69,11 +69,12 @@ class LocalRunLog:
         message = part_msg(part)
         self._recorder.write_part(topic, serialize_message(message), message, time.time_ns())
         scene = scene_of(part, run.conditions)
-        if scene is not None:
+        around = run.conditions.surroundings
+        if scene is not None and around is not None:
             topic = Topic(
                 f'/{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, offered_qos(SURROUNDINGS_QOS)
             )
-            surroundings = surroundings_msg(run, scene, surroundings_name(run.conditions))
+            surroundings = surroundings_msg(run, scene)
             self._recorder.write_surroundings(
                 topic, serialize_message(surroundings), surroundings, time.time_ns()
             )

@@ -35,7 +35,8 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'{named("log", log)} does not describe its part')
     logged.warn_if_unfinished()
-    logged.check_surroundings()
+    run = logged.known_run
+    assert run is not None
     aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
     distribution = no_drops(aspects, by_precision=run.precision > 0)
     history = History(distribution.aspects)

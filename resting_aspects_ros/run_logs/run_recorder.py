@@ -1,6 +1,5 @@
 """Recording of one run in a log."""
 
-import dataclasses
 import time
 from contextlib import suppress
 from datetime import datetime, timezone
@@ -38,7 +37,7 @@ class RunRecorder:
         self.reported = False  # whether the error was reported
         self.has_part = False
         # Whether the surroundings were written, if they are not an infinite level plane.
-        self.has_surroundings = not run.conditions.surroundings
+        self.has_surroundings = run.conditions.surroundings is None
         self.has_distribution = False  # whether the one after the last drop was written
         self.drops = 0  # number of drops that were written
         self.closed_whole = False
@@ -195,7 +194,7 @@ def _earlier_logs(folder: Path, name: str) -> list[Path]:
 
 
 def _as_text(run: RunDescription) -> dict[str, str]:
-    values = dataclasses.asdict(run)
-    conditions = values.pop('conditions')
-    conditions['height_of'] = run.conditions.height_of.name
+    values, conditions = run.document(), run.conditions.document()
+    del values['conditions']
+    conditions['surroundings'] = run.conditions.surroundings_key
     return {key: str(value) for key, value in {**values, **conditions}.items()}

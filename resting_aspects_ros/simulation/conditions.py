@@ -8,7 +8,7 @@ documentation are tested against it.
 import dataclasses
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any, Optional
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.quantity import (
@@ -17,6 +17,9 @@ from resting_aspects_ros.simulation.quantity import (
     quantities_of,
     quantity,
 )
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 DEFAULT_SURFACE = 'rubber_mat'
 
@@ -86,11 +89,13 @@ class DropConditions:
     )
     height_of: HeightOf = HeightOf.LOWEST_POINT
     surface: str = ''
-    # A JSON document; see simulation.surroundings.description. Empty: an infinite level plane.
-    surroundings: str = ''
+    # None: an infinite level plane.
+    surroundings: Optional['Surroundings'] = None
 
     def __post_init__(self) -> None:
         check_quantities(self)
+        if self.surroundings is not None and self.surroundings.level:
+            object.__setattr__(self, 'surroundings', None)
         try:
             object.__setattr__(self, 'height_of', HeightOf(self.height_of))
         except ValueError:
@@ -105,7 +110,22 @@ class DropConditions:
 
     def key(self) -> tuple[object, ...]:
         """Return everything physical, for comparison: the values and the surroundings."""
-        return (*self.values(), self.surroundings)
+        return (*self.values(), self.surroundings_key)
+
+    @property
+    def surroundings_key(self) -> str:
+        """The key of the surroundings; empty for an infinite level plane."""
+        return '' if self.surroundings is None else self.surroundings.key
+
+    def document(self) -> dict[str, object]:
+        """Return the conditions as plain JSON types, with the surroundings as a mapping."""
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        around = self.surroundings
+        return {
+            **values,
+            'height_of': self.height_of.name,
+            'surroundings': '' if around is None else around.document,
+        }
 
     def changed(self, **changes: Any) -> 'DropConditions':
         """Return conditions with other values; the surface's name is removed if they differ."""

@@ -78,7 +78,7 @@ def _check_same(first: RunDescription, run: RunDescription, any_engine: bool) ->
     compared.append(('height_of', here.height_of.name, there.height_of.name))
     if here.surroundings != there.surroundings:
         compared.append(
-            ('surroundings', shown(here.surroundings, 200), shown(there.surroundings, 200))
+            ('surroundings', shown(here.surroundings_key, 200), shown(there.surroundings_key, 200))
         )
     if not any_engine:
         compared.append(('engine', _engine(run), _engine(first)))

@@ -29,7 +29,6 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.surroundings.floor_step import below_edge
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # A flat side is narrow if an edge is closer than this, R, to the point below the centre of mass.
@@ -126,9 +125,8 @@ def make_job(
     aspects = join_minima(landscape)
     scene = None
     pieces: tuple[Array, ...] = ()
-    if conditions.surroundings:
-        surroundings = surroundings_from(conditions.surroundings)
-        scene = surroundings.scene(conditions, radius)
+    if conditions.surroundings is not None:
+        scene = conditions.surroundings.scene(conditions, radius)
         if starts is not None and starts.edge is not None:
             scene = below_edge(scene, starts.edge)
         if not scene.flat:

@@ -118,7 +118,7 @@ def made_from(
     """
     _check_kind(kinds, what, kind)
     made: Any = kinds[kind]
-    fields = [each for each in dataclasses.fields(made) if each.init]
+    fields = [each for each in dataclasses.fields(made) if each.init and each.repr]
     names = [*(each.name for each in fields), *others]
     for name in values:
         if name not in names:

@@ -1,5 +1,6 @@
 """Description of a run: its part, drops, conditions, seed and engine."""
 
+import dataclasses
 import re
 from dataclasses import dataclass
 
@@ -45,6 +46,11 @@ class RunDescription:
     def end(self) -> int:
         """Index after the last requested drop."""
         return self.first_drop + self.drops
+
+    def document(self) -> dict[str, object]:
+        """Return the description as plain JSON types."""
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        return {**values, 'conditions': self.conditions.document()}
 
     def sequence(self) -> tuple[object, ...]:
         """Return the inputs that, together with a drop's index, determine its resting pose."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.surroundings import conditions_document, scene_of
+from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.simulation.plan import engine_version
@@ -136,7 +136,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     setting = candidate.setting
     return {
         'values': dict(candidate.values),
-        'conditions': conditions_document(setting.drop_conditions),
+        'conditions': setting.drop_conditions.document(),
         'action': None if setting.action is None else plain(setting.action.values),
         'value': plain(candidate.estimate),
         'counts': None if candidate.counts is None else candidate.counts.tolist(),

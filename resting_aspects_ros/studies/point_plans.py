@@ -107,7 +107,9 @@ def plan_point(
         per_aspect=max(1, drops // len(aspects)),
         seed=seed,
         landscape=landscape,
-        rests=rests(setting) if conditions.surroundings and rests is not None else None,
+        rests=rests(setting)
+        if conditions.surroundings is not None and rests is not None
+        else None,
     )
     return PointPlan(planned.job, counted, len(aspects))
 

@@ -36,7 +36,7 @@ class Setting:
         """The conditions with the surroundings."""
         if self.surroundings is None:
             return self.conditions
-        return dataclasses.replace(self.conditions, surroundings=self.surroundings.key)
+        return dataclasses.replace(self.conditions, surroundings=self.surroundings)
 
     def quantity(self, name: str) -> Quantity:
         """Return unit and bounds of what a factor varies; raises InvalidValueError."""

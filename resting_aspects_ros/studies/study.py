@@ -15,7 +15,6 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,
-    surroundings_from,
 )
 from resting_aspects_ros.studies.designs import DEFAULT_DESIGN, DEFAULT_POINTS
 from resting_aspects_ros.studies.factors import read_factor
@@ -104,12 +103,12 @@ def study(
     """
     given = given_conditions(surface, conditions)
     around = surroundings
-    if around is None and given.surroundings:
-        around = surroundings_from(given.surroundings)
+    if around is None:
+        around = given.surroundings
     if around is not None and not isinstance(around, Surroundings):
         around = named_surroundings(around)
     base = Setting(
-        given.changed(surroundings=''), around, None if action is None else named_action(action)
+        given.changed(surroundings=None), around, None if action is None else named_action(action)
     )
     several = [parts] if isinstance(parts, Part | str | Path) else list(parts)
     spec = StudySpec(

@@ -10,7 +10,6 @@ import yaml
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.surroundings import conditions_document
 from resting_aspects_ros.core.errors import InvalidValueError, located, shown
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
@@ -83,7 +82,7 @@ class StudySpec:
 
     def document(self, parts: Sequence[str]) -> dict[str, Any]:
         """Return the study as plain values; ``parts`` are the files of its parts."""
-        conditions = conditions_document(self.base.conditions)
+        conditions = self.base.conditions.document()
         conditions.pop('surroundings')
         conditions['height_of'] = HeightOf(self.base.conditions.height_of).name
         document: dict[str, Any] = {'parts': list(parts)}

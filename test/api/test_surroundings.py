@@ -17,7 +17,8 @@ from resting_aspects_ros.api.surroundings import (
 )
 from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.core.errors import RestingAspectsWarning
-from resting_aspects_ros.simulation.surroundings.description import KINDS
+from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 
 LEVEL = {'plane', 'tray', 'wall'}
 
@@ -43,8 +44,8 @@ def test_shapes_are_known_where_more_than_planes_meet_the_part(part, surfaces):
 
 
 def test_shapes_are_not_known_without_the_mesh(part, surfaces):
-    key = '{"kind":"mesh","mesh":"x.stl","mesh_sha256":"0"}'
-    conditions = dataclasses.replace(surfaces.get('rubber_mat'), surroundings=key)
+    mesh = Surroundings(MeshSurface('x.stl', mesh_sha256='0'))
+    conditions = dataclasses.replace(surfaces.get('rubber_mat'), surroundings=mesh)
     assert simulated_shapes(part('tetrahedron'), conditions) is None
     assert not has_level_floor(conditions)
 
@@ -90,4 +91,4 @@ def test_wedging_is_named_by_drop_and_reorient(start):
 def test_every_kind_of_surroundings_has_its_place_in_words():
     assert set(PLACES) == set(KINDS)
     slope = surroundings('slope', angle='10deg')
-    assert surroundings_text(slope.key).startswith('on a slope (angle 10 deg')
+    assert surroundings_text(slope).startswith('on a slope (angle 10 deg')

@@ -17,7 +17,6 @@ from resting_aspects_ros.core.statistics.distribution import count_poses, no_dro
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.run_logs.local_log import LocalRunLog
 from resting_aspects_ros.run_logs.logged_result import logged_result
-from resting_aspects_ros.simulation.surroundings import library, mesh_surface
 from resting_aspects_ros.simulation.surroundings.release import in_tray_axes
 
 DROPS = 12
@@ -38,7 +37,7 @@ def block(tmp_path_factory):
 
 def written(folder, part, found, surfaces):
     """Write a run of made-up poses in surroundings; return its log, its poses and the counts."""
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
     planned = plan_drops(part, conditions, drops=DROPS, seed=3)
     lies = np.tile(planned.empty.aspects.aspects[0].orientation, (DROPS, 1))
     orientation = in_tray_axes(planned.job.scene, lies)
@@ -72,13 +71,6 @@ def block_log(tmp_path_factory, part, surfaces, block):
     return written(tmp_path_factory.mktemp('logs'), part('l_bracket'), block, surfaces)
 
 
-@pytest.fixture
-def elsewhere(monkeypatch):
-    """Forget all meshes, as on another machine."""
-    monkeypatch.setattr(mesh_surface, '_KNOWN', {})
-    library.surroundings_from.cache_clear()
-
-
 def run_main(capsys, *arguments):
     code = main([str(each) for each in arguments])
     return code, capsys.readouterr().out
@@ -96,7 +88,7 @@ def test_a_log_in_a_chute_is_read_with_its_contacts(chute_log, assert_same_poses
 
 def test_the_classifier_reads_counts_and_contacts_of_a_log(chute_log):
     run, distribution = load_log(chute_log[0])
-    assert run.conditions.surroundings == ra.surroundings('l_chute').key
+    assert run.conditions.surroundings == ra.surroundings('l_chute')
     assert (distribution.drops, distribution.lost, distribution.sliding) == (DROPS, 1, 1)
     assert distribution.contacts.planes == ('belt', 'wall')
     assert sum(p.count for p in distribution.contacts.placements) == DROPS - 3
@@ -157,7 +149,7 @@ def test_a_page_is_made_of_a_log_in_a_chute(chute_log, capsys, tmp_path):
     assert 'belt' in page.read_text(encoding='utf-8')
 
 
-def test_a_mesh_travels_in_the_log(block_log, block, elsewhere):
+def test_a_mesh_travels_in_the_log(block_log, block):
     folder, _, total = block_log
     (path,) = folder.glob('*.mcap')
     with path.open('rb') as stream:
@@ -167,11 +159,11 @@ def test_a_mesh_travels_in_the_log(block_log, block, elsewhere):
     result = logged_result(folder, keep_poses=True)
     assert result.distribution.counts.tolist() == total.counts.tolist()
     assert 'block' in result.subtitle
-    found = library.surroundings_from(result.run.conditions.surroundings)
+    found = result.run.conditions.surroundings
     np.testing.assert_array_equal(found.shape.vertices, block.shape.vertices)
 
 
-def test_info_of_a_log_on_a_mesh(block_log, elsewhere, capsys):
+def test_info_of_a_log_on_a_mesh(block_log, capsys):
     code, text = run_main(capsys, 'info', block_log[0])
     assert code == 0
     assert 'block.obj' in text
@@ -188,12 +180,12 @@ def test_a_log_that_is_cut_off_is_recovered(chute_log, tmp_path, capsys):
     assert json.loads(run_main(capsys, 'info', cut, '--json')[1])['log']['whole']
 
 
-def test_a_log_without_the_mesh_is_an_error(block_log, elsewhere, monkeypatch):
+def test_a_log_without_the_mesh_is_an_error(block_log, monkeypatch):
     monkeypatch.setattr('resting_aspects_ros.run_logs.contents.SURROUNDINGS_TYPE', 'a/msg/None')
     monkeypatch.setattr(
         'resting_aspects_ros.run_logs.contents.LoggedRun.surroundings', None, raising=True
     )
-    with pytest.raises(LogError, match='expected one that is known by its mesh_sha256'):
+    with pytest.raises(LogError, match='lacks the mesh'):
         logged_result(block_log[0])
 
 
@@ -204,8 +196,6 @@ def test_drops_in_a_log_are_repeated_without_the_file_of_the_mesh(
     made = ra.drop(
         'l_bracket', drops=4, seed=5, workers=1, surroundings=block, log=tmp_path, keep_poses=True
     )
-    monkeypatch.setattr(mesh_surface, '_KNOWN', {})  # as on another machine
-    library.surroundings_from.cache_clear()
     out = tmp_path / 'out'
     assert main(['drop', '--from-log', str(made.log), '--out', str(out), '--workers', '1']) == 0
     (again,) = out.glob('distribution.json')

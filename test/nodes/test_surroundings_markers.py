@@ -45,7 +45,7 @@ def test_a_plane_inside_another_body_has_no_patch():
 
 
 def markers_in(part, surfaces, found):
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
     data = serialized_markers(part, conditions, None, 'cell')
     return deserialize_message(data, MarkerArray).markers
 
@@ -69,7 +69,7 @@ def test_a_chute_has_two_patches_with_names(part, surfaces):
 @pytest.mark.parametrize('name', [each for each in surroundings_names() if each != 'plane'])
 def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
     """Read by another implementation of CDR, with its own message definitions."""
-    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name).key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
     data = serialized_markers(part('l_bracket'), conditions, None, 'cell')
     store = get_typestore(Stores.ROS2_JAZZY)
     first, *markers = store.deserialize_cdr(data, 'visualization_msgs/msg/MarkerArray').markers

@@ -35,7 +35,7 @@ CONDITIONS = DropConditions(
     spin=0.19,
     height_of=HeightOf.CENTRE_OF_MASS,
     surface='felt',
-    surroundings=surroundings('l_chute', roll=0.7, belt={'speed': 0.2}).key,
+    surroundings=surroundings('l_chute', roll=0.7, belt={'speed': 0.2}),
 )
 RUN = RunDescription(
     run_id='4f1c',

@@ -5,13 +5,13 @@ import dataclasses
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.requested_surroundings import RequestedSurroundings
-from resting_aspects_ros.simulation.surroundings import library, mesh_surface
 
 
 class Files:
@@ -36,29 +36,27 @@ def warnings():
 
 
 @pytest.fixture
-def requested(folder, warnings, monkeypatch):
-    monkeypatch.setattr(mesh_surface, '_KNOWN', {})
-    library.surroundings_from.cache_clear()
+def requested(folder, warnings):
     logger = SimpleNamespace(warning=warnings.append)
     node = SimpleNamespace(get_name=lambda: 'drop_simulator', get_logger=lambda: logger)
     return RequestedSurroundings(node, str(folder), Files())
 
 
 def ask(requested, text):
-    return asyncio.run(requested.key(text))
+    return asyncio.run(requested.find(text))
 
 
 def test_a_name_is_a_file_of_the_folder(requested):
-    key = ask(requested, 'ramp')
-    assert key == ra.surroundings('slope', angle='20deg').key
-    assert requested.name(key) == 'ramp'
-    assert ask(requested, '') == ''
+    found = ask(requested, 'ramp')
+    assert found == ra.surroundings('slope', angle='20deg')
+    assert found.name == 'ramp'
+    assert ask(requested, '') is None
 
 
 def test_a_document_is_checked_and_made_canonical(requested):
-    key = ask(requested, ' {"angle": 0.25,  "kind": "slope"}')
-    assert key == ra.surroundings('slope', angle=0.25).key
-    assert requested.name(key) == 'slope'
+    found = ask(requested, ' {"angle": 0.25,  "kind": "slope"}')
+    assert found == ra.surroundings('slope', angle=0.25)
+    assert found.key == ra.surroundings('slope', angle=0.25).key
 
 
 @pytest.mark.parametrize(
@@ -80,25 +78,28 @@ def test_invalid_surroundings(requested, text, expected):
 
 
 def test_a_document_never_reads_a_path(requested, folder, warnings):
-    for more in ({}, {'mesh_sha256': '0' * 64}):
-        document = {'kind': 'mesh', 'mesh': str(folder / 'plate.obj'), **more}
-        with pytest.raises(InvalidValueError, match='surroundings_folder of drop_simulator'):
-            ask(requested, json.dumps(document))
+    document = {'kind': 'mesh', 'mesh': str(folder / 'plate.obj')}
+    with pytest.raises(InvalidValueError, match='invalid mesh_sha256'):
+        ask(requested, json.dumps(document))
+    document['mesh_sha256'] = '0' * 64
+    with pytest.raises(InvalidValueError, match='surroundings_folder of drop_simulator'):
+        ask(requested, json.dumps(document))
     assert any('broken.yaml' in each for each in warnings)
 
 
-def test_a_document_may_have_a_mesh_of_the_folder(requested, folder, monkeypatch):
-    key = ra.surroundings(folder / 'plate.yaml').key
-    assert str(folder) not in key
-    monkeypatch.setattr(mesh_surface, '_KNOWN', {})  # the client is another process
-    library.surroundings_from.cache_clear()
-    assert ask(requested, key) == key
-    assert requested.name(key) == 'plate'
-    assert [mesh.name for mesh in requested.meshes()] == ['plate.obj']
+def test_a_document_may_have_a_mesh_of_the_folder(requested, folder):
+    plate = ra.surroundings(folder / 'plate.yaml')
+    assert str(folder) not in plate.key
+    found = ask(requested, plate.key)
+    assert (found, found.name, found.known) == (plate, 'plate', True)
+    raised = json.dumps({**plate.document, 'z': 0.1})
+    np.testing.assert_allclose(
+        ask(requested, raised).shape.vertices[:, 2], plate.shape.vertices[:, 2] + 0.1
+    )
 
 
 def test_surroundings_of_a_request(requested, surfaces):
-    default, slope = surfaces.get(), ra.surroundings('slope', angle='20deg').key
+    default, slope = surfaces.get(), ra.surroundings('slope', angle='20deg')
     plain = SimpleNamespace(conditions=[], surface='steel', surroundings='ramp')
     found = asyncio.run(requested.conditions(surfaces, plain, default))
     assert found == dataclasses.replace(surfaces.get('steel'), surroundings=slope)

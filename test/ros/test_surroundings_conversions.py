@@ -22,7 +22,6 @@ from resting_aspects_ros.ros.surroundings_conversions import (
     surroundings_msg,
 )
 from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings import mesh_surface
 
 RADIUS = 0.02
 
@@ -32,7 +31,7 @@ def over_the_wire(message):
 
 
 def run_in(found, surfaces):
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
     return RunDescription(
         'id1', 'l_bracket', 'ab' * 32, conditions, 1, 0, 10, 0.0, 'bullet', '3', '1', 1e-4, 7
     )
@@ -48,17 +47,11 @@ def ramp(tmp_path):
     return ra.surroundings(tmp_path / 'ramp.yaml')
 
 
-@pytest.fixture
-def forgotten(monkeypatch):
-    """Forget all meshes, as in another process."""
-    return lambda: monkeypatch.setattr(mesh_surface, '_KNOWN', {})
-
-
 def test_planes_are_sent_in_the_tray_frame(surfaces):
     found = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
     run = run_in(found, surfaces)
     scene = found.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene, 'l_chute', 'cell'))
+    message = over_the_wire(surroundings_msg(run, scene, 'cell'))
     assert (message.part, message.run_id, message.name) == ('l_bracket', 'id1', 'l_chute')
     assert (message.header.frame_id, message.document) == ('cell', found.key)
     assert 'roll 30 deg' in message.text
@@ -83,7 +76,7 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
     found = ra.surroundings('bowl_track')
     run = run_in(found, surfaces)
     scene = found.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene, 'bowl_track'))
+    message = over_the_wire(surroundings_msg(run, scene))
     block, body = next((b, m) for b, m in zip(scene.bodies, message.bodies, strict=True) if m.mesh)
     points = np.array([[p.x, p.y, p.z] for p in body.mesh[0].vertices])
     a, b, c = (points[[t.vertex_indices[k] for t in body.mesh[0].triangles]] for k in range(3))
@@ -91,27 +84,26 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
     assert volume == pytest.approx(float(np.prod(block.high - block.low)))
 
 
-def test_a_mesh_travels_in_the_message(ramp, surfaces, forgotten):
+def test_a_mesh_travels_in_the_message(ramp, surfaces):
     run = run_in(ramp, surfaces)
     scene = ramp.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene, 'ramp'))
+    message = over_the_wire(surroundings_msg(run, scene))
     assert 'ramp.obj' in message.document
     assert '/' not in message.document
     points = np.array([[p.x, p.y, p.z] for p in message.bodies[0].mesh[0].vertices])
     np.testing.assert_allclose(points[:, 2], points[:, 0] / 2 + 0.01, atol=1e-12)
-    forgotten()
     received = conversions.conditions_from(conversions.conditions_msg(run.conditions))
-    assert received.key() == run.conditions.key()  # without the mesh
+    assert received == run.conditions
+    assert not received.surroundings.known  # without the mesh
     again = serialized_surroundings(serialize_message(message))
     assert (again.key, again.name) == (ramp.key, 'ramp')
     np.testing.assert_array_equal(again.shape.vertices, ramp.shape.vertices)
 
 
-def test_a_changed_mesh_is_rejected(ramp, surfaces, forgotten):
+def test_a_changed_mesh_is_rejected(ramp, surfaces):
     run = run_in(ramp, surfaces)
-    message = surroundings_msg(run, ramp.scene(run.conditions, RADIUS), 'ramp')
+    message = surroundings_msg(run, ramp.scene(run.conditions, RADIUS))
     message.mesh = bytes(message.mesh).replace(b'-100', b'-200')
-    forgotten()
     with pytest.raises(InvalidValueError, match='expected the hash'):
         serialized_surroundings(serialize_message(message))
 
@@ -119,7 +111,7 @@ def test_a_changed_mesh_is_rejected(ramp, surfaces, forgotten):
 def test_surroundings_of_another_part_are_rejected(surfaces):
     found = ra.surroundings('slope')
     run = run_in(found, surfaces)
-    message = surroundings_msg(run, found.scene(run.conditions, RADIUS), 'slope')
+    message = surroundings_msg(run, found.scene(run.conditions, RADIUS))
     check_surroundings(message, 'l_bracket')
     with pytest.raises(InvalidValueError, match="invalid surroundings of part 'hex_nut'"):
         check_surroundings(message, 'hex_nut')
@@ -148,7 +140,7 @@ def test_equal_documents_give_equal_conditions(surfaces):
     message = conversions.conditions_msg(surfaces.get())
     message.surroundings = json.dumps({'angle': 0.3, 'kind': 'slope'}, indent=2)
     found = conversions.conditions_from(message)
-    assert found.surroundings == ra.surroundings('slope', angle=0.3).key
+    assert found.surroundings == ra.surroundings('slope', angle=0.3)
     message.surroundings = '{"kind": "slope", "angle": 0}'
     assert conversions.conditions_from(message) == surfaces.get()
 
@@ -212,10 +204,8 @@ def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, change, exp
         distribution_from(message)
 
 
-def test_drops_on_an_unknown_mesh_are_counted_like_those_on_a_plane(
-    ramp, part, surfaces, forgotten
-):
+def test_drops_on_an_unknown_mesh_are_counted_like_those_on_a_plane(ramp, part, surfaces):
     given = find_aspects(part('l_bracket'))
-    conditions = run_in(ramp, surfaces).conditions
-    forgotten()
+    message = conversions.conditions_msg(run_in(ramp, surfaces).conditions)
+    conditions = conversions.conditions_from(message)
     assert without_drops(part('l_bracket'), conditions, given) == (given, None)

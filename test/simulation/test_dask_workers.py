@@ -59,7 +59,7 @@ def test_workers_need_no_file_of_a_mesh_surface(workers, surfaces, part, tmp_pat
     trimesh.creation.box([400, 400, 10]).export(tmp_path / 'block.stl')
     (tmp_path / 'block.yaml').write_text('kind: mesh\nmesh: block.stl\n')
     found = named_surroundings(tmp_path / 'block.yaml')
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
     job, asked = plan_run(part('tetrahedron'), conditions, seed=5, drops=10, run_id='', started=0)
     for file in tmp_path.iterdir():
         file.unlink()

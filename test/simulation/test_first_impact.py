@@ -31,8 +31,8 @@ def job_of(part, mat, surroundings=None, step=None):
         starts = action_starts(part, find_aspects(part).aspects, step, smooth.gravity)
     if surroundings is not None:
         changes = {'wall.friction': 0.0} if surroundings == 'wall' else {}
-        key = ra.surroundings(surroundings, **changes).key
-        smooth = dataclasses.replace(smooth, surroundings=key)
+        around = ra.surroundings(surroundings, **changes)
+        smooth = dataclasses.replace(smooth, surroundings=around)
     return make_job(part, smooth, 1, refinement=16, starts=starts, engine='bullet')
 
 

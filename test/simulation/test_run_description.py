@@ -112,7 +112,7 @@ def test_sequence_is_equal_for_the_same_drops(plan, surfaces):
     [('plane', 'kernel'), ('chute', 'kernel'), ('bowl_track', 'bullet'), ('pocket', 'bullet')],
 )
 def test_bullet_simulates_only_what_the_kernel_cannot(plan, surfaces, kind, engine):
-    conditions = dataclasses.replace(surfaces.get(), surroundings=named_surroundings(kind).key)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=named_surroundings(kind))
     assert plan(conditions)[1].engine == engine
     assert plan(conditions, engine='bullet')[1].engine == 'bullet'
     if engine == 'bullet':

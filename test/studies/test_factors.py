@@ -100,7 +100,7 @@ def test_conditions_surroundings_and_actions_vary():
     assert changed.surroundings.shape.angle == 0.25
     assert (changed.drop_conditions.friction, changed.drop_conditions.surface) == (0.2, '')
     assert 'angle' in changed.drop_conditions.surroundings
-    assert SLOPE.drop_conditions.surroundings == ''  # angle 0 is the level plane
+    assert SLOPE.drop_conditions.surroundings is None  # angle 0 is the level plane
     belt = Setting(MAT, named_surroundings('l_chute')).changed({'surroundings.belt.speed': 0.1})
     assert belt.surroundings.bodies['belt']['speed'] == 0.1
     assert KICK.changed({'action.speed': 0.5}).action.action.speed == 0.5

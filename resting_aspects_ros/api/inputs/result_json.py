@@ -33,7 +33,7 @@ from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
-from resting_aspects_ros.simulation.surroundings.library import key_of_document
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
@@ -137,7 +137,7 @@ class RunDocument(CountsDocument):
         conditions['height_of'] = HeightOf[conditions['height_of']]
         surroundings = conditions.pop('surroundings')
         text = surroundings if isinstance(surroundings, str) else json.dumps(surroundings)
-        conditions['surroundings'] = key_of_document(text)
+        conditions['surroundings'] = surroundings_from(text)
         values: dict[str, Any] = {
             each.name: getattr(self, each.name) for each in fields(RunDescription)
         }

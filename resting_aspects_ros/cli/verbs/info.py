@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
-from resting_aspects_ros.api.surroundings import conditions_document, surroundings_text
+from resting_aspects_ros.api.surroundings import surroundings_text
 from resting_aspects_ros.cli.console import make_console, print_table, show_table
 from resting_aspects_ros.cli.options import (
     add_output,
@@ -20,7 +20,6 @@ from resting_aspects_ros.report.contact_report import contact_rows, contact_tabl
 from resting_aspects_ros.report.document import (
     SCHEMA_VERSION,
     distribution_document,
-    plain,
     to_json,
 )
 from resting_aspects_ros.ros.conversions import run_from
@@ -99,9 +98,8 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     else:
         yield '', 'not described in this log'
     yield 'conditions', surface_text(run.conditions)
-    if run.conditions.surroundings:
-        found.check_surroundings()
-        yield '', f'{surroundings_text(run.conditions.surroundings)}'
+    if run.conditions.surroundings is not None:
+        yield '', surroundings_text(run.conditions.surroundings)
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
     if (action := _action(found)) is not None:
@@ -159,8 +157,7 @@ def _document(found: LoggedRun, counted: tuple[Distribution, bool] | None) -> di
     if run is None and (feeder := read_feeder_log(found.log)) is not None:
         fields['feeder'] = feeder.document()
     if run is not None:
-        fields = {name: plain(value) for name, value in dataclasses.asdict(run).items()}
-        fields['conditions'] = conditions_document(run.conditions)
+        fields = run.document()
     if part is not None:
         fields['mesh_sha256'] = part.mesh_sha256
     if action is not None:

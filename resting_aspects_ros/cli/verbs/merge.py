@@ -1,7 +1,6 @@
 """`resting_aspects merge`: one distribution of the drops of several logs, each drop once."""
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -72,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     distribution, contacts = _counted(part, merged)
     if arguments.json:
         fields = {
-            **dataclasses.asdict(run),
+            **run.document(),
             'mesh_sha256': part.mesh_sha256,
             'method': METHOD,
             'runs': [list(each.run_ids) for each in merged],

@@ -190,8 +190,8 @@ def _key(run: RunDescription) -> tuple[object, ...]:
 
 def _conditions_text(conditions: DropConditions) -> str:
     surface = conditions.surface or 'own conditions'
-    key = conditions.surroundings
-    return f'{surface}, {surroundings_text(key)}' if key else surface
+    around = conditions.surroundings
+    return surface if around is None else f'{surface}, {surroundings_text(around)}'
 
 
 def _start_order(known: Known) -> tuple[int, str]:

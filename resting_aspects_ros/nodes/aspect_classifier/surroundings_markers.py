@@ -1,5 +1,6 @@
 """RViz markers of surroundings: finite patches of the planes, and meshes."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -102,7 +103,8 @@ def serialized_markers(
     ``description`` is a serialized SurroundingsDescription, which a mesh surface needs.
     """
     if description is not None:
-        serialized_surroundings(description)
+        around = serialized_surroundings(description)
+        conditions = dataclasses.replace(conditions, surroundings=around)
     scene = scene_of(part, conditions)
     assert scene is not None
     return bytes(serialize_message(surroundings_markers(scene, part.hull_radius, frame)))
@@ -132,11 +134,11 @@ class SurroundingsMarkers:
     def show(self, run: RunDescription) -> None:
         """Publish the markers for a run, unless they are published already."""
         self._wanted = run
-        wanted = run.part_sha256, run.conditions.surroundings
+        wanted = run.part_sha256, run.conditions.surroundings_key
         if wanted == self._shown or not (wanted[1] or self._shown[1]):
             return
         self._shown = wanted
-        if not run.conditions.surroundings:
+        if run.conditions.surroundings is None:
             self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             return
         assert self._node.executor is not None  # this is called by it
@@ -146,11 +148,11 @@ class SurroundingsMarkers:
 
     async def _publish(self, run: RunDescription) -> None:
         part, _ = self._parts.version(run.part_sha256)
-        description = self._descriptions.get(run.conditions.surroundings)
+        description = self._descriptions.get(run.conditions.surroundings_key)
         data = await self._files.run(
             serialized_markers, part, run.conditions, description, self._frame
         )
-        if self._shown == (run.part_sha256, run.conditions.surroundings):
+        if self._shown == (run.part_sha256, run.conditions.surroundings_key):
             self._publisher.publish(data)
 
     def _take(self, part: str, data: bytes) -> None:
@@ -162,7 +164,7 @@ class SurroundingsMarkers:
         self._descriptions[message.document] = data
         while len(self._descriptions) > MAX_KEPT:
             self._descriptions.pop(next(iter(self._descriptions)))
-        if self._wanted and self._wanted.conditions.surroundings == message.document:
+        if self._wanted and self._wanted.conditions.surroundings_key == message.document:
             self._shown = '', ''
             self.show(self._wanted)
 

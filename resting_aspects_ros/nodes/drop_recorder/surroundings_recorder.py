@@ -43,7 +43,7 @@ class SurroundingsRecorder:
         if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
             return
         message, data = kept
-        if (message.part, message.document) != (log.run.part, log.run.conditions.surroundings):
+        if (message.part, message.document) != (log.run.part, log.run.conditions.surroundings_key):
             return
         topic = Topic(
             self._watch.topic(message.part), self._watch.type_name, offered_qos(SURROUNDINGS_QOS)

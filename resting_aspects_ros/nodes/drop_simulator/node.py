@@ -31,7 +31,6 @@ from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
 )
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
-    plan_with_meshes,
 )
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
@@ -88,7 +87,7 @@ class DropSimulator(Node):
         self._surroundings = RequestedSurroundings(
             self, values[SURROUNDINGS_FOLDER.name], self._files
         )
-        self._descriptions = SurroundingsPublisher(self, self._surroundings, frame)
+        self._descriptions = SurroundingsPublisher(self, frame)
         self._runs = PublishedRuns()
         self._shared = SharedDrops(self)
         self._producer = DropProducer(self, self._workers, self._files, frame)
@@ -211,12 +210,10 @@ class DropSimulator(Node):
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=time.time_ns(),  # not ROS time, which may stand still
         )
-        if not conditions.surroundings:
+        if conditions.surroundings is None:
             return plan()
         # A convex decomposition can take seconds.
-        planned: tuple[DropJob, RunDescription] = await self._files.run(
-            plan_with_meshes, plan, self._surroundings.meshes()
-        )
+        planned: tuple[DropJob, RunDescription] = await self._files.run(plan)
         return planned
 
 

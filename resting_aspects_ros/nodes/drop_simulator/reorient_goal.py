@@ -44,7 +44,7 @@ def plan_goal(
     here; see plan_from_rests.
     """
     drops = plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
-    if not conditions.surroundings:
+    if conditions.surroundings is None:
         actions = plan_from_rests(part, action, conditions, goal, None)
         return drops, actions.run.drops, actions
     _, aspects, per_aspect = check_actions(

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import aclosing
-from functools import partial
 from typing import TypeVar
 
 from rclpy.action import ActionServer, CancelResponse
@@ -36,7 +35,6 @@ from resting_aspects_ros.nodes.drop_simulator.reorient_goal import (
 )
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
-    plan_with_meshes,
 )
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.diagnostics import RateCounter
@@ -67,7 +65,7 @@ class ReorientServer:
     ----------
     files : finds aspects and long-run shares, so that a large mesh cannot block the node
     conditions : returns the conditions that a goal requests
-    surroundings : publishes those of the actions, and knows their meshes
+    surroundings : publishes those of the actions
     frame : frame of the aspects
     """
 
@@ -164,10 +162,8 @@ class ReorientServer:
         return result, error
 
     async def _plan(self, plan: Callable[..., T], *given: object) -> T:
-        """Return what a function of reorient_goal plans; it may need meshes of surroundings."""
-        found: T = await self._files.run(
-            plan_with_meshes, partial(plan, *given), self._surroundings.meshes()
-        )
+        """Return what a function of reorient_goal plans."""
+        found: T = await self._files.run(plan, *given)
         return found
 
     async def _drop(

@@ -54,7 +54,7 @@ RELEASE_VALUES: dict[str, Quantity] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surroundings:
     """Surroundings of a drop: a kind with its dimensions, values of its bodies, and the release.
 
@@ -71,7 +71,7 @@ class Surroundings:
     orientation : (4,) sequence of float, optional
         Orientation at release, xyzw, tray from part; by default uniformly random.
     name : str
-        Name of the surroundings; not part of their values.
+        Name of the surroundings; not part of their values, which are compared.
 
     Raises
     ------
@@ -107,6 +107,12 @@ class Surroundings:
         if self.orientation is not None:
             object.__setattr__(self, 'orientation', _quaternion(self.orientation))
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Surroundings) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
     @property
     def level(self) -> bool:
         """Whether these are the infinite level plane, with the values of the conditions."""
@@ -133,12 +139,17 @@ class Surroundings:
         values = {name: getattr(self.shape, name) for name in quantities_of(self.shape)}
         return {**values, **getattr(self.shape, 'texts', {})}
 
+    @property
+    def known(self) -> bool:
+        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
+        return not isinstance(self.shape, MeshSurface) or self.shape.file is not None
+
     @cached_property
     def key(self) -> str:
         """The document as canonical JSON; equal for equal surroundings, empty if level."""
         if self.level:
             return ''
-        return canonical_json(self.document)
+        return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
 
     @property
     def text(self) -> str:
@@ -202,11 +213,6 @@ class Surroundings:
                 last = given[1] if given[1] is not None else given[0]
                 found.append(np.array([first, last]))
         return found[0], found[1]
-
-
-def canonical_json(document: Mapping[str, Any]) -> str:
-    """Return a document as JSON; equal for equal documents."""
-    return json.dumps(document, sort_keys=True, separators=(',', ':'))
 
 
 def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:

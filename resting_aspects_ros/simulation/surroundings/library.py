@@ -1,6 +1,6 @@
 """Named surroundings: one YAML file for each; and changes of single values."""
 
-import functools
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,12 +22,11 @@ from resting_aspects_ros.simulation.surroundings.description import (
     KINDS,
     RELEASE_VALUES,
     Surroundings,
-    canonical_json,
 )
 from resting_aspects_ros.simulation.surroundings.mesh_surface import (
+    MeshFile,
     MeshSurface,
-    UnknownMeshError,
-    known_mesh,
+    read_mesh,
 )
 
 ENDINGS = ('.yaml', '.yml')
@@ -77,7 +76,7 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         for key, value in (changes or {}).items():
             _change(values, key, value)
         title = file.stem if is_file or not changes else text
-        return make_surroundings(values, title)
+        return make_surroundings(values, title, _mesh_of(values))
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None
 
@@ -87,57 +86,56 @@ def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surr
     values: dict[str, Any] = json.loads(json.dumps(base.document))
     for key, value in changes.items():
         _change(values, key, value)
-    return make_surroundings(values, base.name)
+    mesh = base.shape.file if isinstance(base.shape, MeshSurface) else None
+    if 'mesh' in changes:
+        del values['mesh_sha256']
+        mesh = _mesh_of(values)
+    return make_surroundings(values, base.name, mesh)
 
 
-@functools.lru_cache(maxsize=64)
-def surroundings_from(key: str) -> Surroundings:
-    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError.
+def surroundings_from(text: str, mesh: MeshFile | None = None) -> Surroundings | None:
+    """Return the surroundings with a key, or of a JSON document; None for an empty one.
 
-    Reads no file: raises UnknownMeshError if the key names a mesh that is not known.
+    Reads no file: without ``mesh``, a mesh surface has only the name and the hash of its mesh.
+    Raises InvalidValueError.
     """
+    if not text:
+        return None
     try:
-        document = json.loads(key) if key else {'kind': 'plane'}
-        _check_mesh_known(document)
-        return make_surroundings(document)
-    except UnknownMeshError:
-        raise
+        document = json.loads(text)
+        if isinstance(document, dict) and document.get('kind') == MeshSurface.kind:
+            sha256 = document.get('mesh_sha256')
+            if not isinstance(sha256, str) or not sha256:
+                raise InvalidValueError(
+                    f'invalid mesh_sha256 {shown(sha256)}: expected the hash of the mesh'
+                )
+        return make_surroundings(document, mesh=mesh)
     except (ValueError, RecursionError) as error:
-        raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
+        raise InvalidValueError(f'invalid surroundings {shown(text)}: {error}') from None
 
 
-def key_of_document(text: str) -> str:
-    """Return the key for a JSON document of surroundings; raises InvalidValueError.
-
-    Reads no file: the values of a mesh surface whose mesh is not known are not checked.
-    """
-    try:
-        return surroundings_from(text).key
-    except UnknownMeshError:
-        return canonical_json(json.loads(text))
-
-
-def make_surroundings(document: Any, name: str = '') -> Surroundings:
+def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = None) -> Surroundings:
     """Return the surroundings that a mapping describes; see Surroundings.document.
 
-    Raises InvalidValueError, with the name of the key.
+    ``mesh`` is that of a mesh surface, if it was read already. Raises InvalidValueError, with the
+    name of the key.
     """
     kind, values, _ = described_kind('surroundings', document, KINDS)
     others = ('bodies', 'release', 'orientation')
     common = {key: values.pop(key) for key in others if key in values}
+    if mesh is not None:
+        values.setdefault('mesh_sha256', mesh.sha256)
     shape = made_from(KINDS, 'surroundings', kind, values, others)
+    if mesh is not None:
+        shape = dataclasses.replace(shape, file=mesh)
     return Surroundings(shape, name=name, **common)
 
 
-def _check_mesh_known(document: Any) -> None:
-    if not isinstance(document, dict) or document.get('kind') != MeshSurface.kind:
-        return
-    sha256 = document.get('mesh_sha256')
-    if not isinstance(sha256, str) or known_mesh(sha256) is None:
-        raise UnknownMeshError(
-            f'invalid mesh {shown(document.get("mesh"))} of surroundings: expected one that is '
-            'known by its mesh_sha256'
-        )
+def _mesh_of(values: Mapping[str, Any]) -> MeshFile | None:
+    """Return the mesh that a description names by its path, if it is a mesh surface."""
+    if values['kind'] != MeshSurface.kind or not isinstance(values.get('mesh'), str | Path):
+        return None
+    return read_mesh(Path(values['mesh']))
 
 
 def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:

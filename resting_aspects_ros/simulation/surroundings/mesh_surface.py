@@ -1,7 +1,7 @@
 """A mesh as the surface on which parts are dropped.
 
-The key of such surroundings has the name of the file and its hash. The mesh itself is found by the
-hash among the meshes that this process has read, or received in a message or a log.
+A document of such surroundings has the name of the file and its hash. Where only the document is
+known, the mesh surface has no triangles: drops are counted and described, but cannot be made.
 """
 
 import dataclasses
@@ -33,10 +33,6 @@ MAX_TRIANGLES = 100_000
 MAX_BYTES = 64 << 20
 
 
-class UnknownMeshError(InvalidValueError):
-    """The mesh of a mesh surface is not known in this process."""
-
-
 @dataclass(frozen=True, eq=False)
 class MeshFile:
     """The file of a mesh surface.
@@ -59,9 +55,6 @@ class MeshFile:
         return hashlib.sha256(self.data).hexdigest()
 
 
-_KNOWN: dict[str, MeshFile] = {}  # by hash
-
-
 def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
     """Return the mesh in the bytes of an STL, OBJ, PLY or OFF file; ``label`` is for errors.
 
@@ -78,14 +71,10 @@ def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
     return MeshFile(name, data, vertices, triangles)
 
 
-def remember_mesh(mesh: MeshFile) -> None:
-    """Make a mesh known to this process, for surroundings that name it by its hash."""
-    _KNOWN.setdefault(mesh.sha256, mesh)
-
-
-def known_mesh(sha256: str) -> MeshFile | None:
-    """Return the known mesh with a hash, or None."""
-    return _KNOWN.get(sha256)
+def read_mesh(path: Path) -> MeshFile:
+    """Return the mesh in a file; raises InvalidValueError or PartError."""
+    data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
+    return mesh_file(data, path.name, named('mesh of the surroundings', path))
 
 
 @functools.lru_cache(maxsize=16)
@@ -118,20 +107,21 @@ class MeshSurface:
     """A mesh whose triangles point outward, with its pose in the tray frame.
 
     mesh : str
-        Path of an STL, OBJ, PLY or OFF file; it becomes the name of the file.
+        Path of an STL, OBJ, PLY or OFF file, which is read; it becomes the name of the file.
     unit : str
         Unit of its coordinates.
     x, y, z, rx, ry, rz : float
         Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
         rad.
     mesh_sha256 : str
-        Hash of the file, which is compared if it is given. A known mesh with this hash is used
-        without its file.
+        Hash of the file. If it is given, no file is read.
+    file : MeshFile, optional
+        The mesh, if it was read already.
 
     Raises
     ------
     InvalidValueError, PartError
-        If a value is out of bounds, or the file cannot be read.
+        If a value is out of bounds, the hash differs, or the file cannot be read.
     """
 
     kind: ClassVar[str] = 'mesh'
@@ -148,8 +138,7 @@ class MeshSurface:
     ry: float = _angle('y')
     rz: float = _angle('z')
     mesh_sha256: str = ''
-    vertices: Array = field(init=False, repr=False, compare=False)
-    triangles: npt.NDArray[np.int64] = field(init=False, repr=False, compare=False)
+    file: MeshFile | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -159,25 +148,40 @@ class MeshSurface:
             )
         if not isinstance(self.mesh, str | Path):
             raise InvalidValueError(f'invalid mesh {shown(self.mesh)}: expected a path')
-        mesh = known_mesh(self.mesh_sha256) or self._read()
-        check_size(mesh.vertices, self.unit, named('mesh of the surroundings', Path(self.mesh)))
+        mesh = self.file
+        if mesh is None and not self.mesh_sha256:
+            mesh = read_mesh(Path(self.mesh))
+        label = named('mesh of the surroundings', Path(self.mesh))
         set_field = object.__setattr__
         set_field(self, 'mesh', Path(self.mesh).name)
-        set_field(self, 'mesh_sha256', mesh.sha256)
-        set_field(self, 'vertices', self._placed(mesh.vertices * UNITS[self.unit]))
-        set_field(self, 'triangles', mesh.triangles)
-
-    def _read(self) -> MeshFile:
-        path = Path(self.mesh)
-        label = named('mesh of the surroundings', path)
-        data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
-        mesh = mesh_file(data, path.name, label)
+        if mesh is None:
+            return
         if self.mesh_sha256 not in ('', mesh.sha256):
             raise InvalidValueError(
                 f'invalid {label}: it has changed; expected the hash {shown(self.mesh_sha256)}'
             )
-        remember_mesh(mesh)
-        return mesh
+        check_size(mesh.vertices, self.unit, label)
+        set_field(self, 'file', mesh)
+        set_field(self, 'mesh_sha256', mesh.sha256)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(n, 3) corners in the tray frame, m; raises InvalidValueError without the mesh."""
+        return self._placed(self._known.vertices * UNITS[self.unit])
+
+    @property
+    def triangles(self) -> npt.NDArray[np.int64]:
+        """(m, 3) indices of the corners; raises InvalidValueError without the mesh."""
+        return self._known.triangles
+
+    @property
+    def _known(self) -> MeshFile:
+        if self.file is None:
+            raise InvalidValueError(
+                f'invalid mesh {shown(self.mesh)} of surroundings: expected its triangles, but '
+                'only its name and hash are known'
+            )
+        return self.file
 
     def _placed(self, points: Array) -> Array:
         """Return points (n, 3) of the file in the tray frame, m."""

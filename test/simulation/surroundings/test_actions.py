@@ -32,7 +32,7 @@ def dropped(wall):
 
 
 def planned(dropped, wall, action):
-    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall.key)
+    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall)
     return plan_actions(
         dropped.part, named_action(action), conditions, per_aspect=20, rests=dropped.poses
     )
@@ -57,7 +57,7 @@ def test_a_tap_without_energy_leaves_every_part(wall):
 def test_an_aspect_that_does_not_occur_is_left_out_and_named(dropped, wall):
     one = dropped.poses.between(0, 1)
     (found,) = dropped.distribution.aspects.classify(one.orientation).tolist()
-    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall.key)
+    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall)
     with pytest.warns(UserWarning, match='no part came to rest in aspect'):
         plan = plan_actions(dropped.part, named_action('tap'), conditions, per_aspect=5, rests=one)
     assert (plan.counter.ids, plan.run.drops) == ((found,), 5)
@@ -70,7 +70,7 @@ def test_an_aspect_that_does_not_occur_is_left_out_and_named(dropped, wall):
 def test_surroundings_in_which_nothing_rests_are_refused(dropped, wall):
     none = dropped.poses.between(0, 1)
     none = dataclasses.replace(none, status=np.array([RestStatus.SLIDING], dtype=np.uint8))
-    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall.key)
+    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall)
     with pytest.raises(ra.InvalidValueError, match='no part came to rest in an aspect'):
         plan_actions(dropped.part, named_action('tap'), conditions, per_aspect=5, rests=none)
 
@@ -93,7 +93,7 @@ def belt_step(part, mat):
 
     def make(name, kind, step, **changes):
         shape = part(name)
-        conditions = dataclasses.replace(mat, surroundings=ra.surroundings(kind, **changes).key)
+        conditions = dataclasses.replace(mat, surroundings=ra.surroundings(kind, **changes))
         dropping = plan_drops(shape, conditions, drops=1000, seed=3)
         rests = drop_range(dropping.job, 0, 1000)
         return plan_actions(

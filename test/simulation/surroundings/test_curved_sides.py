@@ -115,9 +115,9 @@ def in_bowl(tmp_path_factory, surfaces):
         path = tmp_path_factory.mktemp('mesh') / 'bowl.stl'
         mesh = trimesh.Trimesh(1000 * part.hull_radius * vertices, triangles, process=False)
         path.write_bytes(mesh.export(file_type='stl'))
-        key = Surroundings(MeshSurface(mesh=str(path))).key
+        bowl_of = Surroundings(MeshSurface(mesh=str(path)))
         rubber = surfaces.get('rubber_mat')
-        return make_job(part, dataclasses.replace(rubber, surroundings=key), 1)
+        return make_job(part, dataclasses.replace(rubber, surroundings=bowl_of), 1)
 
     return make
 

@@ -34,7 +34,7 @@ def test_a_key_gives_the_same_surroundings(kind):
     body = KINDS[kind].body_names[0]
     given = described(kind, bodies={body: {'friction': 0.3}}, release={'x_min': 0.01})
     assert surroundings_from(given.key).document == given.document
-    assert surroundings_from(given.key).key == given.key
+    assert surroundings_from(given.key) == given
 
 
 @pytest.mark.parametrize('kind', FLAT)
@@ -124,7 +124,7 @@ def test_surroundings_are_not_changed_by_their_name():
 
 def test_a_belt_faster_than_the_time_step_resolves_is_refused(mat, part):
     fast = described('chute', bodies={'belt': {'speed': 50.0}})
-    conditions = dataclasses.replace(mat, surroundings=fast.key)
+    conditions = dataclasses.replace(mat, surroundings=fast)
     with pytest.raises(
         InvalidValueError, match=r'speed 50 m/s of the belt: expected at most 10\.6 m/s'
     ):

@@ -50,8 +50,8 @@ def on_mesh(tmp_path_factory, mat):
     def make(part, mesh, conditions=mat, **more):
         path = tmp_path_factory.mktemp('mesh') / 'surface.stl'
         path.write_bytes(mesh.export(file_type='stl'))
-        key = Surroundings(MeshSurface(mesh=str(path)), **more).key
-        return make_job(part, dataclasses.replace(conditions, surroundings=key), 1)
+        surface = Surroundings(MeshSurface(mesh=str(path)), **more)
+        return make_job(part, dataclasses.replace(conditions, surroundings=surface), 1)
 
     return make
 
@@ -163,7 +163,7 @@ def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_p
 def test_all_parts_rest_on_the_shipped_pocket(part, mat):
     shape = part('tetrahedron')
     pocket = named_surroundings('pocket')
-    job = make_job(shape, dataclasses.replace(mat, surroundings=pocket.key), 1)
+    job = make_job(shape, dataclasses.replace(mat, surroundings=pocket), 1)
     poses = drop_range(job, 0, 125)
     assert (poses.status == RestStatus.SETTLED).all()
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)

@@ -43,8 +43,8 @@ def rubber(surfaces):
 @pytest.fixture(scope='module')
 def make(rubber):
     def make(part, kind=None, engine='', **more):
-        key = '' if kind is None else Surroundings(kind, **more).key
-        return make_job(part, dataclasses.replace(rubber, surroundings=key), 1, engine=engine)
+        around = None if kind is None else Surroundings(kind, **more)
+        return make_job(part, dataclasses.replace(rubber, surroundings=around), 1, engine=engine)
 
     return make
 
