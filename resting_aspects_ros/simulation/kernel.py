@@ -43,7 +43,7 @@ from resting_aspects_ros.simulation.kernel_data import (
 
 # Impacts slower than this do not bounce; corners that leave a plane faster than the second number
 # do not touch it any more.
-BOUNCE, LEAVE = 0.05, 0.005
+BOUNCE, LEAVE = 0.05, 5e-4
 # Corners that approach faster than this are stopped, or bounce, before a step of lasting contact.
 TOUCHING = 5e-4
 # Maximum duration of a step of flight.
@@ -55,10 +55,10 @@ RECOVERY = 0.25
 RESIDUAL, IMPACT_RESIDUAL, ITERATIONS = 1e-5, 1e-7, 500
 # Share of them below which a change ends the iteration, too.
 CREEP = 0.01
-# Where changes become less by a ratio of at least SLOWLY, the same within the share STEADY of what
+# Where changes become less by a ratio between these two, the same within the share STEADY of what
 # it differs from 1, and the square of the cosine between two of them is COLLINEAR, the iteration
 # goes on from the limit of their series.
-SLOWLY, STEADY, COLLINEAR = 0.5, 0.1, 0.999
+SLOWLY, HARDLY, STEADY, COLLINEAR = 0.5, 0.99, 0.1, 0.999
 # Steps of Newton's method for the direction of a slip, and its accuracy, R / T.
 NEWTON, SLIP = 12, 1e-6
 # Where it does not converge, directions between which a root is searched, and its bisections.
@@ -540,7 +540,7 @@ def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
         if change < CREEP * residual or change * most < residual * (1 - most):
             break
         alike = abs(ratio - last) < STEADY * (1 - ratio)
-        if SLOWLY < ratio < 1 and alike and _collinear(dv, dw, dv_before, dw_before):
+        if SLOWLY < ratio < HARDLY and alike and _collinear(dv, dw, dv_before, dw_before):
             # The limit of the series.
             rest = ratio / (1 - ratio)
             v, w = _plus(v, rest, dv), _plus(w, rest, dw)
@@ -1088,7 +1088,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     track[:] = 0.0
     track[0] = track[6] = -inf
     check = CHECK
-    while steps < MAX_STEPS:
+    while steps < MAX_STEPS and c[2] == c[2]:
         steps += 1
         work.counts[0] += 1
         if moving:
@@ -1118,7 +1118,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             t += dt
             at_once, decide = 0, False
         else:
-            if deepest < -DEEP or c[2] != c[2]:
+            if deepest < -DEEP:
                 return FAILED, -1, t, growth, c, v, w, q
             impact = slowest < -TOUCHING and at_once < AT_ONCE
             if not impact:
@@ -1182,6 +1182,8 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 status = _check(ground, track, t, limit, fallen, c, v, q)
                 if status >= 0:
                     return status, -1, t, growth, c, v, w, q
+    if c[2] != c[2]:
+        return FAILED, -1, since, growth, c0, v0, w0, q0
     return UNSETTLED, -1, t, growth, c, v, w, q
 
 

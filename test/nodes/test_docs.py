@@ -161,22 +161,31 @@ def test_client_requests_the_transitions_of_an_action(suite, run_snippet):
     )
 
 
+def described_parts(suite):
+    """Wait until all example parts are described, and return their names."""
+    files = len(list((ROOT / 'config' / 'parts').glob('*.stl')))
+    suite.client.wait(lambda: len(suite.client.parts()) == files, 'descriptions of all parts')
+    return list(suite.client.parts())
+
+
 @pytest.mark.slow
 def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
+    names = described_parts(suite)
     code = snippet('list_parts')
     assert '/cell_1' in code
     process = run_command(sys.executable, '-c', code.replace('/cell_1', suite.namespace))
     suite.client.wait(lambda: not process.running, 'the end')
-    assert process.output == f'{list(suite.client.parts())}\n'
+    assert process.output == f'{names}\n'
 
 
 def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
+    names = described_parts(suite)
     code = snippet('list_parts')
     given = "ros_args=['-r', '__ns:=/cell_1']"
     assert given in code
     process = run_snippet(code.replace(given, ''))
     suite.client.wait(lambda: not process.running, 'the end')
-    assert process.output == f'{list(suite.client.parts())}\n'
+    assert process.output == f'{names}\n'
 
 
 def test_plain_service_client_receives_an_answer(suite, dropped, run_snippet):

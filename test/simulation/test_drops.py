@@ -290,6 +290,15 @@ def test_the_lowest_of_many_close_corners_is_found(solid, surfaces, seed):
     assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
 
 
+@pytest.mark.parametrize('which', range(8))
+def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
+    # It rocks from edge to edge, and each landing takes energy.
+    job = make_job(solid(random_solid(which)), mat, 1, until_still=True)
+    poses = drop_range(job, 0, 100)
+    assert (poses.status == RestStatus.SETTLED).all()
+    assert np.isfinite(poses.orientation).all()
+
+
 @pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
 @pytest.mark.parametrize('name', EXAMPLES)
 def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
