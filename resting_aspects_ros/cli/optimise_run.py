@@ -25,14 +25,13 @@ from resting_aspects_ros.simulation.actions import Actions, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.surfaces import all_surfaces
-from resting_aspects_ros.studies.factors import parse_factor
+from resting_aspects_ros.studies.design import Setting, parse_factor
 from resting_aspects_ros.studies.objectives import make_objective
 from resting_aspects_ros.studies.optimisation import Optimisation
 from resting_aspects_ros.studies.optimise import contacts_wanted
 from resting_aspects_ros.studies.optimise_result import PAGE, OptimiseResult
 from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
 from resting_aspects_ros.studies.optimum_problem import BUDGET, Amounts
-from resting_aspects_ros.studies.setting import Setting
 
 INTERRUPTED = 130
 DOCUMENT, POINTS = 'optimum.json', 'points.csv'

@@ -23,13 +23,13 @@ from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.surroundings.rest_starts import pose_starts
 from resting_aspects_ros.simulation.vibration import Vibration
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_plans import OTHER, Counts, PointPlan, point_seed
 from resting_aspects_ros.studies.point_runs import (
     PointCounts,
     PointTask,
     run_points,
 )
-from resting_aspects_ros.studies.setting import Setting
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.stats import qmc
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor
 
 Array = npt.NDArray[np.float64]
 

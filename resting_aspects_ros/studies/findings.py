@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import Change, Effects
-from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.study_cases import StudyCase
 
 # Smaller irregular changes are not mentioned.

@@ -13,7 +13,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
-from resting_aspects_ros.studies.factors import Factor, check_factors
+from resting_aspects_ros.studies.design import Factor, Setting, check_factors
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
 from resting_aspects_ros.studies.optimise_result import OptimiseResult, save_points
 from resting_aspects_ros.studies.optimum import Candidate, OptimisePoint
@@ -28,7 +28,6 @@ from resting_aspects_ros.studies.optimum_problem import Amounts
 from resting_aspects_ros.studies.optimum_profile import Profile, profile_of
 from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
 from resting_aspects_ros.studies.part_problem import PartProblem, setting_value
-from resting_aspects_ros.studies.setting import Setting
 
 
 class Optimisation:

@@ -23,7 +23,7 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.studies.factors import read_factor
+from resting_aspects_ros.studies.design import Setting, read_factor
 from resting_aspects_ros.studies.objectives import make_objective
 from resting_aspects_ros.studies.optimisation import Optimisation
 from resting_aspects_ros.studies.optimise_result import OptimiseResult
@@ -33,7 +33,6 @@ from resting_aspects_ros.studies.optimum_problem import (
     DEFAULT_POINTS,
     Amounts,
 )
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.wanted_contacts import (
     WantedContacts,
     finder_in,

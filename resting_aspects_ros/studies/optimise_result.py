@@ -14,7 +14,7 @@ from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.simulation.plan import engine_version
 from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
 from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.objectives import Objective
 from resting_aspects_ros.studies.optimise_text import optimise_notes
 from resting_aspects_ros.studies.optimum import Candidate, OptimisePoint, Optimum

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.optimum import Candidate, Optimum

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.objectives import Objective, listed
 from resting_aspects_ros.studies.optimum_comparison import Advantage
 from resting_aspects_ros.studies.optimum_facts import FactorFacts

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.objectives import Counts, Objective
 from resting_aspects_ros.studies.optimum_comparison import Advantage, Estimated
 from resting_aspects_ros.studies.optimum_facts import FactorFacts
 from resting_aspects_ros.studies.optimum_problem import Amounts
 from resting_aspects_ros.studies.optimum_profile import Profile
-from resting_aspects_ros.studies.setting import Setting
 
 # Probability with which the best conditions are the winner.
 WINNER = 0.95

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.wanted_contacts import WantedContacts, finder_in
 
 Counts = npt.NDArray[np.int64]

@@ -18,6 +18,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.chunks import DeathCount, Workers, chunk_bounds
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_plans import (
     OTHER,
     WANTED_OUTCOMES,
@@ -25,7 +26,6 @@ from resting_aspects_ros.studies.point_plans import (
     plan_point,
     point_seed,
 )
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.wanted_contacts import WantedContacts
 
 Counts = npt.NDArray[np.int64]

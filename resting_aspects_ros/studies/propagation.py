@@ -27,10 +27,10 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEE
 from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES, Surfaces
 from resting_aspects_ros.studies.action_points import check_action_point
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.point_runs import drop_points
 from resting_aspects_ros.studies.propagated_result import PropagatedResult
-from resting_aspects_ros.studies.setting import Setting
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]

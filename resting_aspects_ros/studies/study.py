@@ -17,10 +17,9 @@ from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,
     surroundings_from,
 )
+from resting_aspects_ros.studies.design import Setting, read_factor
 from resting_aspects_ros.studies.designs import DEFAULT_DESIGN, DEFAULT_POINTS
-from resting_aspects_ros.studies.factors import read_factor
 from resting_aspects_ros.studies.part_files import load_parts
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.study_result import StudyResult
 from resting_aspects_ros.studies.study_run import run_study
 from resting_aspects_ros.studies.study_spec import (

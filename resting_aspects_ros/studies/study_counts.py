@@ -13,8 +13,8 @@ import numpy.typing as npt
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.errors import analysis, warn
 from resting_aspects_ros.core.statistics.intervals import bounds
+from resting_aspects_ros.studies.design import point_values
 from resting_aspects_ros.studies.effects import Effects, effects_of, entropy
-from resting_aspects_ros.studies.factors import point_values
 from resting_aspects_ros.studies.findings import Finding, findings_of
 from resting_aspects_ros.studies.study_cases import ELSEWHERE, StudyCase
 from resting_aspects_ros.studies.study_comparison import CaseComparison, compare_cases

@@ -13,8 +13,8 @@ from resting_aspects_ros.report.figure_style import (
     percent_axis,
     plain_axes,
 )
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import Array, Effects, entropy
-from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.sensitivity import Indices
 from resting_aspects_ros.studies.study_cases import StudyCase
 

@@ -21,8 +21,8 @@ from resting_aspects_ros.simulation.surroundings.library import (
     make_surroundings,
     named_surroundings,
 )
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.designs import DEFAULT_DESIGN, DEFAULT_POINTS, DESIGNS
-from resting_aspects_ros.studies.setting import Setting
 
 DEFAULT_STUDY_DROPS = 2000
 # A change of a share that matters to the reader of the page.

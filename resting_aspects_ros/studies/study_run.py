@@ -20,11 +20,10 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.dask_workers import worker_versions
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
-from resting_aspects_ros.studies.factors import point_values
+from resting_aspects_ros.studies.design import Setting, point_values
 from resting_aspects_ros.studies.point_plans import OTHER, plan_point, point_key, point_seed
 from resting_aspects_ros.studies.point_runs import PointTask, run_points
 from resting_aspects_ros.studies.point_store import STORE, PointStore
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.study_cases import cases_of
 from resting_aspects_ros.studies.study_result import StudyResult
 from resting_aspects_ros.studies.study_spec import (

@@ -20,14 +20,13 @@ from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.studies.design import Factor, Setting, check_factors, read_factor
 from resting_aspects_ros.studies.designs import (
     DEFAULT_DESIGN,
     DEFAULT_POINTS,
     design_points,
 )
-from resting_aspects_ros.studies.factors import Factor, check_factors, read_factor
 from resting_aspects_ros.studies.part_files import load_parts, save_part
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.study_file import (
     DEFAULT_STUDY_DROPS,
     DEFAULT_TOLERANCE,

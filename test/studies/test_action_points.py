@@ -8,8 +8,8 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.studies.action_points import act_at_points
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_runs import drop_points
-from resting_aspects_ros.studies.setting import Setting
 
 MAT = given_conditions('rubber_mat', {'height': 0.02})
 TAP = Setting(MAT, None, named_action('tap'))

@@ -9,8 +9,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
-from resting_aspects_ros.studies.factors import Factor
-from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_result import StudyResult
 from resting_aspects_ros.studies.study_spec import StudySpec

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.designs import design_points, sobol
-from resting_aspects_ros.studies.factors import Factor
 
 ONE, TWO = Factor('friction', 0.1, 0.5, 3), Factor('restitution', 0.2, 0.8)
 

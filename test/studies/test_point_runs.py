@@ -7,9 +7,9 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_plans import point_seed
 from resting_aspects_ros.studies.point_runs import drop_points
-from resting_aspects_ros.studies.setting import Setting
 
 MAT = given_conditions('rubber_mat', {'height': 0.03})
 POINTS = [MAT.changed(restitution=r) for r in (0.1, 0.2, 0.3)]

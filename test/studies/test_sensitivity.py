@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import sobol_indices
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.effects import effects_of, entropy
-from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.findings import NOT_WORTH, OPEN, WORTH, findings_of
 from resting_aspects_ros.studies.sensitivity import _saltelli, indices_of
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate

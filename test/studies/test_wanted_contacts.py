@@ -10,8 +10,8 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.contacts import EDGE, NONE
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.point_plans import plan_point
-from resting_aspects_ros.studies.setting import Setting
 from resting_aspects_ros.studies.wanted_contacts import WantedContacts, finder_in, read_contacts
 
 DROPS = 40

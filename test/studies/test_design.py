@@ -8,14 +8,14 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.studies.factors import (
+from resting_aspects_ros.studies.design import (
     Factor,
+    Setting,
     check_factors,
     parse_factor,
     point_values,
     read_factor,
 )
-from resting_aspects_ros.studies.setting import Setting
 
 MAT = given_conditions('rubber_mat', {})
 PLAIN = Setting(MAT)
