@@ -18,7 +18,7 @@ __version__ = '0.1.0'
 _MODULES = {
     'CalibrationPlan': 'studies.calibration.plan',
     'CalibrationResult': 'studies.calibration.result',
-    'BatchResult': 'studies.batch_result',
+    'BatchResult': 'studies.batch',
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',
     'ControlledRuns': 'core.feeding.controlled_runs',
@@ -56,7 +56,7 @@ _MODULES = {
     'RetentionResult': 'api.retention',
     'Step': 'simulation.step_action',
     'Telecentric': 'core.vision.camera',
-    'StudyResult': 'studies.study_result',
+    'StudyResult': 'studies.study',
     'Surroundings': 'simulation.surroundings.description',
     'UnknownPartError': 'core.errors',
     'Vibration': 'simulation.vibration',

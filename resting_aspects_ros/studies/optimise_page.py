@@ -22,11 +22,11 @@ from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
 from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
 from resting_aspects_ros.studies.optimise_text import optimise_notes
 from resting_aspects_ros.studies.optimum import Optimum
-from resting_aspects_ros.studies.page_parts import PIXELS
-from resting_aspects_ros.studies.study_figures import (
+from resting_aspects_ros.studies.pages import (
     MAX_COLUMNS,
     PANEL_HEIGHT,
     PANEL_WIDTH,
+    PIXELS,
     factor_axis,
 )
 

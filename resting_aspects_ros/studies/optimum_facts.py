@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import log_softmax, xlogy
 from scipy.stats import chi2, f
 
-from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.design import sobol
 from resting_aspects_ros.studies.optimum_problem import Array, Counts
 from resting_aspects_ros.studies.optimum_search import OptimumSearch, Problem
 from resting_aspects_ros.studies.softmax_fit import fit_softmax

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, analysis
-from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.design import sobol
 from resting_aspects_ros.studies.optimum_problem import Amounts, Array, Counts, Problem
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 

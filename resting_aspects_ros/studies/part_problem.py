@@ -10,8 +10,7 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.studies.action_points import act_at_points, check_action_point
-from resting_aspects_ros.studies.design import Factor, Setting, point_values
-from resting_aspects_ros.studies.designs import on_levels
+from resting_aspects_ros.studies.design import Factor, Setting, on_levels, point_values
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
 from resting_aspects_ros.studies.point_runs import drop_points
 

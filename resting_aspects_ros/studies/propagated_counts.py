@@ -17,8 +17,8 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.point_runs import counts_by_class
+from resting_aspects_ros.studies.points import Case
 from resting_aspects_ros.studies.sampled_shares import SIGNIFICANCE, SampledShares
-from resting_aspects_ros.studies.study_cases import StudyCase
 
 SCHEMA_VERSION = 1
 PAGE = 'report.html'
@@ -71,9 +71,9 @@ class PropagatedCounts:
         return SampledShares(counts, self.drops_per_sample, self.confidence)
 
     @cached_property
-    def case(self) -> StudyCase:
+    def case(self) -> Case:
         """The counts by symmetry class, with one point for each sample."""
-        return StudyCase(self.part, self.aspects, self.by_class.counts, self.other)
+        return Case(self.part, self.aspects, self.by_class.counts, self.other)
 
     def sentence(self) -> str:
         """Say whether the unknown surface has an effect, and what shortens the intervals.

@@ -14,9 +14,8 @@ from resting_aspects_ros.report.page_template import chart, render_page
 from resting_aspects_ros.report.row_axes import WIDE, RowAxes
 from resting_aspects_ros.report.rows import Row
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.studies.page_parts import case_pictures
+from resting_aspects_ros.studies.pages import case_colours, case_pictures
 from resting_aspects_ros.studies.propagated_counts import PropagatedCounts, interval_text
-from resting_aspects_ros.studies.study_figures import case_colours
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
