@@ -29,7 +29,7 @@ from resting_aspects_ros.simulation.surroundings.library import named_surroundin
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
 from resting_aspects_ros.studies.points import PointStore
-from resting_aspects_ros.studies.propagation import uncertain_surface
+from resting_aspects_ros.studies.propagate import uncertain_surface
 from resting_aspects_ros.studies.study import read_spec
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'

@@ -99,6 +99,23 @@ class Setting:
             found |= {f'action.{k}': each for k, each in values.items()}
         return found
 
+    def value(self, name: str) -> float | None:
+        """Return a value that can vary, SI units; None if it has a default in the surroundings."""
+        group, dot, inner = name.partition('.')
+        if not dot:
+            return float(getattr(self.conditions, name))
+        if group == 'action':
+            assert self.action is not None
+            return float(getattr(self.action.action, inner))
+        assert self.surroundings is not None
+        body, dot, inner_name = inner.partition('.')
+        if not dot:
+            return float(self.surroundings.shape_values[inner])
+        known = self.surroundings
+        values = known.release if body == 'release' else known.bodies.get(body, {})
+        found = values.get(inner_name, getattr(self.conditions, inner_name, None))
+        return None if found is None else float(found)
+
     def changed(self, values: Mapping[str, float]) -> 'Setting':
         """Return the setting with other values of factors, SI units; raises InvalidValueError."""
         groups: dict[str, dict[str, float]] = {'': {}, 'surroundings': {}, 'action': {}}
@@ -223,12 +240,17 @@ class Factor:
         return document
 
 
-def parse_factor(text: str, base: Setting) -> Factor:
-    """Return the factor of a text such as ``height=20mm:200mm:7``; raises InvalidValueError."""
-    name, equals, values = text.partition('=')
-    if not equals:
-        raise InvalidValueError(f'invalid factor {shown(text)}: expected NAME={EXPECTED}')
-    return read_factor(name.strip(), values.strip(), base)
+def parse_ranges(texts: Sequence[str]) -> dict[str, str]:
+    """Return the ranges of texts such as ``height=20mm:200mm:7`` by name; InvalidValueError."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, values = (word.strip() for word in text.partition('='))
+        if not equals:
+            raise InvalidValueError(f'invalid factor {shown(text)}: expected NAME={EXPECTED}')
+        if name in found:
+            raise InvalidValueError(f'invalid factors: expected {name} only once')
+        found[name] = values
+    return found
 
 
 def read_factor(name: str, given: Any, base: Setting) -> Factor:

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 from scipy.special import entr
-from scipy.stats import norm, t
+from scipy.stats import chi2_contingency, norm, t
 
 from resting_aspects_ros.core.statistics.comparison import square_and_add
 from resting_aspects_ros.core.statistics.intervals import INTERVAL, bounds, containing
@@ -21,6 +21,8 @@ from resting_aspects_ros.studies.points import Case, Counts
 Array = npt.NDArray[np.float64]
 
 RESAMPLES = 400
+# The chi-square test needs about this many expected drops in each cell.
+EXPECTED = 5
 # Lines of a factor that get fresh drops, because the largest changes are expected there, and how
 # many times as many drops as other points they get.
 FRESH_LINES, FRESH_DROPS = 4, 8
@@ -139,6 +141,25 @@ def _quantile(line: LineCounts, confidence: float) -> float:
     """Return how many standard errors a two-sided interval of a mean reaches."""
     tail = (1 + confidence) / 2
     return float(norm.ppf(tail) if line.fixed else t.ppf(tail, len(line.counts) - 1))
+
+
+def homogeneity(table: Counts) -> float:
+    """Return the p value of the test that rows of counts (m, c) have the same shares.
+
+    Pearson's chi-square test; columns that are too rare for it are counted together, and if these
+    are still too rare, with the rarest other one.
+    """
+    table = table[table.sum(axis=1) > 0]
+    common = table.sum(axis=0) >= EXPECTED * len(table)
+    rare = table[:, ~common].sum(axis=1)
+    table = table[:, common]
+    if rare.sum() >= EXPECTED * len(table):
+        table = np.column_stack([table, rare])
+    elif table.shape[1]:
+        table[:, table.sum(axis=0).argmin()] += rare
+    if min(table.shape) < 2:
+        return 1.0
+    return float(chi2_contingency(table, correction=False).pvalue)
 
 
 @dataclass(frozen=True, eq=False)

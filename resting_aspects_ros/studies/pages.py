@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
+from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour, rgb
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     TEXT,
@@ -19,11 +20,13 @@ from resting_aspects_ros.report.figure_style import (
     plain_axes,
 )
 from resting_aspects_ros.report.page import PAGE
-from resting_aspects_ros.report.page_table import PageTable, text_table
+from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
 from resting_aspects_ros.report.page_template import chart, picture_uri, render_page
 from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
 from resting_aspects_ros.report.rounding import shown_difference
-from resting_aspects_ros.report.rows import class_rows
+from resting_aspects_ros.report.row_axes import WIDE, RowAxes
+from resting_aspects_ros.report.rows import Row, class_rows
+from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import (
     NOT_WORTH,
@@ -40,6 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from resting_aspects_ros.studies.batch import BatchEntry, BatchResult, CaseComparison
+    from resting_aspects_ros.studies.optimum import OptimiseResult
+    from resting_aspects_ros.studies.propagate import PropagatedResult
     from resting_aspects_ros.studies.study import StudyResult
 
 # Inches.
@@ -282,6 +287,164 @@ def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> 
     axis.set_major_formatter(lambda value, _: f'{value:g}')
     getattr(axes, f'set_{name}lim')(factor.scale * factor.low, factor.scale * factor.high)
     getattr(axes, f'set_{name}label')(factor.title, size=8.5, color=TEXT, labelpad=4)
+
+
+def optimise_page(result: 'OptimiseResult') -> str:
+    """Return the page of a search for the best conditions as HTML."""
+    notes: list[str] = []
+    label = 'Charts of the objective over each factor'
+    figures = [chart(partial(facts_figure, result), 'curves', label, notes=notes)]
+    pictures: list[dict[str, str]] = []
+    with analysis('the pictures of the wanted aspects', notes):
+        wanted = [a for a in result.aspects.aspects if a.id in result.objective.wanted]
+        colours = [aspect_colour(aspect) for aspect in wanted]
+        if wanted:
+            part = picture_part(result.part, result.aspects.aspects)
+            images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
+            pictures = [
+                {'name': f'aspect {a.id}', 'colour': colour, 'picture': picture_uri(image)}
+                for a, colour, image in zip(wanted, colours, images, strict=True)
+            ]
+    return render_page(
+        'optimise.html',
+        report={
+            'title': result.part.name,
+            'subtitle': f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
+            'notes': notes,
+            'facts': {
+                'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
+                'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
+                'Search': [('maximum number of drops', str(result.budget))],
+            },
+        },
+        aim=result.aim,
+        notes=result.notes,
+        pictures=pictures,
+        candidates=page_table(result.candidate_table()),
+        factors=page_table(result.factor_table()),
+        figures=figures if result.facts else [],
+        confidence=f'{100 * result.confidence:g}',
+    )
+
+
+def facts_figure(result: 'OptimiseResult') -> 'Figure':
+    """Return the objective over each factor, with its intervals, and the best value."""
+    figure, panels = _panels(len(result.factors), PANEL_HEIGHT)
+    low = min(float(facts.lower.min()) for facts in result.facts)
+    top = max(float(facts.upper.max()) for facts in result.facts)
+    margin, entropy_wanted = 0.05 * (top - low), result.objective.is_entropy
+    for k, (axes, factor, facts) in enumerate(
+        zip(panels, result.factors, result.facts, strict=True)
+    ):
+        x = factor.scale * factor.values(facts.at)
+        flat = factor.scale * factor.values(np.array(facts.flat))
+        axes.axvspan(*flat, color=COLOURS[0], alpha=0.1, linewidth=0)
+        axes.vlines(x, facts.lower, facts.upper, color=COLOURS[0], lw=1.4, clip_on=False)
+        axes.plot(x, facts.values, '.-', color=COLOURS[0], lw=0.8, ms=6, clip_on=False)
+        assert result.best.point is not None
+        best = float(factor.values(result.best.point[k]))
+        axes.axvline(factor.scale * best, color=TEXT, linewidth=1, linestyle='--')
+        plain_axes(axes, 'y')
+        factor_axis(axes, factor)
+        axes.set_ylim(max(0.0, low - margin), top + margin)
+        if not entropy_wanted:
+            axes.yaxis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
+        if k % MAX_COLUMNS == 0:
+            text = 'entropy (nat)' if entropy_wanted else 'share'
+            axes.set_ylabel(text, size=8.5, color=TEXT)
+    figure.tight_layout(pad=0.6)
+    return figure
+
+
+def propagated_page(result: 'PropagatedResult') -> str:
+    """Return the page of a distribution on a surface that is not known exactly as HTML."""
+    found, names = result.by_class, result.case.class_names
+    notes = [] if result.complete else ['The run was interrupted: some samples are missing.']
+    ends = {name: count for name, count in result.other_ends().items() if count}
+    if ends:
+        text = ', '.join(f'{count} {name}' for name, count in ends.items())
+        notes.append(f'{sum(ends.values())} of {result.drops} drops ended in no aspect: {text}.')
+    label = 'Bars of the probability of each aspect class with two intervals'
+    legend = (
+        'bar: mean probability; black: sampling interval; grey, wide: interval with the unknown '
+        'surface; dots: samples of the surface'
+    )
+    headings = ['class', 'probability', 'by sampling alone', 'with the surface']
+    rows = zip(names, found.sampling(), found.total(), found.part_of_surface.tolist(), strict=True)
+    numbers = [
+        [
+            name,
+            f'{100 * one.probability:.2f} %',
+            f'{_percent(one)} %',
+            f'{_percent(both)} %',
+            f'{100 * part:.0f} %',
+        ]
+        for name, one, both, part in rows
+    ]
+    return render_page(
+        'propagated.html',
+        report={
+            'title': result.part.name,
+            'subtitle': f'{result.drops} drops, {result.drops_per_sample} at each of '
+            f'{len(result.counts)} samples of the surface, seed {result.seed}',
+            'notes': notes,
+            'facts': {'Conditions': _surface_facts(result)},
+        },
+        sentence=result.sentence(),
+        classes=[
+            {'name': name, 'colour': colour, 'picture': picture, 'share': f'{100 * p:.1f} %'}
+            for name, colour, picture, p in zip(
+                names,
+                case_colours(result.case),
+                case_pictures(result.case),
+                found.means.tolist(),
+                strict=False,
+            )
+        ],
+        chart=chart(partial(propagated_figure, result), 'shares', label, legend, notes),
+        numbers=text_table([*headings, 'part of the surface in the variance'], numbers),
+        confidence=f'{100 * result.confidence:g}',
+    )
+
+
+def propagated_figure(result: 'PropagatedResult') -> 'Figure':
+    """Return bars of the probabilities, with both intervals and the shares of the samples."""
+    found = result.by_class
+    rows = [
+        Row(name, int(count), interval, colour)
+        for name, count, interval, colour in zip(
+            result.case.class_names,
+            found.counts.sum(axis=0),
+            found.sampling(),
+            case_colours(result.case),
+            strict=False,
+        )
+    ]
+    bands, top = RowAxes(rows, 0.5, WIDE, 0.4), 0.0
+    axes, shares = bands.axes, (found.counts / found.drops).T
+    for row, total, y, own in zip(rows, found.total(), bands.places.tolist(), shares, strict=True):
+        sampling = row.interval
+        axes.barh(y, sampling.probability, bands.data(0.3), color=row.colour, alpha=0.55)
+        axes.plot(own, [y - bands.data(0.17)] * len(own), '.', color=row.colour, alpha=0.5, ms=3)
+        axes.plot([total.lower, total.upper], [y, y], color=FAINT, linewidth=5, alpha=0.6)
+        axes.plot([sampling.lower, sampling.upper], [y, y], color=TEXT, linewidth=1.6)
+        top = max(top, total.upper, float(own.max()))
+    axes.set_xlim(0, min(1.0, 1.05 * top))
+    percent_axis(axes, 'x', min(1.0, 1.05 * top))
+    return bands.figure
+
+
+def _surface_facts(result: 'PropagatedResult') -> list[tuple[str, str]]:
+    """Return the surface, the range of each condition that was sampled, and the known ones."""
+    ranges = {}
+    for name in result.samples[0] if result.samples else ():
+        values, quantity = [sample[name] for sample in result.samples], QUANTITIES[name]
+        text = f'samples from {min(values):.3g} to {max(values):.3g} {quantity.unit}'
+        ranges[quantity.label] = text
+    return [
+        ('surface', result.conditions.surface or 'changed conditions of the calibrated surface'),
+        *((label, ranges.get(label, text)) for label, text in condition_facts(result.conditions)),
+    ]
 
 
 def comparison_texts(found: 'CaseComparison', pictures: dict[int, list[str]]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
@@ -175,9 +175,11 @@ class Simulation:
         assert setting.action is not None
         poses: list[RestingPoses] = []
         scene, k = self._scene(setting), len(self.aspects)
-        # A part that was dropped is half done.
-        half = Monitor(lambda made: monitor.update(made // 2), monitor.stopped)
-        found = self.dropped(setting, drops, seed, half, [lambda chunk, _: poses.append(chunk)])
+
+        def half(done: int) -> Monitor:  # a part that was dropped is half done
+            return Monitor(lambda made: monitor.update((done + made) // 2), monitor.stopped)
+
+        found = self.dropped(setting, drops, seed, half(0), [lambda chunk, _: poses.append(chunk)])
         starts: list[tuple[Starts, int]]
         if scene is None:
             action, gravity = setting.action.action, setting.conditions.gravity
@@ -192,8 +194,9 @@ class Simulation:
         for number, (each, count) in enumerate(starts):
             if count:
                 own = _seed(f'{seed} action {number}')
-                found += self.dropped(setting, count, own, half, starts=each)
-            monitor.update((drops + int(found.sum())) // 2)
+                done = drops + int(found.sum())
+                found += self.dropped(setting, count, own, half(done), starts=each)
+        monitor.update(drops)
         # Parts that only the mesh of a curved side stopped are not at rest.
         found[k] += drops - found.sum()
         return found
@@ -251,24 +254,23 @@ def run_tasks(
     workers: Workers,
     progress: Callable[[int], None] = lambda _: None,
     stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[tuple[int, Counts | InvalidValueError]]:
-    """Run tasks, several at a time, so that no worker is idle; yield what each of them returns.
+    finished: Callable[[int, Counts], None] = lambda *_: None,
+) -> list[Counts | str | None]:
+    """Run tasks, several at a time, so that no worker is idle, and return their counts.
 
-    They are yielded by index, in any order. An impossible task yields its error; one that was
-    stopped yields nothing. ``progress`` is called often, with the number of drops that all tasks
-    have made.
+    Instead of its counts, an impossible task returns the reason, and one that was stopped None.
+    ``progress`` is called often, with the number of drops that all tasks have made, and
+    ``finished`` with the index of each task that returns counts, in any order.
     """
     done, ended = [0] * len(tasks), threading.Event()
+    results: list[Counts | str | None] = [None] * len(tasks)
 
-    def monitor(k: int) -> Monitor:
-        return Monitor(partial(done.__setitem__, k), lambda: ended.is_set() or stopped())
-
-    def run(k: int) -> Counts | InvalidValueError | None:
+    def run(k: int) -> Counts | str | None:
+        monitor = Monitor(partial(done.__setitem__, k), lambda: ended.is_set() or stopped())
         try:
-            own = monitor(k)
-            return None if own.stopped() else tasks[k](own)
+            return None if monitor.stopped() else tasks[k](monitor)
         except InvalidValueError as error:
-            return error
+            return str(error)
         except Stopped:
             return None
 
@@ -277,15 +279,18 @@ def run_tasks(
         try:
             waiting = set(running)
             while waiting:
-                finished, waiting = wait(waiting, PROGRESS_PERIOD, FIRST_COMPLETED)
-                for future in sorted(finished, key=running.__getitem__):
-                    if (found := future.result()) is not None:
-                        yield running[future], found
+                ready, waiting = wait(waiting, PROGRESS_PERIOD, FIRST_COMPLETED)
+                for future in sorted(ready, key=running.__getitem__):
+                    k = running[future]
+                    found = results[k] = future.result()
+                    if isinstance(found, np.ndarray):
+                        finished(k, found)
                 progress(sum(done))
         finally:
             ended.set()
             for future in running:
                 future.cancel()
+    return results
 
 
 def point_key(part: Part, setting: Setting) -> str:
@@ -307,6 +312,17 @@ def point_seed(seed: int, part: Part, setting: Setting, purpose: str = '') -> in
 
 def _seed(text: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode('utf-8')).digest()[:8], 'little')
+
+
+def counted(found: Sequence[Counts | str | None], *shape: int) -> Counts:
+    """Return the counts (m, ...) of tasks; 0 for those without counts."""
+    none = np.zeros(shape, dtype=np.int64)
+    return np.array([each if isinstance(each, np.ndarray) else none for each in found])
+
+
+def reasons(found: Sequence[Counts | str | None]) -> dict[int, str]:
+    """Return why tasks are impossible, by index."""
+    return {k: each for k, each in enumerate(found) if isinstance(each, str)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,26 +391,17 @@ def drop_points(
     check_drops(drops)
     check_seed(seed)
     settings = [p if isinstance(p, Setting) else Setting(p) for p in points]
-    repeats = [settings[:k].count(each) for k, each in enumerate(settings)]
-    skipped: dict[int, str] = {}
     with given_workers(workers) as pool:
         simulation = Simulation.of(part, pool, landscape)
-        k = len(simulation.aspects)
-        counts = np.zeros((len(points), k + len(OUTSIDE)), dtype=np.int64)
-        seeds = [
-            point_seed(seed, part, each, f'repetition {n}' if n else '')
-            for each, n in zip(settings, repeats, strict=True)
-        ]
-        tasks: list[Task] = [
-            partial(simulation.dropped, each, drops, own)
-            for each, own in zip(settings, seeds, strict=True)
-        ]
-        for index, found in run_tasks(tasks, pool, progress, stopped):
-            if isinstance(found, InvalidValueError):
-                skipped[index] = str(found)
-            else:
-                counts[index] = found
-    return PointCounts(simulation.aspects, counts[:, :k], counts[:, k:], skipped)
+        tasks = []
+        for index, each in enumerate(settings):
+            before = settings[:index].count(each)
+            own = point_seed(seed, part, each, f'repetition {before}' if before else '')
+            tasks.append(partial(simulation.dropped, each, drops, own))
+        found = run_tasks(tasks, pool, progress, stopped)
+    k = len(simulation.aspects)
+    counts = counted(found, k + len(OUTSIDE))
+    return PointCounts(simulation.aspects, counts[:, :k], counts[:, k:], reasons(found))
 
 
 @dataclass(frozen=True, eq=False)

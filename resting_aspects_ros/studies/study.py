@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.quantity_text import parse_quantity
 from resting_aspects_ros.core.schema import FileModel, Number, validated
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, bounds, check_confidence
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.actions import (
@@ -79,9 +80,11 @@ from resting_aspects_ros.studies.points import (
     Monitor,
     PointStore,
     Simulation,
+    counted,
     counts_by_class,
     point_key,
     point_seed,
+    reasons,
     run_tasks,
 )
 
@@ -169,25 +172,6 @@ class StudySpec:
         for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence'):
             document[name] = getattr(self, name)
         return document
-
-    def extended(self, before: 'StudySpec') -> 'StudySpec':
-        """Return this study with at least the points and drops of one that it continues.
-
-        Raises InvalidValueError if it is another study.
-        """
-        ignored = ('surface', 'points', 'drops', 'tolerance', 'confidence')
-        mine, theirs = (
-            {**spec.document([p.part_sha256 for p in spec.parts]), **dict.fromkeys(ignored)}
-            for spec in (self, before)
-        )
-        different = [key for key in {**mine, **theirs} if mine.get(key) != theirs.get(key)]
-        if different:
-            raise InvalidValueError(
-                f'invalid folder: expected the same study, but it differs in {different[0]}; '
-                'choose another folder, or continue the study by its study.yaml'
-            )
-        points, drops = max(self.points, before.points), max(self.drops, before.drops)
-        return replace(self, points=points, drops=drops)
 
 
 class StudyFile(FileModel):
@@ -495,8 +479,7 @@ def study(
     confidence : float
         Confidence of the intervals.
     out : str or Path, optional
-        Folder of the study. A study in it is continued: only points that are missing are
-        simulated.
+        Folder of the study. Points that are finished there are not simulated again.
     workers, progress
         As for `drop`.
     **conditions : float
@@ -505,7 +488,8 @@ def study(
     Raises
     ------
     InvalidValueError
-        A value is out of bounds, a name is not known, or the folder has another study.
+        A value is out of bounds, a name is not known, or the points in the folder were made with
+        other versions.
     EngineError
         Worker processes of Bullet cannot be started, or died repeatedly.
     OutputError
@@ -557,8 +541,6 @@ def run_study(
     versions = worker_versions()
     if folder is not None:
         make_folder('--out', folder)
-        if (folder / SPEC).exists():
-            spec = spec.extended(read_spec(folder / SPEC))
     store = PointStore(folder and folder / STORE, versions)
     if folder is not None:
         write_spec(spec, folder, versions)
@@ -597,76 +579,75 @@ class _StudyRun:
         values = point_values(spec.factors, self.design.points)
         self._settings = [_setting(spec.base, each) for each in values]
         self._parts = [Simulation.of(part, workers) for part in spec.parts]
-        impossible = {k: each for k, each in enumerate(self._settings) if isinstance(each, str)}
-        self._skipped: list[dict[int, str]] = [dict(impossible) for _ in spec.parts]
 
     def cases(self) -> list[Case]:
         """Make the drops of the design, and return them by case."""
-        design = range(len(self.design.points))
-        self._make(
-            [_Wanted(j, k, self.spec.drops) for j in range(len(self._parts)) for k in design],
-            f'{len(design) * len(self._parts)} points',
-        )
-        return [case for j in range(len(self._parts)) for case in self._cases_of(j)]
+        wanted = [
+            [_Wanted(j, k, self.spec.drops) for k in range(len(self.design.points))]
+            for j in range(len(self._parts))
+        ]
+        found = self._make([w for own in wanted for w in own], 'points')
+        return [
+            case
+            for simulation, own in zip(self._parts, wanted, strict=True)
+            for case in self._cases_of(simulation, [found.get(w) for w in own])
+        ]
 
     def fresh(self, cases: Sequence[Case]) -> list[dict[int, Counts]]:
         """Make fresh drops where shares seem to change most, and return them for each case."""
         if not self.complete:
             return [{} for _ in cases]
-        wanted = [
-            {
-                point: _Wanted(
-                    self.spec.parts.index(case.part),
-                    point,
-                    FRESH_DROPS * self.spec.drops,
-                    () if case.start is None else _members(case, case.start),
-                    'fresh',
-                )
-                for point in self._expected_changes(case)
-            }
-            for case in cases
-        ]
-        self._make(list({w: w for own in wanted for w in own.values()}), 'fresh drops')
+        drops = FRESH_DROPS * self.spec.drops
+        wanted: list[dict[int, _Wanted]] = []
+        for case in cases:
+            members = () if case.start is None else case.aspects.classes()[case.start - 1]
+            j, ids = self.spec.parts.index(case.part), tuple(a.id for a in members)
+            points = self._expected_changes(case)
+            wanted.append({k: _Wanted(j, k, drops, ids, 'fresh') for k in points})
+        found = self._make([w for own in wanted for w in own.values()], 'points, fresh drops')
         return [
             {
-                point: self._by_class(w.part, found)
-                for point, w in own.items()
-                if (found := self._counts(w)) is not None
+                k: self._by_class(case, counts)
+                for k, w in own.items()
+                if isinstance(counts := found.get(w), np.ndarray)
             }
-            for own in wanted
+            for case, own in zip(cases, wanted, strict=True)
         ]
 
     def _expected_changes(self, case: Case) -> list[int]:
         """Return the points of a case that get fresh drops."""
         found: dict[int, None] = {}
-        if len(case.columns) < 2:
-            return []
-        for lines in self.design.lines:
-            line = LineCounts.of(case.table, lines)
-            if line is not None and len(line.counts) > 1:
+        lines = [LineCounts.of(case.table, each) for each in self.design.lines]
+        for line in lines:
+            if line is not None and len(line.counts) > 1 and len(case.columns) > 1:
                 for candidate in largest_candidates(line):
                     found |= dict.fromkeys(candidate.points)
         return list(found)
 
-    def _make(self, wanted: Sequence[_Wanted], label: str) -> None:
-        """Make the drops that are not stored; ``complete`` is False afterwards if stopped."""
-        missing = [
-            w for w in wanted if self._counts(w) is None and w.point not in self._skipped[w.part]
-        ]
-        if len(missing) < len(wanted):
-            label = f'{len(missing)} missing points'
+    def _make(self, wanted: Sequence[_Wanted], label: str) -> dict[_Wanted, Counts | str]:
+        """Return counts (r, k + 5), or why they are impossible; nothing if stopped before."""
+        known: dict[_Wanted, Counts | str] = {}
+        for w in wanted:
+            setting = self._settings[w.point]
+            if isinstance(setting, str):
+                known[w] = setting
+            elif (counts := self._store.counts(self._key(w), w.drops)) is not None:
+                known[w] = counts
+        missing = [w for w in wanted if w not in known]
+        label = f'{len(missing)} {"missing " * bool(known)}{label}'
         total = sum(w.drops * self._rows(w) for w in missing)
         with DropProgress(label, total, shown=self._progress and total > 0) as bar:
-            tasks = [partial(self._simulate, w) for w in missing]
-            done = 0
-            for k, found in run_tasks(tasks, self._workers, bar.update, self._stopped):
-                done += 1
-                if isinstance(found, InvalidValueError):
-                    self._skipped[missing[k].part][missing[k].point] = str(found)
-                else:
-                    self._store.add(self._key(missing[k]), missing[k].drops, found)
-            self.complete = self.complete and done == len(missing)
+            found = run_tasks(
+                [partial(self._simulate, w) for w in missing],
+                self._workers,
+                bar.update,
+                self._stopped,
+                lambda k, counts: self._store.add(self._key(missing[k]), missing[k].drops, counts),
+            )
             bar.end(bar.done)
+        known |= {w: c for w, c in zip(missing, found, strict=True) if c is not None}
+        self.complete = self.complete and len(known) == len(wanted)
+        return known
 
     def _simulate(self, wanted: _Wanted, monitor: Monitor) -> Counts:
         """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
@@ -683,53 +664,33 @@ class _StudyRun:
         return len(wanted.ids) or len(self._parts[wanted.part].aspects)
 
     def _key(self, wanted: _Wanted) -> str:
+        """Return what determines the counts, but for the number of drops."""
         setting = self._settings[wanted.point]
         assert isinstance(setting, Setting)
         key = point_key(self.spec.parts[wanted.part], setting)
         words = [str(self.spec.seed), key, wanted.purpose, '-'.join(map(str, wanted.ids))]
         return ' '.join(filter(None, words))
 
-    def _counts(self, wanted: _Wanted) -> Counts | None:
-        if isinstance(self._settings[wanted.point], str):
-            return None
-        return self._store.counts(self._key(wanted), wanted.drops)
-
-    def _by_class(self, part: int, counts: Counts) -> Counts:
+    def _by_class(self, case: Case, counts: Counts) -> Counts:
         """Return counts (r, k + 5) as counts (c + 1,) by class, and elsewhere."""
-        aspects, total = self._parts[part].aspects, counts.sum(axis=0)
-        classes = counts_by_class(aspects, total[: len(aspects)])
-        return np.append(classes, total[len(aspects) :].sum())
+        total, k = counts.sum(axis=0), len(case.aspects)
+        return np.append(counts_by_class(case.aspects, total[:k]), total[k:].sum())
 
-    def _cases_of(self, j: int) -> Iterator[Case]:
-        simulation = self._parts[j]
-        aspects, k = simulation.aspects, len(simulation.aspects)
-        rows = 1 if self.spec.base.action is None else k
-        found = [
-            self._counts(_Wanted(j, point, self.spec.drops))
-            for point in range(len(self.design.points))
-        ]
-        none = np.zeros((rows, k + 5), dtype=np.int64)
-        counts = np.array([none if each is None else each for each in found])
+    def _cases_of(
+        self, simulation: Simulation, found: Sequence[Counts | str | None]
+    ) -> Iterator[Case]:
+        part, aspects = simulation.part, simulation.aspects
+        k, drops = len(aspects), self.spec.base.action is None
+        counts = counted(found, 1 if drops else k, k + len(OUTSIDE))
         classes, other = counts_by_class(aspects, counts[..., :k]), counts[..., k:]
-        if rows == 1 and self.spec.base.action is None:
-            yield Case(
-                simulation.part, aspects, classes[:, 0], other[:, 0], skipped=self._skipped[j]
-            )
+        skipped = reasons(found)
+        if drops:
+            yield Case(part, aspects, classes[:, 0], other[:, 0], skipped=skipped)
             return
         for number, members in enumerate(aspects.classes(), 1):
             own = [aspect.id - 1 for aspect in members]
-            yield Case(
-                simulation.part,
-                aspects,
-                classes[:, own].sum(axis=1),
-                other[:, own].sum(axis=1),
-                number,
-                self._skipped[j],
-            )
-
-
-def _members(case: Case, start: int) -> tuple[int, ...]:
-    return tuple(aspect.id for aspect in case.aspects.classes()[start - 1])
+            ends = classes[:, own].sum(axis=1), other[:, own].sum(axis=1)
+            yield Case(part, aspects, *ends, number, skipped)
 
 
 def _setting(base: Setting, values: Mapping[str, float]) -> Setting | str:

@@ -16,7 +16,7 @@ from resting_aspects_ros.studies.design import (
     check_factors,
     gauss_lobatto,
     make_design,
-    parse_factor,
+    parse_ranges,
     point_values,
     read_factor,
     sobol,
@@ -24,6 +24,13 @@ from resting_aspects_ros.studies.design import (
 
 MAT = given_conditions('rubber_mat', {})
 PLAIN = Setting(MAT)
+
+
+def parse_factor(text, setting):
+    ((name, given),) = parse_ranges([text]).items()
+    return read_factor(name, given, setting)
+
+
 SLOPE = Setting(MAT, named_surroundings('slope', {'angle': 0.0}))
 KICK = Setting(MAT, action=NamedAction('tap', Kick(speed=0.3)))
 
@@ -85,6 +92,8 @@ def test_the_same_factor_twice_is_refused():
     factor = parse_factor('restitution=0:1', PLAIN)
     with pytest.raises(InvalidValueError, match='restitution only once'):
         check_factors([factor, factor])
+    with pytest.raises(InvalidValueError, match='restitution only once'):
+        parse_ranges(['restitution=0:1', 'restitution = 0.2:1'])
     with pytest.raises(InvalidValueError, match='missing factor'):
         check_factors([])
 

@@ -148,17 +148,12 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
     from resting_aspects_ros.api.surroundings import requested_surroundings
     from resting_aspects_ros.cli.options import changed_conditions
+    from resting_aspects_ros.studies.design import parse_ranges
 
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
         )
-    vary: dict[str, str] = {}
-    for text in arguments.vary:
-        name, _, values = text.partition('=')
-        if name.strip() in vary:
-            raise InvalidValueError(f'invalid --vary {text!r}: expected {name} only once')
-        vary[name.strip()] = values.strip()
     return {
         'parts': arguments.parts,
         'surface': arguments.surface,
@@ -168,7 +163,7 @@ def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[st
         },
         'surroundings': requested_surroundings(arguments.surroundings, arguments.set),
         'action': arguments.action,
-        'vary': vary,
+        'vary': parse_ranges(arguments.vary),
         **changes,
     }
 

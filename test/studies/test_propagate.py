@@ -12,9 +12,12 @@ from scipy.stats import chi2
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.studies.point_plans import OTHER
-from resting_aspects_ros.studies.propagated_result import PropagatedResult
-from resting_aspects_ros.studies.propagation import UncertainSurface, uncertain_surface
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE as OTHER
+from resting_aspects_ros.studies.propagate import (
+    PropagatedResult,
+    UncertainSurface,
+    uncertain_surface,
+)
 
 
 @pytest.fixture(scope='module')
