@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import itertools
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -92,32 +91,6 @@ def part_folder(given: str | Path) -> Path | None:
 
 def _is_name(given: str | Path) -> bool:
     return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
-
-
-def source_text(source: Part | str | Path) -> str:
-    """Return the name or the file of a part as text."""
-    return source.name if isinstance(source, Part) else str(source)
-
-
-def missing_parts(
-    sources: Sequence[Part | str | Path], unit: str | None
-) -> dict[int, RestingAspectsError]:
-    """Return the errors of unknown names and of files that cannot be opened, and warn of them.
-
-    They are known before the first part is simulated. The meshes of files are not read.
-    """
-    found: dict[int, RestingAspectsError] = {}
-    for k, source in enumerate(sources):
-        path = None if isinstance(source, Part) else mesh_file(source)
-        readable = path is not None and path.is_file() and os.access(path, os.R_OK)
-        if isinstance(source, Part) or readable:
-            continue
-        try:
-            load_part(source, unit if path is not None else None)
-        except RestingAspectsError as error:
-            warn(f'{source_text(source)}: {error}')
-            found[k] = error
-    return found
 
 
 def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> list[Part]:
@@ -464,14 +437,13 @@ def drop_batch(
     if folder is not None:
         make_folder('--out', folder)
     entries: list[BatchEntry] = []
-    missing = missing_parts(sources, unit)
     with given_workers(workers) as pool:
-        for k, source in enumerate(sources):
+        for source in sources:
             if stopped():
                 break
-            entry = BatchEntry(source_text(source))
+            entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
             try:
-                part = _loaded(source, unit, missing.get(k))
+                part = _loaded(source, unit)
                 check(part)
                 result = drop(
                     part,
@@ -526,12 +498,8 @@ def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
     return found
 
 
-def _loaded(
-    source: Part | str | Path, unit: str | None, error: RestingAspectsError | None
-) -> Part:
-    """Return a part; raises the error that is already known, if any."""
-    if error is not None:
-        raise error
+def _loaded(source: Part | str | Path, unit: str | None) -> Part:
+    """Return a part with its warnings."""
     if isinstance(source, Part):
         return source
     part = load_part(source, unit if mesh_file(source) is not None else None)

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,17 +15,37 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy.stats import qmc
 
+from resting_aspects_ros.api.condition_text import given_conditions, shipped_surfaces
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.surroundings import conditions_document
 from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.core.quantity_text import parse_quantity
-from resting_aspects_ros.simulation.actions import NamedAction, make_action
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.actions import (
+    DEFAULT_TIME,
+    KINDS,
+    Action,
+    NamedAction,
+    make_action,
+)
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.quantity import (
+    Quantity,
+    check_name,
+    described_kind,
+    quantities_of,
+)
+from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.description import (
     BODY_VALUES,
     RELEASE_VALUES,
     Surroundings,
 )
-from resting_aspects_ros.simulation.surroundings.library import changed_surroundings
+from resting_aspects_ros.simulation.surroundings.library import (
+    changed_surroundings,
+    make_surroundings,
+    named_surroundings,
+    surroundings_from,
+)
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -65,6 +86,20 @@ class Setting:
         if self.surroundings is None:
             return self.conditions
         return dataclasses.replace(self.conditions, surroundings=self.surroundings.key)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The setting as plain values, as `read_setting` reads it."""
+        conditions = conditions_document(self.conditions)
+        conditions.pop('surroundings')
+        conditions['height_of'] = HeightOf(self.conditions.height_of).name
+        name = conditions.pop('surface')
+        return {
+            **({'surface': name} if name else {}),
+            'conditions': conditions,
+            **({} if self.surroundings is None else {'surroundings': self.surroundings.document}),
+            **({} if self.action is None else {'action': self.action.values}),
+        }
 
     def quantity(self, name: str) -> Quantity:
         """Return unit and bounds of what a factor varies; raises InvalidValueError."""
@@ -139,6 +174,85 @@ class Setting:
                 new, action=dataclasses.replace(self.action, action=other_action)
             )
         return new
+
+
+def given_setting(
+    surface: str | DropConditions,
+    changes: Mapping[str, Any],
+    surroundings: str | Path | Surroundings | None,
+    action: str | Action | NamedAction | None,
+) -> Setting:
+    """Return the setting of arguments as those of `drop`; raises InvalidValueError."""
+    conditions = given_conditions(surface, changes)
+    if surroundings is None and conditions.surroundings:
+        surroundings = surroundings_from(conditions.surroundings)
+    if surroundings is not None and not isinstance(surroundings, Surroundings):
+        surroundings = named_surroundings(surroundings)
+    return Setting(
+        conditions.changed(surroundings=''),
+        surroundings,
+        None if action is None else named_action(action),
+    )
+
+
+def read_setting(
+    surface: str,
+    conditions: Mapping[str, float | str],
+    surroundings: Any,
+    action: Any,
+    folder: Path | None = None,
+    surfaces: Surfaces | None = None,
+) -> Setting:
+    """Return a setting of names, texts and mappings, as files have them; InvalidValueError.
+
+    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
+    """
+    return Setting(
+        _conditions(surface, conditions, surfaces or shipped_surfaces()),
+        _surroundings(surroundings, folder),
+        _action(action),
+    )
+
+
+def _conditions(
+    surface: str, changes: Mapping[str, float | str], surfaces: Surfaces
+) -> DropConditions:
+    values: dict[str, Any] = {}
+    for name, value in changes.items():
+        if name == 'height_of':
+            values[name] = HeightOf.__members__.get(str(value).upper(), value)
+        elif name in QUANTITIES:
+            unit = QUANTITIES[name].unit
+            values[name] = parse_quantity(name, value, unit) if isinstance(value, str) else value
+        else:
+            raise InvalidValueError(
+                f'invalid condition {shown(name)}: expected one of {", ".join(QUANTITIES)}'
+            )
+    if len(values) > len(QUANTITIES) and surface not in ('', *surfaces.names()):
+        # A saved study has all values of a surface whose file need not exist any more.
+        return DropConditions(surface=check_name('a surface', surface), **values)
+    return surfaces.get(surface).changed(**values)
+
+
+def _surroundings(given: Any, folder: Path | None) -> Surroundings | None:
+    if given is None or isinstance(given, Surroundings):
+        return given
+    if not isinstance(given, str):
+        return make_surroundings(given)
+    is_file = folder is not None and given.endswith(('.yaml', '.yml'))
+    return named_surroundings(folder / given if is_file and folder is not None else given)
+
+
+def _action(given: Any) -> NamedAction | None:
+    if given is None:
+        return None
+    if isinstance(given, str):
+        return named_action(given)
+    kind, values, _ = described_kind('action', given, KINDS)
+    name, time = values.pop('name', kind), values.pop('time', DEFAULT_TIME)
+    if not isinstance(name, str):
+        raise InvalidValueError(f'invalid name {shown(name)} of an action: expected text')
+    return NamedAction(name, make_action(kind, values), time)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,7 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.part import Part
@@ -28,11 +26,11 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 from resting_aspects_ros.studies.design import (
     Factor,
     Setting,
     check_factors,
+    given_setting,
     on_levels,
     point_values,
     read_factor,
@@ -397,13 +395,7 @@ def optimise(
     True
     """
     loaded = given_part(part)
-    if isinstance(surroundings, str | Path):
-        surroundings = named_surroundings(surroundings)
-    base = Setting(
-        given_conditions(surface, conditions),
-        surroundings,
-        None if action is None else named_action(action),
-    )
+    base = given_setting(surface, conditions, surroundings, action)
     factors = [read_factor(name, _range(given), base) for name, given in vary.items()]
     check_factors(factors)
     check_seed(seed)

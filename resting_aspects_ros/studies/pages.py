@@ -370,7 +370,7 @@ def propagated_page(result: 'PropagatedResult') -> str:
         'surface; dots: samples of the surface'
     )
     headings = ['class', 'probability', 'by sampling alone', 'with the surface']
-    rows = zip(names, found.sampling(), found.total(), found.part_of_surface.tolist(), strict=True)
+    rows = zip(names, found.sampling, found.total, found.part_of_surface.tolist(), strict=True)
     numbers = [
         [
             name,
@@ -414,15 +414,15 @@ def propagated_figure(result: 'PropagatedResult') -> 'Figure':
         Row(name, int(count), interval, colour)
         for name, count, interval, colour in zip(
             result.case.class_names,
-            found.counts.sum(axis=0),
-            found.sampling(),
+            result.case.classes.sum(axis=0),
+            found.sampling,
             case_colours(result.case),
             strict=False,
         )
     ]
     bands, top = RowAxes(rows, 0.5, WIDE, 0.4), 0.0
-    axes, shares = bands.axes, (found.counts / found.drops).T
-    for row, total, y, own in zip(rows, found.total(), bands.places.tolist(), shares, strict=True):
+    axes, shares = bands.axes, (result.case.classes / result.drops_per_sample).T
+    for row, total, y, own in zip(rows, found.total, bands.places.tolist(), shares, strict=True):
         sampling = row.interval
         axes.barh(y, sampling.probability, bands.data(0.3), color=row.colour, alpha=0.55)
         axes.plot(own, [y - bands.data(0.17)] * len(own), '.', color=row.colour, alpha=0.5, ms=3)

@@ -48,123 +48,62 @@ SIGNIFICANCE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SampledShares:
-    """Counts of k outcomes at s samples of the surface, each with the same number of drops.
+    """Shares of k outcomes over s samples of the surface, and the parts of their variance.
 
-    counts : (s, k) int
-        Drops in each outcome; the other drops are in none of them.
-    drops : int
-        Number of drops at each sample, at least 2.
+    means : (k,) float
+    sampling, total : list of Interval
+        Of the means: by the number of drops alone, and with what is not known of the surface.
+    between, between_limit : (k,) float
+        Variance of the probability between the samples, and upper limits that hold simultaneously
+        (95 %). NaN for less than two samples.
+    part_of_surface : (k,) float
+        Part of the variance of the mean that the unknown surface causes, 0 to 1.
+    p_value : float
+        Of the chi-square test that all samples have the same shares.
     """
 
-    counts: Counts
-    drops: int
-    confidence: float
+    means: Array
+    sampling: list[Interval]
+    total: list[Interval]
+    between: Array
+    between_limit: Array
+    part_of_surface: Array
+    p_value: float
 
-    @property
-    def all_drops(self) -> int:
-        """Number of drops of all samples; 1 if there are none."""
-        return max(1, len(self.counts) * self.drops)
 
-    @property
-    def means(self) -> Array:
-        """(k,) mean share of each outcome."""
-        return np.asarray(self.counts.sum(axis=0) / self.all_drops)
+def sampled_shares(counts: Counts, drops: int, confidence: float) -> SampledShares:
+    """Return the shares of k outcomes, from counts (s, k) of this number of drops at each sample.
 
-    @property
-    def sampling_variance(self) -> Array:
-        """(k,) variance of the mean share by the number of drops, p (1 - p) / n."""
-        return np.asarray(self.means * (1 - self.means) / self.all_drops)
-
-    @property
-    def between(self) -> Array:
-        """(k,) variance of the probability between the samples; see `between_limit`.
-
-        The variance of the shares less the mean variance of the sampling at a sample, p (1 - p) /
-        m; negative differences are 0. NaN for less than two samples.
-        """
-        if len(self.counts) < 2:
-            return np.full(self.counts.shape[1], np.nan)
-        return np.asarray(np.maximum(self._variance - self._within, 0))
-
-    @property
-    def between_limit(self) -> Array:
-        """(k,) upper limits of `between` that hold simultaneously, each with 1 - 0.05 / k.
-
-        (s - 1) times the variance of the shares, divided by that of the probabilities and of the
-        sampling together, has a chi-square distribution with s - 1 degrees of freedom.
-        """
-        freedom = len(self.counts) - 1
-        quantile = chi2.ppf(SIGNIFICANCE / self.counts.shape[1], freedom)
-        return np.asarray(np.maximum(freedom * self._variance / quantile - self._within, 0))
-
-    @property
-    def _variance(self) -> Array:
-        """(k,) variance of the shares of the samples."""
-        return np.asarray((self.counts / self.drops).var(axis=0, ddof=1))
-
-    @property
-    def _within(self) -> Array:
-        """(k,) mean variance of the sampling at a sample, unbiased."""
-        shares = self.counts / self.drops
-        return np.asarray((shares * (1 - shares)).mean(axis=0) / (self.drops - 1))
-
-    @property
-    def surface_variance(self) -> Array:
-        """(k,) variance by the unknown surface, also of the mean over the samples."""
-        return np.asarray(self.between * (1 + 1 / max(len(self.counts), 1)))
-
-    @property
-    def part_of_surface(self) -> Array:
-        """(k,) part of the variance that the unknown surface causes, 0 to 1."""
-        both = self.surface_variance + self.sampling_variance
-        return np.asarray(np.where(both > 0, self.surface_variance / np.maximum(both, 1e-300), 0))
-
-    def sampling(self) -> list[Interval]:
-        """Return the mean shares, with Wilson's intervals for all drops."""
-        return intervals(self.counts.sum(axis=0), self.all_drops, confidence=self.confidence)
-
-    def total(self) -> list[Interval]:
-        """Return the intervals that also contain what is not known of the surface.
-
-        Wilson's interval for as many drops as have the variance of sampling and surface together.
-        It is the sampling interval if the surface has no effect.
-        """
-        n, p, sampling = float(self.all_drops), self.means, self.sampling_variance
-        variance = sampling + np.where(sampling > 0, self.surface_variance, 0)
-        size = np.where(variance > 0, p * (1 - p) / np.where(variance > 0, variance, 1), n)
-        z2 = norm.ppf((1 + self.confidence) / 2) ** 2
-        middle = (p + z2 / (2 * size)) / (1 + z2 / size)
-        half = np.sqrt(z2 * (p * (1 - p) / size + z2 / (4 * size**2))) / (1 + z2 / size)
-        low, high = containing(p, np.maximum(middle - half, 0), np.minimum(middle + half, 1))
-        return [Interval(*row) for row in np.column_stack([p, low, high]).tolist()]
-
-    @cached_property
-    def p_value(self) -> float:
-        """Of the chi-square test that all samples have the same shares."""
-        return homogeneity(np.column_stack([self.counts, self.drops - self.counts.sum(axis=1)]))
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the numbers of each outcome as plain values."""
-        return [
-            {
-                'count': count,
-                'probability': sampling.probability,
-                'sampling': [sampling.lower, sampling.upper],
-                'with_surface': [total.lower, total.upper],
-                'surface_deviation': deviation,
-                'surface_deviation_limit': limit,
-                'surface_part': part,
-            }
-            for count, sampling, total, deviation, limit, part in zip(
-                self.counts.sum(axis=0).tolist(),
-                self.sampling(),
-                self.total(),
-                np.sqrt(self.between).tolist(),
-                np.sqrt(self.between_limit).tolist(),
-                self.part_of_surface.tolist(),
-                strict=True,
-            )
-        ]
+    The variance between the samples is that of the shares less the mean variance of the sampling
+    at a sample, p (1 - p) / m; negative differences are 0. (s - 1) times the variance of the
+    shares, divided by that of probabilities and sampling together, has a chi-square distribution.
+    The mean itself is over s samples, so that the surface adds (1 + 1 / s) times the variance
+    between them. The total interval is Wilson's for the number of drops that has both variances.
+    """
+    s, k = counts.shape
+    n, shares = max(1, s * drops), counts / drops
+    means = counts.sum(axis=0) / n
+    within = (shares * (1 - shares)).mean(axis=0) / (drops - 1) if s else np.zeros(k)
+    spread = shares.var(axis=0, ddof=1) if s > 1 else np.full(k, np.nan)
+    between = np.maximum(spread - within, 0)
+    limit = (s - 1) * spread / chi2.ppf(SIGNIFICANCE / k, max(s - 1, 1)) - within
+    by_sampling = means * (1 - means) / n
+    by_surface = between * (1 + 1 / max(s, 1))
+    both = by_sampling + np.where(by_sampling > 0, by_surface, 0)
+    size = np.where(both > 0, means * (1 - means) / np.where(both > 0, both, 1), n)
+    z2 = norm.ppf((1 + confidence) / 2) ** 2
+    middle = (means + z2 / (2 * size)) / (1 + z2 / size)
+    half = np.sqrt(z2 * (means * (1 - means) / size + z2 / (4 * size**2))) / (1 + z2 / size)
+    low, high = containing(means, np.maximum(middle - half, 0), np.minimum(middle + half, 1))
+    return SampledShares(
+        means,
+        intervals(counts.sum(axis=0), n, confidence=confidence),
+        [Interval(*row) for row in np.column_stack([means, low, high]).tolist()],
+        between,
+        np.maximum(limit, 0),
+        np.where(both > 0, by_surface / np.maximum(by_surface + by_sampling, 1e-300), 0),
+        homogeneity(np.column_stack([counts, drops - counts.sum(axis=1)])),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,18 +143,18 @@ class PropagatedResult:
     @cached_property
     def by_aspect(self) -> SampledShares:
         """Counts by aspect, with both uncertainties."""
-        return SampledShares(self.counts, self.drops_per_sample, self.confidence)
+        return sampled_shares(self.counts, self.drops_per_sample, self.confidence)
 
     @cached_property
     def by_class(self) -> SampledShares:
         """Counts by symmetry class, with both uncertainties."""
-        counts = counts_by_class(self.aspects, self.counts)
-        return SampledShares(counts, self.drops_per_sample, self.confidence)
+        return sampled_shares(self.case.classes, self.drops_per_sample, self.confidence)
 
     @cached_property
     def case(self) -> Case:
         """The counts by symmetry class, with one point for each sample."""
-        return Case(self.part, self.aspects, self.by_class.counts, self.other)
+        classes = counts_by_class(self.aspects, self.counts)
+        return Case(self.part, self.aspects, classes, self.other)
 
     def sentence(self) -> str:
         """Say whether the unknown surface has an effect, and what shortens the intervals.
@@ -235,7 +174,7 @@ class PropagatedResult:
             )
         k = int(found.between.argmax())
         sampling, total = (
-            50 * (each.upper - each.lower) for each in (found.sampling()[k], found.total()[k])
+            50 * (each.upper - each.lower) for each in (found.sampling[k], found.total[k])
         )
         return (
             f'Not knowing the surface matters (chi-square test of the samples, {p_text}), most '
@@ -269,9 +208,10 @@ class PropagatedResult:
         }
         with analysis('the uncertainty of the shares'):
             members = [[a.id for a in alike] for alike in self.aspects.classes()]
-            classes = zip(members, self.by_class.rows(), strict=True)
+            aspects = _rows(self.counts, self.by_aspect)
+            classes = zip(members, _rows(self.case.classes, self.by_class), strict=True)
             document |= {
-                'aspects': [{'id': k, **row} for k, row in enumerate(self.by_aspect.rows(), 1)],
+                'aspects': [{'id': k, **row} for k, row in enumerate(aspects, 1)],
                 'classes': [{'aspects': ids, **row} for ids, row in classes],
                 'p_value': self.by_class.p_value,
                 'summary': self.sentence(),
@@ -305,7 +245,7 @@ class PropagatedResult:
             '',
             f'{"":<{width}}  probability   by sampling alone   with the surface',
         ]
-        for name, one, both in zip(names, found.sampling(), found.total(), strict=True):
+        for name, one, both in zip(names, found.sampling, found.total, strict=True):
             lines.append(
                 f'{name:<{width}}  {100 * one.probability:>9.2f} %   {interval_text(one):>17}   '
                 f'{interval_text(both):>16}'
@@ -316,6 +256,22 @@ class PropagatedResult:
             if count
         ]
         return '\n'.join([*lines, '', *textwrap.wrap(self.sentence(), WIDTH)])
+
+
+def _rows(counts: Counts, found: SampledShares) -> list[dict[str, Any]]:
+    """Return the numbers of each outcome as plain values."""
+    return [
+        {
+            'count': int(counts[:, k].sum()),
+            'probability': sampling.probability,
+            'sampling': [sampling.lower, sampling.upper],
+            'with_surface': [total.lower, total.upper],
+            'surface_deviation': float(np.sqrt(found.between[k])),
+            'surface_deviation_limit': float(np.sqrt(found.between_limit[k])),
+            'surface_part': float(found.part_of_surface[k]),
+        }
+        for k, (sampling, total) in enumerate(zip(found.sampling, found.total, strict=True))
+    ]
 
 
 def interval_text(found: Interval) -> str:

@@ -1,4 +1,7 @@
-"""Study what the aspects of parts depend on: drops over ranges of conditions."""
+"""Study what the aspects of parts depend on: drops over ranges of conditions.
+
+The description of a study, its run and its result belong together; most lines are documentation.
+"""
 
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,43 +15,28 @@ import yaml
 from pydantic import StrictInt, StrictStr
 
 from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.condition_text import given_conditions, shipped_surfaces
 from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings import conditions_document
 from resting_aspects_ros.core.errors import InvalidValueError, analysis, located, shown, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.quantity_text import parse_quantity
 from resting_aspects_ros.core.schema import FileModel, Number, validated
 from resting_aspects_ros.core.statistics.distribution import OUTSIDE
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, bounds, check_confidence
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.actions import (
-    DEFAULT_TIME,
-    KINDS,
     Action,
     NamedAction,
-    make_action,
 )
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
-    QUANTITIES,
     DropConditions,
-    HeightOf,
 )
 from resting_aspects_ros.simulation.dask_workers import worker_versions
-from resting_aspects_ros.simulation.quantity import check_name, described_kind
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import (
-    make_surroundings,
-    named_surroundings,
-    surroundings_from,
-)
 from resting_aspects_ros.studies.batch import CaseComparison, compare_cases, load_parts, save_part
 from resting_aspects_ros.studies.design import (
     DEFAULT_DESIGN,
@@ -58,9 +46,11 @@ from resting_aspects_ros.studies.design import (
     Factor,
     Setting,
     check_factors,
+    given_setting,
     make_design,
     point_values,
     read_factor,
+    read_setting,
 )
 from resting_aspects_ros.studies.effects import (
     FRESH_DROPS,
@@ -89,10 +79,9 @@ from resting_aspects_ros.studies.points import (
 )
 
 SPEC, CSV, PARQUET, PAGE = 'study.yaml', 'results.csv', 'results.parquet', 'page.html'
-# Drops of all points together by default, and the bounds of those of one point; the same for
-# actions from one aspect.
-ALL_DROPS, MIN_DROPS, MAX_DROPS_EACH = 120_000, 400, 10_000
-ALL_ACTIONS, MIN_ACTIONS, MAX_ACTIONS = 24_000, 100, 2000
+# Drops of all points together by default, with an action from each aspect a fifth of them; and the
+# bounds of those of one point.
+ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 120_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
 EXPECTED = {
@@ -115,7 +104,7 @@ class StudySpec:
         Number of base points; see `make_design`.
     drops : int
         Number of drops at each point; with an action, of actions from each aspect. 0: as many as
-        `ALL_DROPS` allow.
+        ALL_DROPS allow.
     tolerance : float
         Change of a share that matters.
 
@@ -145,10 +134,9 @@ class StudySpec:
             )
         count = len(self.made_design().points)
         if self.drops == 0 and type(self.drops) is int:
-            each = ALL_DROPS // count, MIN_DROPS, MAX_DROPS_EACH
-            if self.base.action is not None:
-                each = ALL_ACTIONS // count, MIN_ACTIONS, MAX_ACTIONS
-            object.__setattr__(self, 'drops', min(max(each[0], each[1]), each[2]))
+            each = min(max(ALL_DROPS // count, MIN_DROPS), MAX_DROPS)
+            each //= 1 if self.base.action is None else ACTIONS
+            object.__setattr__(self, 'drops', each)
         check_drops(self.drops)
 
     def made_design(self) -> Design:
@@ -157,17 +145,7 @@ class StudySpec:
 
     def document(self, parts: Sequence[str]) -> dict[str, Any]:
         """Return the study as plain values; ``parts`` are the files of its parts."""
-        conditions = conditions_document(self.base.conditions)
-        conditions.pop('surroundings')
-        conditions['height_of'] = HeightOf(self.base.conditions.height_of).name
-        document: dict[str, Any] = {'parts': list(parts)}
-        if name := conditions.pop('surface'):
-            document['surface'] = name
-        document['conditions'] = conditions
-        if self.base.surroundings is not None:
-            document['surroundings'] = self.base.surroundings.document
-        if self.base.action is not None:
-            document['action'] = self.base.action.values
+        document: dict[str, Any] = {'parts': list(parts), **self.base.document}
         document['vary'] = {factor.name: factor.document for factor in self.factors}
         for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence'):
             document[name] = getattr(self, name)
@@ -215,10 +193,8 @@ def make_spec(
     Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
     """
     given = validated(StudyFile, document, expected=EXPECTED)
-    base = Setting(
-        _conditions(given.surface, given.conditions or {}, surfaces or shipped_surfaces()),
-        _surroundings(given.surroundings, folder),
-        _action(given.action),
+    base = read_setting(
+        given.surface, given.conditions or {}, given.surroundings, given.action, folder, surfaces
     )
     if given.drops is not None:
         check_drops(given.drops)
@@ -233,47 +209,6 @@ def make_spec(
         given.tolerance,
         given.confidence,
     )
-
-
-def _conditions(
-    surface: str, changes: Mapping[str, float | str], surfaces: Surfaces
-) -> DropConditions:
-    values: dict[str, Any] = {}
-    for name, value in changes.items():
-        if name == 'height_of':
-            values[name] = HeightOf.__members__.get(str(value).upper(), value)
-        elif name in QUANTITIES:
-            unit = QUANTITIES[name].unit
-            values[name] = parse_quantity(name, value, unit) if isinstance(value, str) else value
-        else:
-            raise InvalidValueError(
-                f'invalid condition {shown(name)}: expected one of {", ".join(QUANTITIES)}'
-            )
-    if len(values) > len(QUANTITIES) and surface not in ('', *surfaces.names()):
-        # A saved study has all values of a surface whose file need not exist any more.
-        return DropConditions(surface=check_name('a surface', surface), **values)
-    return surfaces.get(surface).changed(**values)
-
-
-def _surroundings(given: Any, folder: Path | None) -> Surroundings | None:
-    if given is None or isinstance(given, Surroundings):
-        return given
-    if not isinstance(given, str):
-        return make_surroundings(given)
-    is_file = folder is not None and given.endswith(('.yaml', '.yml'))
-    return named_surroundings(folder / given if is_file and folder is not None else given)
-
-
-def _action(given: Any) -> NamedAction | None:
-    if given is None:
-        return None
-    if isinstance(given, str):
-        return named_action(given)
-    kind, values, _ = described_kind('action', given, KINDS)
-    name, time = values.pop('name', kind), values.pop('time', DEFAULT_TIME)
-    if not isinstance(name, str):
-        raise InvalidValueError(f'invalid name {shown(name)} of an action: expected text')
-    return NamedAction(name, make_action(kind, values), time)
 
 
 def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> None:
@@ -502,15 +437,7 @@ def study(
     >>> result.cases[0].drops.tolist()
     [50, 50, 50, 50]
     """
-    given = given_conditions(surface, conditions)
-    around = surroundings
-    if around is None and given.surroundings:
-        around = surroundings_from(given.surroundings)
-    if around is not None and not isinstance(around, Surroundings):
-        around = named_surroundings(around)
-    base = Setting(
-        given.changed(surroundings=''), around, None if action is None else named_action(action)
-    )
+    base = given_setting(surface, conditions, surroundings, action)
     if drops is not None:
         check_drops(drops)
     several = [parts] if isinstance(parts, Part | str | Path) else list(parts)

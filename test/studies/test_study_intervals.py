@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from resting_aspects_ros.studies.calibration.summary import shortest_interval
 from resting_aspects_ros.studies.objective import Objective
 from resting_aspects_ros.studies.optimise import compared, estimated
-from resting_aspects_ros.studies.propagate import SampledShares
+from resting_aspects_ros.studies.propagate import sampled_shares
 
 confidences = st.sampled_from([0.51, 0.8, 0.95, 0.9999])
 counts = st.lists(st.sampled_from([0, 0, 1, 5, 10_000]), min_size=3, max_size=3)
@@ -31,8 +31,8 @@ def test_interval_of_skewed_draws_contains_the_mean():
 
 @given(st.lists(st.tuples(*[st.integers(0, 10)] * 2), min_size=2, max_size=9), confidences)
 def test_intervals_with_the_surface_contain_the_share_and_those_of_the_sampling(rows, confidence):
-    found = SampledShares(np.array(rows), 20, confidence)
-    for one, both in zip(found.sampling(), found.total(), strict=True):
+    found = sampled_shares(np.array(rows), 20, confidence)
+    for one, both in zip(found.sampling, found.total, strict=True):
         assert 0 <= both.lower <= both.probability <= both.upper <= 1
         assert one.lower <= one.probability <= one.upper
 

@@ -67,8 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops at each point; with --action, of actions from each aspect (400 to '
-        '10000, with --action 100 to 2000: the fewer, the more points there are)',
+        help='number of drops at each point (400 to 10000: the fewer, the more points there are); '
+        'with --action, of actions from each aspect (a fifth of this)',
     )
     group.add_argument(
         '--seed', metavar='S', type=parse_integer, help='seed of the design and the drops (1)'
