@@ -106,11 +106,13 @@ class Curve:
 def curve_of(line: LineCounts, confidence: float) -> Curve:
     """Return the mean curve over a factor with its interval at each level.
 
-    The interval contains the sampling and, unless the lines are fixed, what other lines could
-    change (Student's t for the means of the lines).
+    The interval contains the sampling and, unless the lines are fixed, that the factor acts
+    differently in other lines (Student's t). Lines are compared with themselves alone: that some
+    are higher than others does not matter for what the factor does.
     """
     shares = line.shares
-    mean, error = _mean(shares, line.smooth_noise, line.fixed)
+    means = np.einsum('blc,l->bc', shares, line.weights)[:, None]
+    mean, error = _mean(shares - means + means.mean(axis=0), line.smooth_noise, line.fixed)
     reach = error * _quantile(line, confidence)
     # A share of 0 or 1 has the interval of a single binomial share.
     low, high = bounds(line.counts.sum(axis=0), line.drops.sum(axis=0), INTERVAL, confidence)
