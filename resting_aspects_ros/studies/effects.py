@@ -161,7 +161,7 @@ def homogeneity(table: Counts) -> float:
         table[:, table.sum(axis=0).argmin()] += rare
     if min(table.shape) < 2:
         return 1.0
-    return float(chi2_contingency(table, correction=False).pvalue)
+    return float(chi2_contingency(table, correction=False)[1])
 
 
 @dataclass(frozen=True, eq=False)
