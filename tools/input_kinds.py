@@ -28,9 +28,9 @@ from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
-from resting_aspects_ros.studies.point_store import PointStore
-from resting_aspects_ros.studies.propagation import uncertain_surface
-from resting_aspects_ros.studies.study_spec import read_spec
+from resting_aspects_ros.studies.points import PointStore
+from resting_aspects_ros.studies.propagate import uncertain_surface
+from resting_aspects_ros.studies.study import read_spec
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 
@@ -73,8 +73,8 @@ def yaml_kinds() -> dict[str, Kind]:
             'restitution': '0.2:0.8:log',
             'surroundings.angle': '1deg:5deg:4',
         },
-        'design': 'lhs',
-        'points': [8, 8],
+        'design': 'curves',
+        'points': 8,
         'drops': 20,
         'seed': 3,
         'tolerance': 0.05,
@@ -122,7 +122,7 @@ def yaml_kinds() -> dict[str, Kind]:
             tuple(path.read_bytes() for path in sorted(folder.glob('*.yaml'))),
         ),
         'study': Kind(
-            'study.yaml', lambda path: read_spec(path).points(), (_yaml(study), _yaml(acted))
+            'study.yaml', lambda path: read_spec(path).made_design(), (_yaml(study), _yaml(acted))
         ),
         'surface counts': Kind('counts.yaml', read_surface_counts, tuple(map(_yaml, counts))),
         'grasps': Kind(
@@ -169,13 +169,13 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     )
     counted['aspects'] = [{'id': 1, 'count': 6, 'down_in_part': [0, 0, -1], 'rolls': False}]
     store = folder / 'seed.jsonl'
-    with PointStore(store, {'numpy': '2'}) as points:
-        points.add('a', 0, 10, np.array([[4, 6]]))
-        points.add('a', 10, 20, np.array([[5, 5]]))
+    points = PointStore(store, {'numpy': '2'})
+    points.add('a', 10, np.array([[4, 6]]))
+    points.add('b', 20, np.array([[5, 5], [6, 4]]))
     label = SimulatedDrops(None, 1)._label  # type: ignore[arg-type]  # noqa: SLF001
 
     def stored(path: Path) -> None:
-        PointStore(path, {'numpy': '2'}).__exit__(None, None, None)
+        PointStore(path, {'numpy': '2'})
 
     shape = {'outer': [[0, 0], [0.04, 0], [0.04, 0.02], [0, 0.02]]}
     holes = [[[0.01, 0.005], [0.02, 0.005], [0.02, 0.01]]]

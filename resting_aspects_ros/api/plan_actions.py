@@ -93,7 +93,7 @@ def plan_actions(
         confidence=confidence,
         landscape=landscape,
     )
-    starts = _starts(part, aspects, scene, action.action, conditions, rests)
+    starts = find_starts(part, aspects, scene, action.action, conditions, rests)
     ids = starts.ids if isinstance(starts, FoundStarts) else tuple(a.id for a in aspects.aspects)
     _warn_if_missing(aspects, ids, rests)
     job, run = plan_run(
@@ -154,7 +154,7 @@ def check_actions(
     return scene, aspects, per_aspect
 
 
-def _starts(
+def find_starts(
     part: Part,
     aspects: AspectSet,
     scene: Scene | None,

@@ -12,9 +12,8 @@ from resting_aspects_ros.report.rows import class_rows
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
-from resting_aspects_ros.studies.batch import INDEX, drop_batch
-from resting_aspects_ros.studies.batch_page import TOP
-from resting_aspects_ros.studies.batch_result import BatchEntry
+from resting_aspects_ros.studies.batch import INDEX, BatchEntry, drop_batch
+from resting_aspects_ros.studies.pages import TOP
 
 FAILED, INTERRUPTED = 1, 130
 DEFAULT_FOLDER = Path('out') / 'batch'

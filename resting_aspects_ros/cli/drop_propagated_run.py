@@ -14,9 +14,9 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.surfaces import all_surfaces
-from resting_aspects_ros.studies.propagated_result import PAGE
-from resting_aspects_ros.studies.propagation import (
+from resting_aspects_ros.studies.propagate import (
     DROPS,
+    PAGE,
     SAMPLES,
     UncertainSurface,
     named_surface,

@@ -1,39 +1,377 @@
-"""Drop many parts under the same conditions, with a report for each and an index page."""
+"""Several parts: their files, a batch of drops, and the designs of a part side by side."""
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import yaml
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import KDTree
+from scipy.stats import norm
+
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.drop_counter import DropCounter
+from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.plan_drops import plan_drops
-from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.errors import (
     EngineError,
+    InvalidValueError,
     OutputError,
     RestingAspectsError,
     analysis,
+    shown,
     warn,
 )
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import METHOD
+from resting_aspects_ros.core.part_loading import FILE_FORMATS
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
+from resting_aspects_ros.core.units import UNITS
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.studies.batch_result import BatchEntry, BatchResult
-from resting_aspects_ros.studies.part_files import missing_parts, part_sources, source_text
+from resting_aspects_ros.studies.points import Case, Counts
 
-INDEX = 'index.html'
-DOCUMENT = 'distribution.json'
+Array = npt.NDArray[np.float64]
+
+PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
+# Aspects whose down directions differ by more than this are not the same, rad.
+MAX_ANGLE = np.radians(20.0)
+# Heights of the centre of mass of the same aspect differ by at most this, R.
+MAX_HEIGHT = 0.3
+# Parts whose hulls are on average further apart than this, R, are different parts.
+MAX_APART = 0.15
+# Points of a hull that are compared.
+SAMPLES = 400
+# Of more parts, only the first ones are compared with each other.
+MAX_COMPARED = 20
+
+
+def mesh_files(folder: Path) -> list[Path]:
+    """Return the mesh files of a folder, sorted; raises InvalidValueError if it has none."""
+    endings = {f'.{ending}' for ending in FILE_FORMATS}
+    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and p.is_file())
+    if not found:
+        raise InvalidValueError(
+            f'invalid part {shown(str(folder))}: it is a folder, expected mesh files '
+            f'({", ".join(sorted(endings))}) in it'
+        )
+    return found
+
+
+def part_sources(given: Sequence[str | Path]) -> Iterator[str | Path]:
+    """Yield names of parts and mesh files; a folder stands for the mesh files in it."""
+    for each in given:
+        folder = part_folder(each)
+        if folder is None:
+            yield each
+        else:
+            yield from mesh_files(folder)
+
+
+def part_folder(given: str | Path) -> Path | None:
+    """Return a folder of mesh files; None for a file or the name of an example part."""
+    path = Path(given)
+    return path if path.is_dir() and not _is_name(given) else None
+
+
+def _is_name(given: str | Path) -> bool:
+    return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
+
+
+def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> list[Part]:
+    """Return parts with different names; files are relative to the folder ``base``."""
+    found: list[Part] = []
+    for each in given:
+        if isinstance(each, Part):
+            found.append(each)
+            continue
+        path = mesh_file(each)
+        if base is not None and not _is_name(each) and (base / each).is_dir():
+            path = Path(each)
+        if path is not None and base is not None:
+            path = base / path
+        found += [load_part(source) for source in part_sources([path or each])]
+    names = [part.name for part in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidValueError(
+                f'invalid parts: expected different names, not {name!r} several times'
+            )
+    if not found:
+        raise InvalidValueError('missing part: expected a name or a mesh file')
+    return found
+
+
+def save_part(part: Part, folder: Path) -> str:
+    """Write the mesh and the YAML file of a part; returns the path of the mesh in the folder.
+
+    The part that is read from them has the same hash. Raises OutputError.
+    """
+    (folder / PARTS).mkdir(parents=True, exist_ok=True)
+    mesh = folder / PARTS / f'{part.name}.{part.mesh_format}'
+    with whole_file(mesh) as file:
+        file.write_bytes(part.mesh_bytes)
+    for values in _descriptions(part):
+        with whole_file(mesh.with_suffix('.yaml')) as file:
+            file.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
+        try:
+            if load_part(mesh).part_sha256 == part.part_sha256:
+                break
+        except RestingAspectsError:
+            continue
+    return f'{PARTS}/{mesh.name}'
+
+
+def _descriptions(part: Part) -> Iterator[dict[str, Any]]:
+    """Yield descriptions with more and more of the values that may have been given."""
+    values: dict[str, Any] = {'unit': part.unit}
+    if part.body:
+        values['body'] = part.body
+    yield values
+    values = {**values, 'mass': part.mass}
+    yield values
+    centre = (part.centre_of_mass / UNITS[part.unit]).tolist()
+    values = {**values, 'centre_of_mass': centre}
+    yield values
+    i = part.inertia
+    inertia = [i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2]]
+    yield {**values, 'inertia': [float(each) for each in inertia]}
+
+
+@dataclass(frozen=True, eq=False)
+class AspectMatch:
+    """The symmetry classes that two designs share.
+
+    pairs : tuple of (int, int)
+        Numbers of the classes in the first and the second design, from 1.
+    rotation : (3, 3) float
+        Turns the second design as the first; identity if the meshes are in the same frame.
+    apart : float
+        Mean distance of the hulls after the rotation, R of the first.
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    rotation: Array
+    apart: float
+
+
+def match_aspects(first: Part, one: AspectSet, second: Part, other: AspectSet) -> AspectMatch:
+    """Return which symmetry classes of two designs are the same.
+
+    The designs are compared in the frames of their meshes and, if another orientation fits
+    clearly better, along their principal axes. A class is matched with the one whose direction of
+    gravity and height of the centre of mass are nearest. Parts that are too different share none.
+    """
+    rotation, apart = _best_rotation(first, second)
+    if apart > MAX_APART:
+        return AspectMatch((), rotation, apart)
+    mine, theirs = one.classes(), other.classes()
+    cost = np.array(
+        [[_difference(a, first, b, second, rotation) for b in theirs] for a in mine]
+    ).reshape(len(mine), len(theirs))
+    rows, columns = linear_sum_assignment(np.minimum(cost, 10.0))
+    pairs = tuple(
+        (int(r) + 1, int(c) + 1) for r, c in zip(rows, columns, strict=True) if cost[r, c] <= 1.0
+    )
+    return AspectMatch(pairs, rotation, apart)
+
+
+def _difference(
+    mine: tuple[Aspect, ...],
+    first: Part,
+    theirs: tuple[Aspect, ...],
+    second: Part,
+    rotation: Array,
+) -> float:
+    """Return how different two classes are; up to 1, they can be the same."""
+    if mine[0].sweep.curved != theirs[0].sweep.curved:
+        return np.inf
+    height = abs(
+        mine[0].com_height / first.hull_radius - theirs[0].com_height / second.hull_radius
+    )
+    down = np.concatenate([aspect.directions for aspect in mine])
+    turned = np.concatenate([aspect.directions for aspect in theirs]) @ rotation.T
+    cosine = float(np.clip((down @ turned.T).max(), -1, 1))
+    angle = float(np.arccos(cosine))
+    return max(angle / MAX_ANGLE, height / MAX_HEIGHT)
+
+
+def _best_rotation(first: Part, second: Part) -> tuple[Array, float]:
+    """Return the rotation of the second part that fits the first best, and the distance."""
+    target, moved = _hull_points(first), _hull_points(second)
+    # Designs of one part have the same scale; another part may not.
+    tree, radius = KDTree(target), first.hull_radius
+    signs = [np.diag([a, b, a * b]).astype(float) for a, b in itertools.product((1, -1), repeat=2)]
+    along = [first.principal_axes @ s @ second.principal_axes.T for s in signs]
+    rotations = [np.eye(3), *along]
+    found = []
+    for rotation in rotations:
+        there = moved @ rotation.T
+        both = np.asarray(tree.query(there)[0]), np.asarray(KDTree(there).query(target)[0])
+        found.append(float(both[0].mean() + both[1].mean()) / (2 * radius))
+    best = int(np.argmin(found))
+    # The frames of the meshes are kept unless another orientation is clearly better.
+    if found[0] <= 1.2 * found[best] + 0.02:
+        best = 0
+    return rotations[best], found[best]
+
+
+def _hull_points(part: Part) -> Array:
+    """Return points on the surface of a part, evenly distributed, about its centre of mass, m."""
+    corners = part.vertices[part.faces]
+    twice = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    edges = np.concatenate([[0.0], np.cumsum(twice)])
+    # Equally spaced along the cumulated area, with the points of a Sobol-like lattice inside.
+    place = (np.arange(SAMPLES) + 0.5) / SAMPLES * edges[-1]
+    face = np.clip(np.searchsorted(edges, place, side='right') - 1, 0, len(corners) - 1)
+    u, v = (np.arange(SAMPLES) * np.array([[0.7548776662], [0.5698402910]])) % 1.0
+    flip = u + v > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    a, b, c = np.moveaxis(corners[face], 1, 0)
+    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    return np.asarray(points - part.centre_of_mass)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedClass:
+    """A class that two designs share, over the points that both have.
+
+    first, second : int
+        Its numbers in the designs, from 1.
+    first_share, second_share : float
+        Means over the points.
+    difference, lower, upper : float
+        Mean of second - first, with its interval.
+    """
+
+    first: int
+    second: int
+    first_share: float
+    second_share: float
+    difference: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class CaseComparison:
+    """Two designs side by side; ``apart`` is the mean distance of their hulls, R."""
+
+    first: Case
+    second: Case
+    shared: tuple[SharedClass, ...]
+    apart: float
+
+
+def compare_cases(cases: Sequence[Case], confidence: float) -> Iterator[CaseComparison]:
+    """Yield a comparison of each pair of designs that are dropped."""
+    dropped = [case for case in cases if case.start is None]
+    for first, second in itertools.combinations(dropped, 2):
+        match = match_aspects(first.part, first.aspects, second.part, second.aspects)
+        both = np.flatnonzero((first.drops > 0) & (second.drops > 0))
+        pairs = match.pairs if len(both) else ()
+        shared = tuple(_shared(first, second, a, b, both, confidence) for a, b in pairs)
+        yield CaseComparison(first, second, shared, match.apart)
+
+
+def _shared(
+    first: Case, second: Case, a: int, b: int, both: Counts, confidence: float
+) -> SharedClass:
+    shares, variance = [], 0.0
+    for case, number in ((first, a), (second, b)):
+        counts, drops = case.classes[both, number - 1], case.drops[both]
+        # A point with no drop in a class still has a chance of it: add half a drop to each side.
+        smooth = (counts + 0.5) / (drops + 1)
+        variance += float((smooth * (1 - smooth) / drops).sum()) / len(both) ** 2
+        shares.append(float((counts / drops).mean()))
+    reach, difference = (
+        float(norm.ppf((1 + confidence) / 2)) * variance**0.5,
+        shares[1] - shares[0],
+    )
+    return SharedClass(
+        a, b, shares[0], shares[1], difference, difference - reach, difference + reach
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BatchEntry:
+    """A part of a batch.
+
+    source : str
+        Name or file, as it was given.
+    result : DropResult or None
+        None if the part failed.
+    folder : str
+        Folder of its report, in that of the batch.
+    error : str
+        Why it failed; empty otherwise.
+    """
+
+    source: str
+    result: DropResult | None = None
+    folder: str = ''
+    error: str = ''
+
+    @cached_property
+    def case(self) -> Case:
+        """The counts as a case with one point."""
+        assert self.result is not None
+        assert self.result.part is not None
+        found = self.result.distribution
+        other = [getattr(found, name) for name in OUTSIDE]
+        return Case(
+            self.result.part,
+            found.aspects,
+            found.by_class().counts[None],
+            np.array([other], dtype=np.int64),
+        )
+
+    @cached_property
+    def pictures(self) -> list[str]:
+        """A picture of each symmetry class as a data URI."""
+        # This import takes about a second.
+        from resting_aspects_ros.studies.pages import case_pictures
+
+        return case_pictures(self.case)
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """The parts of a batch; ``complete`` if none failed and it was not stopped.
+
+    seed : int
+        From which the seeds of the parts follow.
+    """
+
+    entries: tuple[BatchEntry, ...]
+    complete: bool
+    confidence: float
+    folder: Path | None = None
+    seed: int = DEFAULT_SEED
+
+    @cached_property
+    def comparisons(self) -> list[CaseComparison]:
+        """Pairs of parts that share aspects, as designs of one part do."""
+        cases = [entry.case for entry in self.entries if entry.result is not None]
+        found = compare_cases(cases[:MAX_COMPARED], self.confidence)
+        return [each for each in found if each.shared]
 
 
 def drop_batch(
@@ -67,7 +405,7 @@ def drop_batch(
     out : str or Path, optional
         Folder for index.html and a folder with a report of each part.
     stopped : callable
-        The batch ends early if it returns True.
+        The batch ends after the current part if it returns True.
     seed : int
         Of the batch. Each part has a seed of its own, see `part_seed`, so that the drops of
         different parts are independent.
@@ -98,42 +436,29 @@ def drop_batch(
     folder = None if out is None else Path(out)
     if folder is not None:
         make_folder('--out', folder)
-    count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
     entries: list[BatchEntry] = []
-    missing = missing_parts(sources, unit)
     with given_workers(workers) as pool:
-        for k, source in enumerate(sources):
+        for source in sources:
             if stopped():
                 break
-            entry = BatchEntry(source_text(source))
+            entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
             try:
-                part = _loaded(source, unit, missing.get(k))
+                part = _loaded(source, unit)
                 check(part)
-                plan = plan_drops(
+                result = drop(
                     part,
-                    given,
-                    drops=count,
-                    seed=part_seed(seed, part),
+                    drops,
+                    surface=given,
                     precision=precision,
+                    seed=part_seed(seed, part),
                     interval=interval,
                     confidence=confidence,
+                    workers=pool,
+                    keep_poses=False,
+                    progress=progress,
                 )
-                counter = DropCounter(plan.empty, plan.run, precision, consumers=plan.consumers)
-                with DropProgress(part.name, plan.run.drops, shown=progress) as bar:
-                    counter.drop(plan.job, pool, bar.update, stopped)
-                    bar.end(counter.distribution.drops)
-                if not counter.complete:
-                    break
-                result = DropResult(
-                    counter.distribution,
-                    plan.run,
-                    part,
-                    METHOD,
-                    counter.complete,
-                    mesh_file=None if isinstance(source, Part) else mesh_file(source),
-                    history=counter.history.points(),
-                    contacts=plan.contacts,
-                )
+                mesh = None if isinstance(source, Part) else mesh_file(source)
+                result = dataclasses.replace(result, mesh_file=mesh)
                 own = _folder(part.name, [each.folder for each in entries])
                 entry = dataclasses.replace(entry, result=result, folder=own)
                 if folder is not None:
@@ -173,12 +498,8 @@ def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
     return found
 
 
-def _loaded(
-    source: Part | str | Path, unit: str | None, error: RestingAspectsError | None
-) -> Part:
-    """Return a part; raises the error that is already known, if any."""
-    if error is not None:
-        raise error
+def _loaded(source: Part | str | Path, unit: str | None) -> Part:
+    """Return a part with its warnings."""
     if isinstance(source, Part):
         return source
     part = load_part(source, unit if mesh_file(source) is not None else None)
@@ -198,7 +519,7 @@ def _folder(name: str, taken: Sequence[str]) -> str:
 
 def _write_index(batch: BatchResult, *, compare: bool = False) -> None:
     # This import takes about a second.
-    from resting_aspects_ros.studies.batch_page import batch_page
+    from resting_aspects_ros.studies.pages import batch_page
 
     assert batch.folder is not None
     with whole_file(batch.folder / INDEX) as part:

@@ -1,20 +1,54 @@
-"""The best conditions that a search found, and what they were compared with."""
+"""The best conditions that a search found: their document, tables and sentences."""
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rich.table import Table
+
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.surroundings import conditions_text, scene_of
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.studies.factors import Factor
-from resting_aspects_ros.studies.objectives import Counts, Objective
-from resting_aspects_ros.studies.optimum_comparison import Advantage, Estimated
-from resting_aspects_ros.studies.optimum_facts import FactorFacts
-from resting_aspects_ros.studies.optimum_problem import Amounts
-from resting_aspects_ros.studies.optimum_profile import Profile
-from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
+from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.simulation.plan import engine_version
+from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.step_action import Step
+from resting_aspects_ros.studies.design import Factor, Setting
+from resting_aspects_ros.studies.objective import Array, Counts, Objective, listed
 
-# Probability with which the best conditions are the winner.
-WINNER = 0.95
+PAGE = 'report.html'
+# A factor has no effect that can be shown if the p value of its test is larger.
+SIGNIFICANCE = 0.05
+# Values that belong to a pair of materials.
+MATERIAL = ('restitution', 'friction', 'rolling_friction', 'spinning_friction')
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value with its credible interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Advantage:
+    """By how much the best conditions are better than others, and how certain that is.
+
+    gain : Estimated
+        Positive if the best conditions are better, even if less is better.
+    certainty : float
+        Posterior probability that they are better at all.
+    """
+
+    gain: Estimated
+    certainty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,39 +58,95 @@ class Candidate:
     setting : Setting
     values : dict of str to float or None
         Values of the factors, SI units; None for a default of the surroundings.
-    counts : (c,) int or None
-        Fresh drops by outcome: the groups of the objective, then all other ends; None if none
-        were made.
+    point : (d,) float or None
+        The same from 0 to 1; None outside the ranges.
+    counts : (c,) int
+        Drops by outcome: the groups of the objective, then all other ends.
     estimate : Estimated
-        The value of the objective, by the fresh drops; without them by the surrogate.
+        The value of the objective, by these drops.
     """
 
     setting: Setting
     values: Mapping[str, float | None]
-    counts: Counts | None
+    point: Array | None
+    counts: Counts
     estimate: Estimated
 
     @property
     def drops(self) -> int:
-        """Number of fresh drops."""
-        return 0 if self.counts is None else int(self.counts.sum())
+        """Number of drops."""
+        return int(self.counts.sum())
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The conditions as plain JSON types."""
+        action = self.setting.action
+        return {
+            'values': dict(self.values),
+            'conditions': self.setting.drop_conditions.document(),
+            'action': None if action is None else plain(action.values),
+            'value': plain(self.estimate),
+            'counts': self.counts.tolist(),
+            'drops': self.drops,
+        }
 
 
 @dataclass(frozen=True, eq=False)
-class OptimisePoint:
-    """A point of the design or of the search: values of the factors, SI units, and counts (c,).
+class FactorFacts:
+    """What one factor does while the others have their best values, by drops at some values.
 
-    round : int
-        0 for the design, otherwise the round of the search.
+    at : (l,) float
+        Values of the factor from 0 to 1, ascending; the best one is among them.
+    values, lower, upper : (l,) float
+        Values of the objective with their credible intervals.
+    flat : (float, float)
+        Range around the best value in which less than the tolerance is lost. The whole range if
+        no effect is shown.
+    bound : int
+        -1 or 1 if the lower or upper bound of the range is the best value or as good, else 0.
+    effect, effect_upper : float
+        Largest change of the objective, and its upper bound.
+    p_value : float
+        Of the test that the outcomes are the same for all values.
     """
 
-    values: Mapping[str, float]
-    counts: Counts
-    round: int
+    at: Array
+    values: Array
+    lower: Array
+    upper: Array
+    flat: tuple[float, float]
+    bound: int
+    effect: float
+    effect_upper: float
+    p_value: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether an effect is shown."""
+        return self.p_value < SIGNIFICANCE
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether a wider range would probably have a better point."""
+        return self.matters and self.bound != 0
+
+    def document(self, factor: Factor) -> dict[str, Any]:
+        """Return the facts as plain JSON types, in SI units."""
+        return {
+            'flat': factor.values(np.array(self.flat)).tolist(),
+            'at_bound': self.at_bound,
+            'effect': self.effect,
+            'effect_upper': self.effect_upper,
+            'p_value': self.p_value,
+            'curve': {
+                'at': factor.values(self.at).tolist(),
+                **{name: plain(getattr(self, name)) for name in ('values', 'lower', 'upper')},
+            },
+        }
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class OptimiseResult:
     """The best conditions within ranges, and how certain the answer is.
 
     Attributes
@@ -66,38 +156,26 @@ class Optimum:
     objective : Objective
     factors : tuple of Factor
     facts : tuple of FactorFacts
-        For each factor, how flat the optimum is and whether the factor matters.
-    best : Candidate
-        Of the compared conditions within the ranges, those with the best value in the fresh
-        drops; these can be those of the start.
-    second : Candidate or None
-        The best of the conditions that are not nearly the same: at least one factor differs by a
-        fifth of its range. None if there are none.
+        For each factor, how flat the optimum is and whether the factor matters; empty if stopped.
+    candidates : tuple of Candidate
+        The conditions that are compared by fresh drops, those with the best value first: the best
+        ones of the search, the best ones that differ from these by a fifth of a range, and those
+        from which the search started. If these are outside the ranges, they are last.
     start : Candidate or None
         The conditions from which the search started; None if they are impossible.
-    over_second, over_start : Advantage or None
-        By how much the best conditions are better, by fresh drops; None without them.
+    gains : tuple of Advantage
+        By how much the first candidate is better than each other one, by fresh drops.
     certainty : float
-        Posterior probability, by the fresh drops, that the best conditions are better than all
-        others that are compared; NaN without them.
-    points : tuple of OptimisePoint
-    skipped : tuple of (dict of str to float, str)
+        Posterior probability that it is better than all of them; NaN without fresh drops.
+    points : list of (dict of str to float, (c,) int, int)
+        Points of the search: values of the factors, SI units, counts, and the round.
+    skipped : list of (dict of str to float, str)
         Impossible points, and why.
-    amounts : Amounts
-        Points, drops at each, and the budget.
-    drops : int
-        All drops that were made.
-    certain : bool
-        Whether the search ended early, because no point was expected to be much better.
+    budget, drops : int
+        Drops that were allowed, and that were made.
     complete : bool
-        Whether the fresh drops were made.
-    confidence : float
-    seed : int
-    surrogate : str
-    surrogate_error : float
-        Cross-validated error of the shares.
-    profile : Profile
-        The objective along each factor, by the surrogate.
+        Whether all drops were made. Without fresh drops, the values of the candidates are those of
+        the search.
     """
 
     part: Part
@@ -105,28 +183,37 @@ class Optimum:
     objective: Objective
     factors: tuple[Factor, ...]
     facts: tuple[FactorFacts, ...]
-    best: Candidate
-    second: Candidate | None
+    candidates: tuple[Candidate, ...]
     start: Candidate | None
-    over_second: Advantage | None
-    over_start: Advantage | None
+    gains: tuple[Advantage, ...]
     certainty: float
-    points: tuple[OptimisePoint, ...]
-    skipped: tuple[tuple[Mapping[str, float], str], ...]
-    amounts: Amounts
+    points: Sequence[tuple[Mapping[str, float], Counts, int]]
+    skipped: Sequence[tuple[Mapping[str, float], str]]
+    budget: int
     drops: int
-    certain: bool
     complete: bool
     confidence: float
     seed: int
-    surrogate: str
-    surrogate_error: float
-    profile: Profile
+
+    @property
+    def best(self) -> Candidate:
+        """The best conditions."""
+        return self.candidates[0]
+
+    @property
+    def second(self) -> Candidate | None:
+        """The other conditions that the search found; None if there are none."""
+        others = [each for each in self.candidates[1:] if each is not self.start]
+        return others[0] if others else None
 
     @property
     def winner(self) -> bool:
-        """Whether the fresh drops show that the best conditions are better than the others."""
-        return self.certainty >= WINNER
+        """Whether the fresh drops show that the best conditions are better than the others.
+
+        If all k candidates are equally good, each has this certainty with a probability of at most
+        (1 - confidence) / k, so that there is a winner with at most 1 - confidence.
+        """
+        return self.certainty >= 1 - (1 - self.confidence) / len(self.candidates)
 
     @property
     def aim(self) -> str:
@@ -135,3 +222,237 @@ class Optimum:
         if action is None:
             return self.objective.text
         return f'{self.objective.text} after one {action.name} on parts that were dropped'
+
+    @property
+    def engine(self) -> str:
+        """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
+        setting = self.best.setting
+        scene = scene_of(self.part, setting.drop_conditions)
+        edge = setting.action is not None and isinstance(setting.action.action, Step)
+        return BULLET if edge or not (scene is None or scene.flat) else KERNEL
+
+    def over(self, other: Candidate | None) -> Advantage | None:
+        """Return by how much the best conditions are better than others; None if not known."""
+        gains = dict(zip(map(id, self.candidates[1:]), self.gains, strict=False))
+        return gains.get(id(other))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences that state how certain the answer is, and what limits it."""
+        return [*_comparison_notes(self), *_factor_notes(self), *_limit_notes(self)]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The result as plain JSON types, in SI units."""
+        facts = self.facts or [None] * len(self.factors)
+        compared = {'best': self.best, 'second': self.second, 'start': self.start}
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'part': self.part.name,
+            'part_sha256': self.part.part_sha256,
+            'aim': self.aim,
+            'wanted': list(self.objective.wanted),
+            'wanted_contacts': [dict(each.named) for each in self.objective.contacts],
+            'outcomes': self.objective.outcomes,
+            'unit': 'nat' if self.objective.is_entropy else '',
+            'factors': [
+                {'name': factor.name, **factor.document, 'unit': factor.unit}
+                | ({} if own is None else own.document(factor))
+                for factor, own in zip(self.factors, facts, strict=True)
+            ],
+            **{name: None if c is None else c.document for name, c in compared.items()},
+            'over_second': plain(self.over(self.second)),
+            'over_start': plain(self.over(self.start)),
+            'certainty': plain(self.certainty),
+            'winner': self.winner,
+            'notes': self.notes,
+            'points': [
+                {'values': dict(values), 'counts': counts.tolist(), 'round': number}
+                for values, counts, number in self.points
+            ],
+            'skipped': [{'values': dict(v), 'reason': reason} for v, reason in self.skipped],
+            'budget': self.budget,
+            'drops': self.drops,
+            'complete': self.complete,
+            'confidence': self.confidence,
+            'seed': self.seed,
+            'engine': self.engine,
+            'engine_version': engine_version(self.engine),
+        }
+
+    def to_json(self) -> str:
+        """Return the result as a JSON document."""
+        return json_text(self.document)
+
+    def save_json(self, path: str | Path) -> None:
+        """Write the result as a JSON document."""
+        with whole_file(Path(path)) as file:
+            file.write_text(self.to_json(), encoding='utf-8')
+
+    def save_csv(self, path: str | Path) -> None:
+        """Write the points of the search as CSV, in SI units."""
+        outcomes = [
+            '+'.join(map(str, each)) if isinstance(each, list) else each
+            for each in self.objective.outcomes
+        ]
+        with whole_file(Path(path)) as file, file.open('w', newline='', encoding='utf-8') as out:
+            writer = csv.writer(out)
+            writer.writerow([*(f.name for f in self.factors), 'round', *outcomes, 'other'])
+            for values, counts, number in self.points:
+                writer.writerow([*values.values(), number, *counts.tolist()])
+
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with the objective over each factor; returns its path. OutputError."""
+        # This import takes about a second.
+        from resting_aspects_ros.studies.pages import optimise_page
+
+        with whole_file(Path(folder) / PAGE) as file:
+            file.write_text(optimise_page(self), encoding='utf-8')
+        return Path(folder) / PAGE
+
+    def candidate_table(self) -> Table:
+        """Return the table of the conditions that are compared."""
+        yours = self.start or self.best
+        base = conditions_text(yours.setting.drop_conditions)
+        table = Table(title=f'{self.part.name}: {self.aim}\nyour conditions: {base}')
+        table.add_column('conditions')
+        for factor in self.factors:
+            table.add_column(factor.label or factor.name, justify='right')
+        table.add_column('entropy' if self.objective.is_entropy else 'share', justify='right')
+        table.add_column(f'{100 * self.confidence:g} % interval', justify='right')
+        table.add_column('drops', justify='right')
+        rows = {'best': self.best, 'second': self.second, 'yours': self.start}
+        for name, candidate in rows.items():
+            if candidate is None:
+                continue
+            values = [candidate.values[factor.name] for factor in self.factors]
+            number, value = self.objective.number, candidate.estimate
+            table.add_row(
+                'best, no winner' if name == 'best' and not self.winner else name,
+                *(
+                    '' if v is None else f.text(v)
+                    for v, f in zip(values, self.factors, strict=True)
+                ),
+                number(value.value),
+                f'{number(value.lower).split()[0]} to {number(value.upper)}',
+                str(candidate.drops),
+            )
+        return table
+
+    def factor_table(self) -> Table:
+        """Return the table of the factors: range, flat range and effect."""
+        difference = self.objective.difference
+        within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
+        table = Table(title='what the factors do at the best conditions')
+        table.add_column('factor')
+        for heading in ('searched', f'within {within}', 'effect, at most'):
+            table.add_column(heading, justify='right')
+        for factor, facts in zip(self.factors, self.facts, strict=False):
+            low, high = factor.values(np.array(facts.flat)).tolist()
+            table.add_row(
+                factor.label or factor.name,
+                f'{factor.text(factor.low)} to {factor.text(factor.high)}',
+                f'{factor.text(low)} to {factor.text(high)}',
+                difference(facts.effect_upper),
+            )
+        return table
+
+
+def certainty_text(certainty: float) -> str:
+    """Return a probability as text; it is never rounded to 0 or 100 %."""
+    if certainty > 0.999:
+        return 'more than 99.9 %'
+    return 'less than 0.1 %' if certainty < 0.001 else f'{100 * certainty:.1f} %'
+
+
+def _comparison_notes(result: OptimiseResult) -> Iterator[str]:
+    """Say how the best conditions compare with the others."""
+    if not result.gains:
+        return
+    if not result.winner:
+        yield (
+            'No winner: the probability that the best conditions are better than all others that '
+            f'were compared is {certainty_text(result.certainty)}.'
+        )
+    if result.best is result.start:
+        yield 'Your conditions have the best value of those that were compared.'
+    for other, name in ((result.second, 'the second conditions'), (result.start, 'yours')):
+        found = result.over(other)
+        if found is not None:
+            yield _against(found, result.objective, name)
+    yield (
+        f'These values are from {result.best.drops} fresh drops for each of the conditions. The '
+        'drops that selected the best conditions are not among them, so that the values are not '
+        'those of the luckiest point.'
+    )
+
+
+def _against(found: Advantage, objective: Objective, other: str) -> str:
+    """Return how the best conditions compare with others."""
+    low, high = found.gain.lower, found.gain.upper
+    if low > 0 or high < 0:
+        ends = sorted((abs(low), abs(high)))
+        span = f'{objective.difference(ends[0]).split()[0]} to {objective.difference(ends[1])}'
+        better = 'better' if low > 0 else 'worse'
+        return f'The best conditions in the ranges are {better} than {other} by {span}.'
+    return (
+        f'No difference is shown between the best conditions and {other}: it is at most '
+        f'{objective.difference(max(high, -low))}, and the probability that the best ones are '
+        f'better is {certainty_text(found.certainty)}.'
+    )
+
+
+def _factor_notes(result: OptimiseResult) -> Iterator[str]:
+    """Say which values are at a bound, which factors do not matter, and which are materials."""
+    known = list(zip(result.factors, result.facts, strict=False))
+    for factor, facts in known:
+        if facts.at_bound:
+            end, value = ('lower', factor.low) if facts.bound < 0 else ('upper', factor.high)
+            quantity = result.best.setting.quantity(factor.name)
+            last = value == (quantity.low if facts.bound < 0 else quantity.high)
+            yield (
+                f'The best {factor.name} is at the {end} bound '
+                f'{"that is possible at all" if last else "of its range"}, {factor.text(value)}'
+                f'{"" if last else ": widen the range, it may be better beyond"}.'
+            )
+    small = [(f, x) for f, x in known if x.effect_upper <= result.objective.tolerance]
+    hidden = [(f, x) for f, x in known if (f, x) not in small and not x.matters]
+    for found, one, several in (
+        (small, 'does not matter', 'do not matter'),
+        (hidden, 'has no effect that can be shown', 'have no effect that can be shown'),
+    ):
+        if found:
+            most = result.objective.difference(max(x.effect_upper for _, x in found))
+            verb = one if len(found) == 1 else several
+            yield f'{_names(f for f, _ in found)} {verb} at the best conditions: {most} at most.'
+    materials = [f for f in result.factors if f.name.rpartition('.')[2] in MATERIAL]
+    if materials:
+        verb = 'is a property' if len(materials) == 1 else 'are properties'
+        yield (
+            f'{_names(materials)} {verb} of the materials of part and surface: only another '
+            'surface changes this.'
+        )
+
+
+def _names(factors: Iterator[Factor] | Sequence[Factor]) -> str:
+    """Return names as they begin a sentence; those with a dot are kept as they are."""
+    names = listed(factor.name for factor in factors)
+    return names if '.' in names else names[0].upper() + names[1:]
+
+
+def _limit_notes(result: OptimiseResult) -> Iterator[str]:
+    """Say what was skipped, and what is missing."""
+    if result.skipped:
+        yield (
+            f'{len(result.skipped)} points were impossible and were skipped, the first because: '
+            f'{result.skipped[0][1]}.'
+        )
+    if not result.complete:
+        yield f'The search ended early, after {result.drops} of {result.budget} drops.'
+    if not result.gains:
+        yield (
+            'The best conditions were not confirmed by fresh drops: their value is that of the '
+            'drops that selected them, and is probably too good.'
+        )
+    elif result.start is None:
+        yield 'Your conditions are impossible themselves, and were not compared.'

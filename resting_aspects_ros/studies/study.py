@@ -1,32 +1,367 @@
-"""Study what the aspects of parts depend on, for the Python interface."""
+"""Study what the aspects of parts depend on: drops over ranges of conditions.
 
-from collections.abc import Mapping, Sequence
+The description of a study, its run and its result belong together; most lines are documentation.
+"""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.plan_actions import named_action
+import numpy as np
+import yaml
+from pydantic import StrictInt, StrictStr
+
+from resting_aspects_ros.api.chunk_loop import given_workers
+from resting_aspects_ros.api.output_files import make_folder, whole_file
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.core.errors import InvalidValueError, analysis, located, shown, warn
+from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
-from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.core.schema import FileModel, Number, validated
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, bounds, check_confidence
+from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.simulation.actions import (
+    Action,
+    NamedAction,
+)
 from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    DropConditions,
+)
+from resting_aspects_ros.simulation.dask_workers import worker_versions
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import (
-    named_surroundings,
+from resting_aspects_ros.studies.batch import CaseComparison, compare_cases, load_parts, save_part
+from resting_aspects_ros.studies.design import (
+    DEFAULT_DESIGN,
+    DEFAULT_POINTS,
+    DESIGNS,
+    Design,
+    Factor,
+    Setting,
+    check_factors,
+    given_setting,
+    make_design,
+    point_values,
+    read_factor,
+    read_setting,
 )
-from resting_aspects_ros.studies.designs import DEFAULT_DESIGN, DEFAULT_POINTS
-from resting_aspects_ros.studies.factors import read_factor
-from resting_aspects_ros.studies.part_files import load_parts
-from resting_aspects_ros.studies.setting import Setting
-from resting_aspects_ros.studies.study_result import StudyResult
-from resting_aspects_ros.studies.study_run import run_study
-from resting_aspects_ros.studies.study_spec import (
-    DEFAULT_STUDY_DROPS,
-    DEFAULT_TOLERANCE,
-    StudySpec,
+from resting_aspects_ros.studies.effects import (
+    FRESH_DROPS,
+    Candidate,
+    Effects,
+    Finding,
+    LineCounts,
+    effects_of,
+    entropy,
+    findings_of,
+    largest_candidates,
 )
+from resting_aspects_ros.studies.points import (
+    STORE,
+    Case,
+    Counts,
+    Monitor,
+    PointStore,
+    Simulation,
+    counted,
+    counts_by_class,
+    point_key,
+    point_seed,
+    reasons,
+    run_tasks,
+)
+
+SPEC, CSV, PARQUET, PAGE = 'study.yaml', 'results.csv', 'results.parquet', 'page.html'
+# Drops of all points together by default, with an action from each aspect a fifth of them; and the
+# bounds of those of one point.
+ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 120_000, 400, 10_000, 5
+# A change of a share that matters to the reader of the page.
+DEFAULT_TOLERANCE = 0.05
+EXPECTED = {
+    'parts': 'the name of a part, a mesh file or a list of them',
+    'surface': 'the name of a surface',
+    'conditions': 'a mapping of conditions to numbers, or texts with a unit',
+    'vary': 'a mapping of factors to ranges',
+    'design': f'one of {", ".join(DESIGNS)}',
+    'points': 'a number of points',
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StudySpec:
+    """Parts, factors, design and drops of a study.
+
+    base : Setting
+        What is simulated, but for the factors.
+    points : int
+        Number of base points; see `make_design`.
+    drops : int
+        Number of drops at each point; with an action, of actions from each aspect. 0: as many as
+        ALL_DROPS allow.
+    tolerance : float
+        Change of a share that matters.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is out of bounds.
+    """
+
+    parts: tuple[Part, ...]
+    base: Setting
+    factors: tuple[Factor, ...]
+    design: str = DEFAULT_DESIGN
+    points: int = DEFAULT_POINTS
+    drops: int = 0
+    seed: int = DEFAULT_SEED
+    tolerance: float = DEFAULT_TOLERANCE
+    confidence: float = CONFIDENCE
+
+    def __post_init__(self) -> None:
+        check_factors(self.factors)
+        check_seed(self.seed)
+        check_confidence(self.confidence)
+        if not isinstance(self.tolerance, int | float) or not 0 < self.tolerance < 1:
+            raise InvalidValueError(
+                f'invalid tolerance {shown(self.tolerance)}: expected more than 0 and less than 1'
+            )
+        count = len(self.made_design().points)
+        if self.drops == 0 and type(self.drops) is int:
+            each = min(max(ALL_DROPS // count, MIN_DROPS), MAX_DROPS)
+            each //= 1 if self.base.action is None else ACTIONS
+            object.__setattr__(self, 'drops', each)
+        check_drops(self.drops)
+
+    def made_design(self) -> Design:
+        """Return the points and lines; raises InvalidValueError."""
+        return make_design(self.design, self.factors, self.points, self.seed)
+
+    def document(self, parts: Sequence[str]) -> dict[str, Any]:
+        """Return the study as plain values; ``parts`` are the files of its parts."""
+        document: dict[str, Any] = {'parts': list(parts), **self.base.document}
+        document['vary'] = {factor.name: factor.document for factor in self.factors}
+        for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence'):
+            document[name] = getattr(self, name)
+        return document
+
+
+class StudyFile(FileModel):
+    """The file study.yaml; see StudySpec, which checks the bounds of the numbers."""
+
+    parts: StrictStr | list[StrictStr]
+    surface: StrictStr = ''
+    conditions: dict[StrictStr, Number | StrictStr] | None = None
+    surroundings: Any = None
+    action: Any = None
+    vary: dict[StrictStr, Any]
+    design: Literal[tuple(DESIGNS)] = DEFAULT_DESIGN  # type: ignore[valid-type]
+    points: StrictInt = DEFAULT_POINTS
+    drops: StrictInt | None = None
+    seed: StrictInt = DEFAULT_SEED
+    tolerance: Number = DEFAULT_TOLERANCE
+    confidence: Number = CONFIDENCE
+    # What a study was made with.
+    versions: Any = None
+    part_sha256: Any = None
+
+
+def read_spec(
+    path: Path, changes: Mapping[str, Any] | None = None, surfaces: Surfaces | None = None
+) -> StudySpec:
+    """Read a study from a file; ``changes`` replace its values. Raises InvalidValueError."""
+    document = read_yaml(path, 'study')
+    if not isinstance(document, dict):
+        raise InvalidValueError(
+            f'invalid {named("study", path)}: expected a mapping with parts and vary'
+        )
+    with located(named('study', path)):
+        return make_spec({**document, **(changes or {})}, path.parent, surfaces)
+
+
+def make_spec(
+    document: Mapping[str, Any], folder: Path | None = None, surfaces: Surfaces | None = None
+) -> StudySpec:
+    """Return the study of a mapping; raises InvalidValueError.
+
+    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
+    """
+    given = validated(StudyFile, document, expected=EXPECTED)
+    base = read_setting(
+        given.surface, given.conditions or {}, given.surroundings, given.action, folder, surfaces
+    )
+    if given.drops is not None:
+        check_drops(given.drops)
+    return StudySpec(
+        tuple(load_parts([given.parts] if isinstance(given.parts, str) else given.parts, folder)),
+        base,
+        tuple(read_factor(name, each, base) for name, each in given.vary.items()),
+        given.design,
+        given.points,
+        given.drops or 0,
+        given.seed,
+        given.tolerance,
+        given.confidence,
+    )
+
+
+def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> None:
+    """Write the parts and study.yaml; raises OutputError."""
+    document = spec.document([save_part(part, folder) for part in spec.parts])
+    document['part_sha256'] = [part.part_sha256 for part in spec.parts]
+    document['versions'] = dict(versions)
+    text = '# To repeat the study: resting_aspects study study.yaml\n'
+    text += yaml.safe_dump(document, sort_keys=False)
+    with whole_file(folder / SPEC) as file:
+        file.write_text(text, encoding='utf-8')
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """The counts of a study, and what they depend on.
+
+    Attributes
+    ----------
+    spec : StudySpec
+        Parts, factors, design and drops.
+    design : Design
+        Points in the unit cube, and lines along each factor; see ``values``.
+    cases : tuple of Case
+        Counts by part and, for actions, by the class from which they start.
+    complete : bool
+        Whether all drops are made, except at impossible points.
+    folder : Path or None
+        Where the study is stored.
+    fresh : tuple of dict of int to (c + 1,) int
+        For each case, fresh drops by class and elsewhere at some of the points: where a factor
+        seems to change the shares most.
+    """
+
+    spec: StudySpec
+    design: Design
+    cases: tuple[Case, ...]
+    complete: bool
+    folder: Path | None = None
+    fresh: tuple[Mapping[int, Counts], ...] = ()
+
+    @property
+    def values(self) -> list[dict[str, float]]:
+        """Values of the factors at each point, SI units."""
+        return point_values(self.spec.factors, self.design.points)
+
+    @cached_property
+    def effects(self) -> list[Effects | None]:
+        """Curves, Sobol indices and largest changes of each case; None if nothing can vary."""
+        found: list[Effects | None] = [None] * len(self.cases)
+        for k, case in enumerate(self.cases):
+            with analysis(f'what the shares of {case.name} depend on'):
+                found[k] = effects_of(
+                    case,
+                    self.design,
+                    self.spec.seed,
+                    self.spec.confidence,
+                    partial(self._fresh_counts, k),
+                )
+        return found
+
+    def _fresh_counts(self, case: int, candidate: Candidate) -> Counts | None:
+        known = self.fresh[case] if self.fresh else {}
+        if not all(point in known for point in candidate.points):
+            return None
+        return np.array([known[point] for point in candidate.points])
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What each factor does to each case, and whether measuring it is worth while."""
+        spec = self.spec
+        return [
+            finding
+            for case, effects in zip(self.cases, self.effects, strict=True)
+            for finding in findings_of(
+                case, effects, self.design, spec.factors, spec.tolerance, spec.confidence
+            )
+        ]
+
+    @cached_property
+    def comparisons(self) -> list[CaseComparison]:
+        """The parts side by side, in pairs."""
+        found: list[CaseComparison] = []
+        with analysis('the comparison of the parts'):
+            found += compare_cases(self.cases, self.spec.confidence)
+        return found
+
+    @property
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Rows of the table of results: one for each point, case and class."""
+        values = self.values
+        for case in self.cases:
+            table = np.column_stack([case.classes, case.other.sum(axis=1)])
+            lower, upper = bounds(table, case.drops, confidence=self.spec.confidence)
+            names = [*case.class_names, 'elsewhere']
+            bits = entropy(table / np.maximum(case.drops, 1)[:, None])
+            for point, count in np.ndindex(table.shape):
+                drops = int(case.drops[point])
+                yield {
+                    'point': point,
+                    **values[point],
+                    'part': case.part.name,
+                    'from_class': case.start,
+                    'aspects': names[count],
+                    'class': count + 1 if count < len(names) - 1 else None,
+                    'count': int(table[point, count]),
+                    'drops': drops,
+                    'probability': float(table[point, count] / drops) if drops else None,
+                    'lower': float(lower[point, count]),
+                    'upper': float(upper[point, count]),
+                    'entropy_bit': float(bits[point]) if drops else None,
+                    'skipped': case.skipped.get(point, ''),
+                }
+
+    def save_tables(self, folder: str | Path) -> list[Path]:
+        """Write results.csv and, if pyarrow is installed, results.parquet.
+
+        Returns the paths; raises OutputError.
+        """
+        rows, folder = list(self.rows), Path(folder)
+        with (
+            whole_file(folder / CSV) as part,
+            part.open('w', newline='', encoding='utf-8') as file,
+        ):
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+        try:
+            import pyarrow as pa
+            from pyarrow import parquet
+        except ImportError:
+            warn(f'{PARQUET} needs pyarrow, which is not installed: pip install pyarrow')
+            return [folder / CSV]
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        # Columns in which no row has a value have a type, too.
+        types = {'from_class': pa.int64(), 'class': pa.int64()}
+        table = pa.table(
+            {name: pa.array(column, type=types.get(name)) for name, column in columns.items()}
+        )
+        with whole_file(folder / PARQUET) as part:
+            parquet.write_table(table, part)
+        return [folder / CSV, folder / PARQUET]
+
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with curves, indices and findings; returns its path. OutputError."""
+        # This import takes about a second.
+        from resting_aspects_ros.studies.pages import study_page
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        with whole_file(folder / PAGE) as part:
+            part.write_text(study_page(self), encoding='utf-8')
+        return folder / PAGE
 
 
 def study(
@@ -38,7 +373,7 @@ def study(
     action: str | Action | NamedAction | None = None,
     design: str = DEFAULT_DESIGN,
     points: int = DEFAULT_POINTS,
-    drops: int = DEFAULT_STUDY_DROPS,
+    drops: int | None = None,
     seed: int = DEFAULT_SEED,
     tolerance: float = DEFAULT_TOLERANCE,
     confidence: float = CONFIDENCE,
@@ -66,11 +401,12 @@ def study(
     action : str, Kick, Nozzle, Vibration, Step or NamedAction, optional
         Do this to parts at rest in each aspect, instead of dropping them.
     design : str
-        'sobol', 'lhs' (Latin hypercube) or 'factorial'.
+        'curves' (over each factor, from each base point) or 'factorial'.
     points : int
-        Number of points; a factorial design has its own.
-    drops : int
-        Number of drops at each point; with an action, of actions from each aspect.
+        Number of base points; a factorial design has none.
+    drops : int, optional
+        Number of drops at each point; with an action, of actions from each aspect. By default
+        about 120,000 drops, or 24,000 actions from each aspect, are divided among the points.
     seed : int
         Seed of the design and of the drops.
     tolerance : float
@@ -78,8 +414,7 @@ def study(
     confidence : float
         Confidence of the intervals.
     out : str or Path, optional
-        Folder of the study. A study in it is continued: only points that are missing are
-        simulated.
+        Folder of the study. Points that are finished there are not simulated again.
     workers, progress
         As for `drop`.
     **conditions : float
@@ -88,7 +423,8 @@ def study(
     Raises
     ------
     InvalidValueError
-        A value is out of bounds, a name is not known, or the folder has another study.
+        A value is out of bounds, a name is not known, or the points in the folder were made with
+        other versions.
     EngineError
         Worker processes of Bullet cannot be started, or died repeatedly.
     OutputError
@@ -97,30 +433,196 @@ def study(
     Examples
     --------
     >>> import resting_aspects_ros as ra
-    >>> result = ra.study('cylinder_d20_h20', {'restitution': '0.2:0.6'}, points=4, drops=50)
+    >>> result = ra.study('cylinder_d20_h20', {'restitution': '0.2:0.6:4'}, drops=50)
     >>> result.cases[0].drops.tolist()
     [50, 50, 50, 50]
     """
-    given = given_conditions(surface, conditions)
-    around = surroundings
-    if around is None:
-        around = given.surroundings
-    if around is not None and not isinstance(around, Surroundings):
-        around = named_surroundings(around)
-    base = Setting(
-        given.changed(surroundings=None), around, None if action is None else named_action(action)
-    )
+    base = given_setting(surface, conditions, surroundings, action)
+    if drops is not None:
+        check_drops(drops)
     several = [parts] if isinstance(parts, Part | str | Path) else list(parts)
     spec = StudySpec(
         tuple(load_parts(several)),
         base,
         tuple(read_factor(name, each, base) for name, each in vary.items()),
         design,
-        (points,),
-        drops,
+        points,
+        drops or 0,
         seed,
         tolerance,
         confidence,
     )
     folder = None if out is None else Path(out)
     return run_study(spec, folder, workers=workers, progress=progress)
+
+
+def run_study(
+    spec: StudySpec,
+    folder: Path | None,
+    *,
+    workers: int | Workers | None = None,
+    progress: bool = False,
+    stopped: Callable[[], bool] = lambda: False,
+) -> StudyResult:
+    """Make a study or continue it; see study. Ends early if ``stopped`` returns True."""
+    versions = worker_versions()
+    if folder is not None:
+        make_folder('--out', folder)
+    store = PointStore(folder and folder / STORE, versions)
+    if folder is not None:
+        write_spec(spec, folder, versions)
+    with given_workers(workers) as pool:
+        run = _StudyRun(spec, store, pool, progress, stopped)
+        cases = run.cases()
+        fresh = run.fresh(cases)
+    return StudyResult(spec, run.design, tuple(cases), run.complete, folder, tuple(fresh))
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Drops of a part at a point, or actions there from some aspects, by default from all."""
+
+    part: int
+    point: int
+    drops: int
+    ids: tuple[int, ...] = ()
+    purpose: str = ''
+
+
+class _StudyRun:
+    """A run of a study: what is missing is simulated, and stored point by point."""
+
+    def __init__(
+        self,
+        spec: StudySpec,
+        store: PointStore,
+        workers: Workers,
+        progress: bool,
+        stopped: Callable[[], bool],
+    ) -> None:
+        self.spec, self.design, self.complete = spec, spec.made_design(), True
+        self._store, self._workers = store, workers
+        self._progress, self._stopped = progress, stopped
+        values = point_values(spec.factors, self.design.points)
+        self._settings = [_setting(spec.base, each) for each in values]
+        self._parts = [Simulation.of(part, workers) for part in spec.parts]
+
+    def cases(self) -> list[Case]:
+        """Make the drops of the design, and return them by case."""
+        wanted = [
+            [_Wanted(j, k, self.spec.drops) for k in range(len(self.design.points))]
+            for j in range(len(self._parts))
+        ]
+        found = self._make([w for own in wanted for w in own], 'points')
+        return [
+            case
+            for simulation, own in zip(self._parts, wanted, strict=True)
+            for case in self._cases_of(simulation, [found.get(w) for w in own])
+        ]
+
+    def fresh(self, cases: Sequence[Case]) -> list[dict[int, Counts]]:
+        """Make fresh drops where shares seem to change most, and return them for each case."""
+        if not self.complete:
+            return [{} for _ in cases]
+        drops = FRESH_DROPS * self.spec.drops
+        wanted: list[dict[int, _Wanted]] = []
+        for case in cases:
+            members = () if case.start is None else case.aspects.classes()[case.start - 1]
+            j, ids = self.spec.parts.index(case.part), tuple(a.id for a in members)
+            points = self._expected_changes(case)
+            wanted.append({k: _Wanted(j, k, drops, ids, 'fresh') for k in points})
+        found = self._make([w for own in wanted for w in own.values()], 'points, fresh drops')
+        return [
+            {
+                k: self._by_class(case, counts)
+                for k, w in own.items()
+                if isinstance(counts := found.get(w), np.ndarray)
+            }
+            for case, own in zip(cases, wanted, strict=True)
+        ]
+
+    def _expected_changes(self, case: Case) -> list[int]:
+        """Return the points of a case that get fresh drops."""
+        found: dict[int, None] = {}
+        lines = [LineCounts.of(case.table, each) for each in self.design.lines]
+        for line in lines:
+            if line is not None and len(line.counts) > 1 and len(case.columns) > 1:
+                for candidate in largest_candidates(line):
+                    found |= dict.fromkeys(candidate.points)
+        return list(found)
+
+    def _make(self, wanted: Sequence[_Wanted], label: str) -> dict[_Wanted, Counts | str]:
+        """Return counts (r, k + 5), or why they are impossible; nothing if stopped before."""
+        known: dict[_Wanted, Counts | str] = {}
+        for w in wanted:
+            setting = self._settings[w.point]
+            if isinstance(setting, str):
+                known[w] = setting
+            elif (counts := self._store.counts(self._key(w), w.drops)) is not None:
+                known[w] = counts
+        missing = [w for w in wanted if w not in known]
+        label = f'{len(missing)} {"missing " * bool(known)}{label}'
+        total = sum(w.drops * self._rows(w) for w in missing)
+        with DropProgress(label, total, shown=self._progress and total > 0) as bar:
+            found = run_tasks(
+                [partial(self._simulate, w) for w in missing],
+                self._workers,
+                bar.update,
+                self._stopped,
+                lambda k, counts: self._store.add(self._key(missing[k]), missing[k].drops, counts),
+            )
+            bar.end(bar.done)
+        known |= {w: c for w, c in zip(missing, found, strict=True) if c is not None}
+        self.complete = self.complete and len(known) == len(wanted)
+        return known
+
+    def _simulate(self, wanted: _Wanted, monitor: Monitor) -> Counts:
+        """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
+        setting, simulation = self._settings[wanted.point], self._parts[wanted.part]
+        assert isinstance(setting, Setting)
+        seed = point_seed(self.spec.seed, simulation.part, setting, wanted.purpose)
+        if setting.action is None:
+            return simulation.dropped(setting, wanted.drops, seed, monitor)[None]
+        return simulation.acted(setting, wanted.drops, seed, monitor, wanted.ids)
+
+    def _rows(self, wanted: _Wanted) -> int:
+        if self.spec.base.action is None:
+            return 1
+        return len(wanted.ids) or len(self._parts[wanted.part].aspects)
+
+    def _key(self, wanted: _Wanted) -> str:
+        """Return what determines the counts, but for the number of drops."""
+        setting = self._settings[wanted.point]
+        assert isinstance(setting, Setting)
+        key = point_key(self.spec.parts[wanted.part], setting)
+        words = [str(self.spec.seed), key, wanted.purpose, '-'.join(map(str, wanted.ids))]
+        return ' '.join(filter(None, words))
+
+    def _by_class(self, case: Case, counts: Counts) -> Counts:
+        """Return counts (r, k + 5) as counts (c + 1,) by class, and elsewhere."""
+        total, k = counts.sum(axis=0), len(case.aspects)
+        return np.append(counts_by_class(case.aspects, total[:k]), total[k:].sum())
+
+    def _cases_of(
+        self, simulation: Simulation, found: Sequence[Counts | str | None]
+    ) -> Iterator[Case]:
+        part, aspects = simulation.part, simulation.aspects
+        k, drops = len(aspects), self.spec.base.action is None
+        counts = counted(found, 1 if drops else k, k + len(OUTSIDE))
+        classes, other = counts_by_class(aspects, counts[..., :k]), counts[..., k:]
+        skipped = reasons(found)
+        if drops:
+            yield Case(part, aspects, classes[:, 0], other[:, 0], skipped=skipped)
+            return
+        for number, members in enumerate(aspects.classes(), 1):
+            own = [aspect.id - 1 for aspect in members]
+            ends = classes[:, own].sum(axis=1), other[:, own].sum(axis=1)
+            yield Case(part, aspects, *ends, number, skipped)
+
+
+def _setting(base: Setting, values: Mapping[str, float]) -> Setting | str:
+    """Return the setting of a point, or why it is impossible."""
+    try:
+        return base.changed(values)
+    except InvalidValueError as error:
+        return str(error)

@@ -5,21 +5,20 @@ import json
 
 import pytest
 
-STUDY = ('study', 'cylinder_d20_h20', '--vary', 'restitution=0.2:0.6', '--points', 4)
+STUDY = ('study', 'cylinder_d20_h20', '--vary', 'restitution=0.2:0.6')
 FEW = ('--drops', 20, '--workers', 1, '--out', 'out')
 OPTIMISE = ('optimise', 'cylinder_d20_h20', '--vary', 'height=2cm:6cm', '--wanted', 1)
-SEARCH = ('--points', 3, '--drops', 10, '--budget', 60, '--workers', 1, '--out', 'out')
+SEARCH = ('--budget', 1920, '--workers', 1, '--out', 'out')
 REORIENT = ('reorient', 'tetrahedron', '--action', 'tap', '--per-aspect', 5, '--report')
 DROP = ('drop', 'tetrahedron', '--report')
 DROPPED = ['distribution.json', 'poses.csv']
 OPTIMISED = ['optimum.json', 'points.csv']
 COMMANDS = {
     # The function that fails: the command, what is named, and what is still written.
-    'studies.effects:indices_of': (STUDY + FEW, 'Sobol indices', ['results.csv', 'page.html']),
-    'studies.study_page:effects_figure': (STUDY + FEW, 'figure', ['results.csv', 'page.html']),
-    'studies.study_counts:effects_of': (STUDY + FEW, 'depend on', ['results.csv', 'page.html']),
-    'studies.page_parts:draw_parts': (STUDY + FEW, 'pictures', ['results.csv', 'page.html']),
-    'studies.study_page:render_page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
+    'studies.effects:indices_of': (STUDY + FEW, 'depend on', ['results.csv', 'page.html']),
+    'studies.pages:curves_figure': (STUDY + FEW, 'figure', ['results.csv', 'page.html']),
+    'studies.pages:draw_parts': (STUDY + FEW, 'pictures', ['results.csv', 'page.html']),
+    'studies.pages:render_page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
     'report.page:convergence_figure': (DROP + FEW, 'figure', [*DROPPED, 'report.html', 'pie.png']),
     'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
     'api.report_files:report_files': (DROP + FEW, 'report', DROPPED),
@@ -33,17 +32,7 @@ COMMANDS = {
         'long-run shares',
         ['transitions.json', 'reorientation.html'],
     ),
-    'studies.optimisation:factor_facts': (
-        OPTIMISE + SEARCH,
-        'effects',
-        [*OPTIMISED, 'report.html'],
-    ),
-    'studies.optimisation:profile_of': (OPTIMISE + SEARCH, 'around', [*OPTIMISED, 'report.html']),
-    'studies.optimise_page:curves_figure': (
-        OPTIMISE + SEARCH,
-        'figure',
-        [*OPTIMISED, 'report.html'],
-    ),
+    'studies.pages:facts_figure': (OPTIMISE + SEARCH, 'figure', [*OPTIMISED, 'report.html']),
     'studies.batch:_write_index': (
         ('drop', 'tetrahedron', 'washer', *FEW),
         'index',
@@ -72,13 +61,3 @@ def test_failure_is_named_and_everything_else_is_written(place, run, tmp_path, m
     }
     for document in (tmp_path / 'out').rglob('*.json'):
         json.loads(document.read_text())
-
-
-def test_points_of_a_search_without_a_surrogate_are_saved(run, tmp_path, monkeypatch):
-    from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
-
-    monkeypatch.setattr(ShareSurrogate, 'fit', broken)
-    ended = run(*OPTIMISE, *SEARCH)
-    assert ended.returncode == 1
-    assert 'surrogate' in ended.stderr
-    assert len((tmp_path / 'out/points.csv').read_text().splitlines()) == 1 + 3

@@ -25,10 +25,10 @@ FEW_DROPS = ['--drops', '50']
 FEW = {
     'calibrate': ['--points', '8', '--drops', '10', '--rounds', '0'],
     'drift': FEW_DROPS,
-    'optimise': ['--points', '4', '--drops', '10', '--budget', '100'],
+    'optimise': ['--budget', '3840'],
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
     'drop': FEW_DROPS,
-    'study': ['--points', '8', '--drops', '20'],
+    'study': ['--points', '2', '--drops', '20'],
     'reorient': ['--per-aspect', '20', *FEW_DROPS],
     'retention': ['--per-height', '10'],
 }

@@ -6,11 +6,12 @@ import json
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import EngineError, OutputError
-from resting_aspects_ros.studies import optimisation, optimise_result
-from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
+from resting_aspects_ros.core.errors import OutputError
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.studies.optimise import DEFAULT_BUDGET
+from resting_aspects_ros.studies.optimum import OptimiseResult
 
-FEW = ('--points', 4, '--drops', 10, '--budget', 100, '--workers', 2)
+FEW = ('--budget', 1920, '--workers', 1)
 CHUTE = ('--surroundings', 'l_chute')
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
@@ -22,7 +23,7 @@ def test_table_and_files_show_the_three_conditions(run, tmp_path):
         assert text in ended.stdout
     assert max(map(len, ended.stdout.splitlines())) <= 80
     document = json.loads((tmp_path / 'o' / 'optimum.json').read_text())
-    assert document['best']['drops'] == 10
+    assert document['best']['drops'] == 160
     page = (tmp_path / 'o' / 'report.html').read_text()
     for each in (*document['notes'], 'aspect 1', 'aspect 2'):
         assert each in html.unescape(page)
@@ -39,55 +40,39 @@ def test_document_is_that_of_the_python_interface(run):
         {'height': '10mm:20mm'},
         wanted=[1],
         restitution=0.3,
-        points=4,
-        drops=10,
-        budget=100,
+        budget=1920,
         workers=1,
     )
     assert json.loads(ended.stdout) == json.loads(expected.to_json())
-
-
-def test_failure_of_the_workers_keeps_the_result(run, monkeypatch):
-    def failing(*_):
-        raise EngineError('3 worker processes died in a row')
-
-    monkeypatch.setattr(optimisation.Optimisation, '_choose_and_compare', failing)
-    ended = run(*WORDS, '--wanted', '1')
-    assert ended.returncode == 1
-    assert 'is that of the surrogate' in ' '.join(ended.stdout.split())
-    assert 'died in a row; the result has 70 of 100 drops' in ended.stderr
 
 
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
     def full(*_):
         raise OutputError('optimum.json cannot be written: No space left on device')
 
-    monkeypatch.setattr(optimise_result.OptimiseResult, 'save_json', full)
+    monkeypatch.setattr(OptimiseResult, 'save_json', full)
     ended = run(*WORDS, '--wanted', '1', '--out', 'o', '--json')
     assert ended.returncode == 1
     assert 'No space left on device' in ended.stderr
     assert json.loads(ended.stdout)['complete']
 
 
-def test_interrupted_search_shows_what_is_known(run, monkeypatch):
-    make = optimisation.Optimisation._choose_and_compare
-
-    def interrupted(self):
-        monkeypatch.setattr(self._problem, '_stopped', lambda: True)
-        make(self)
-
-    monkeypatch.setattr(optimisation.Optimisation, '_choose_and_compare', interrupted)
+@pytest.mark.parametrize(('checks', 'text'), [(60, 'The search ended early'), (0, '')])
+def test_interrupted_search_shows_what_is_known(run, monkeypatch, checks, text):
+    asked = []
+    stopping = property(lambda _: len(asked.append(1) or asked) > checks, lambda *_: None)
+    monkeypatch.setattr(Interruption, 'asked', stopping, raising=False)
     ended = run(*WORDS, '--wanted', '1')
     assert ended.returncode == 130
-    assert 'The search ended early' in ended.stdout
-    assert ended.stderr.splitlines()[-1] == 'interrupted; the result has 70 of 100 drops'
+    assert text in ended.stdout
+    assert 'interrupted; ' in ended.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
         (('--wanted', '1', '--vary', 'colour=1:2'), "invalid factor 'colour'"),
-        (('--wanted', '1', '--vary', 'height=9mm:3mm'), 'expected a lower and a higher value'),
+        (('--wanted', '1', '--vary', 'friction=0.9:0.3'), 'expected a lower and a higher value'),
         (('--wanted', 'all'), 'expected numbers separated by commas'),
         ((), 'expected one of wanted aspects, wanted classes, wanted contacts and least entropy'),
         (('--wanted-contacts', 'belt=1'), 'expected surroundings with walls'),
@@ -101,7 +86,7 @@ def test_interrupted_search_shows_what_is_known(run, monkeypatch):
         (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
         (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),
         (('--wanted', '1', '--actions', 'mine.yaml'), 'expected only with --action'),
-        (('--wanted', '1', '--points', '1'), 'expected at least 2 of each'),
+        (('--wanted', '1', '--budget', '100'), 'expected at least 1920 drops'),
         (('--wanted', '1', '--vary', 'surroundings.angle=1:2'), 'expected surroundings'),
     ],
 )
@@ -111,7 +96,5 @@ def test_wrong_values_are_named(run, words, message):
     assert message in ended.stderr
 
 
-def test_defaults_are_those_of_the_search(run):
-    text = run('optimise', '--help').stdout
-    assert f'number of points of the design ({DEFAULT_POINTS})' in text
-    assert f'({DEFAULT_DROPS})' in text
+def test_default_is_that_of_the_search(run):
+    assert f'({DEFAULT_BUDGET})' in ' '.join(run('optimise', '--help').stdout.split())

@@ -9,7 +9,7 @@ from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
 from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.studies import propagated_result
+from resting_aspects_ros.studies.propagate import PropagatedResult
 
 DRAWS = [{'friction': 0.1 + 0.05 * k, 'restitution': 0.6 - 0.05 * k} for k in range(8)]
 FEW = ['--drops', '16', '--workers', '1']
@@ -62,7 +62,7 @@ def test_full_disk_does_not_lose_the_result(run, calibration, monkeypatch):
     def full(*_):
         raise OutputError('propagated.json cannot be written: No space left on device')
 
-    monkeypatch.setattr(propagated_result.PropagatedResult, 'save_json', full)
+    monkeypatch.setattr(PropagatedResult, 'save_json', full)
     ended = run('drop', 'tetrahedron', '--propagate', calibration, *FEW, '--out', 'o', '--json')
     assert ended.returncode == FAILED
     assert 'No space left on device' in ended.stderr

@@ -5,30 +5,28 @@ import json
 
 import pytest
 
-FEW = ('--points', '4', '--drops', '20', '--workers', '1')
+FEW = ('--points', '2', '--drops', '20', '--workers', '1')
 VARY = ('--vary', 'restitution=0.1:0.4', '--vary', 'friction=0.2:0.5')
 LOW = ('--height', '30mm')
 
 
 def test_study_writes_its_folder_and_continues_it(run, tmp_path):
-    # With this seed no part balances on an edge, as 1 part in 1000 does.
-    first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--seed', '2', '--out', 'out')
+    first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--out', 'out')
     assert first.returncode == 0, first.stderr
-    assert 'Restitution cannot move the shares: all drops are in aspects 1 to 4.' in first.stdout
+    for name in ('Restitution', 'Friction'):
+        assert f'* {name}' in first.stdout
     assert 'Report: out/page.html' in first.stdout
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'study.yaml', 'points.jsonl', 'results.csv', 'page.html', 'parts'} <= names
     before = (tmp_path / 'out/points.jsonl').read_bytes()
-    more = run('study', 'out/study.yaml', '--points', '5', '--workers', '1')
+    more = run('study', 'out/study.yaml', '--points', '3', '--workers', '1')
     assert more.returncode == 0, more.stderr
     assert (tmp_path / 'out/points.jsonl').read_bytes().startswith(before)
-    assert len(before.splitlines()) == 5  # versions and four points
     with (tmp_path / 'out/results.csv').open() as file:
         rows = list(csv.DictReader(file))
-    assert {row['point'] for row in rows} == set('01234')
-    assert {float(row['height']) if 'height' in row else 0 for row in rows} == {0}
+    assert {int(row['point']) for row in rows} == set(range(3 * 2 * 7))
     page = (tmp_path / 'out/page.html').read_text()
-    assert 'all drops are in aspects 1 to 4' in page
+    assert 'Sobol indices' in page
     assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
 
 
@@ -64,7 +62,7 @@ def test_wrong_input_is_refused_with_one_line(run, words, message):
 
 
 def test_folder_of_other_versions_is_refused(run, tmp_path):
-    header = {'schema_version': 1, 'versions': {'numpy': '1.0'}}
+    header = {'schema_version': 2, 'versions': {'numpy': '1.0'}}
     (tmp_path / 'out').mkdir()
     (tmp_path / 'out/points.jsonl').write_text(json.dumps(header) + '\n')
     ended = run('study', 'tetrahedron', *VARY, *FEW, '--out', 'out')
@@ -80,4 +78,4 @@ def test_designs_are_shown_side_by_side(run, tmp_path):
     assert ended.returncode == 0, ended.stderr
     page = (tmp_path / 'out/page.html').read_text()
     assert 'l_bracket and angle_45x30x8 side by side' in page
-    assert page.count('largest difference') >= 1
+    assert page.count('points</b>') >= 1

@@ -6,9 +6,8 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.studies.aspect_matching import match_aspects
-from resting_aspects_ros.studies.study_cases import StudyCase
-from resting_aspects_ros.studies.study_comparison import compare_cases
+from resting_aspects_ros.studies.batch import compare_cases, match_aspects
+from resting_aspects_ros.studies.points import Case
 
 TURN = trimesh.transformations.random_rotation_matrix(np.array([0.1, 0.5, 0.3]))
 
@@ -53,7 +52,7 @@ def test_difference_of_shared_aspects_is_within_its_interval(bracket):
     other = np.zeros((points, 5), dtype=int)
     longer = design(bracket[0], np.diag([1.1, 1, 1, 1]))
     cases = [
-        StudyCase(*each, generator.multinomial(drops, p, size=points), other)
+        Case(*each, generator.multinomial(drops, p, size=points), other)
         for each, p in zip((bracket, longer), shares, strict=True)
     ]
     (found,) = compare_cases(cases, 0.999)
@@ -62,4 +61,3 @@ def test_difference_of_shared_aspects_is_within_its_interval(bracket):
         assert pair.lower < truth < pair.upper
         # The standard error of the mean of differences of two binomial shares.
         assert pair.upper - pair.lower < 7 * np.sqrt(2 * 0.25 / drops / points)
-        assert pair.largest_lower < truth < pair.largest_upper

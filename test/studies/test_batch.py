@@ -1,25 +1,19 @@
-"""Batches of parts: what is known before the first drop."""
+"""Batches of parts: their seeds, and parts that cannot be used."""
 
 import pytest
 
 import resting_aspects_ros as ra
 
 
-def test_missing_parts_are_named_before_the_first_drop(tmp_path, here):
-    """The first part is checked after the warnings, and before it is simulated."""
-    noticed = []
-    with pytest.warns(ra.RestingAspectsWarning) as caught:
-        batch = ra.drop_batch(
-            ['tetrahedron', 'tetrahedrn', tmp_path / 'absent.stl'],
-            20,
-            check=lambda _: noticed.extend(str(each.message) for each in caught),
-            workers=here(),
-        )
-    assert len(noticed) == 2
-    assert noticed[0].startswith("tetrahedrn: part 'tetrahedrn' is not known")
-    assert noticed[1].endswith("absent.stl' does not exist")
-    assert [bool(entry.error) for entry in batch.entries] == [False, True, True]
-    assert batch.entries[0].result.distribution.drops == 20
+def test_bad_parts_do_not_cost_the_others(tmp_path, here):
+    batch = ra.drop_batch(
+        ['tetrahedron', 'tetrahedrn', tmp_path / 'absent.stl'], 20, workers=here()
+    )
+    first, second, third = batch.entries
+    assert first.result.distribution.drops == 20
+    assert second.error.startswith("part 'tetrahedrn' is not known")
+    assert third.error.endswith("absent.stl' does not exist")
+    assert not batch.complete
 
 
 def test_parts_have_independent_reproducible_seeds(here):

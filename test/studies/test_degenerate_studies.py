@@ -1,6 +1,7 @@
 """Studies whose counts say little still have their tables and their page."""
 
 import csv
+import html
 import warnings
 
 import numpy as np
@@ -9,27 +10,23 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
-from resting_aspects_ros.studies.factors import Factor
-from resting_aspects_ros.studies.setting import Setting
-from resting_aspects_ros.studies.study_cases import StudyCase
-from resting_aspects_ros.studies.study_result import StudyResult
-from resting_aspects_ros.studies.study_spec import StudySpec
+from resting_aspects_ros.studies.design import Factor, Setting
+from resting_aspects_ros.studies.points import Case
+from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
-HEIGHT, FRICTION = Factor('height', 0.02, 0.2), Factor('friction', 0.1, 0.5)
-# Counts (m, c) of a class or two, and lost drops (m,).
+HEIGHT, FRICTION = Factor('height', 0.02, 0.2, 3), Factor('friction', 0.1, 0.5, 2)
+# Counts (3, c) of a class or two at three heights, and lost drops (3,).
 TABLES = {
-    'one class': ([[20], [20], [20], [20]], [0] * 4),
-    'one class, some lost': ([[20], [20], [0], [0]], [0, 0, 20, 20]),
-    'one class, few lost': ([[19], [20], [20], [20]], [1, 0, 0, 0]),
-    'one point': ([[12, 8]], [0]),
-    'one point, one class': ([[20]], [0]),
-    'two points': ([[12, 8], [0, 20]], [0, 0]),
-    'two points, one empty': ([[12, 8], [0, 0]], [0, 0]),
+    'one class': ([[20], [20], [20]], [0] * 3),
+    'one class, some lost': ([[20], [20], [0]], [0, 0, 20]),
+    'one class, few lost': ([[19], [20], [20]], [1, 0, 0]),
+    'one point': ([[12, 8], [0, 0], [0, 0]], [0] * 3),
+    'two points': ([[12, 8], [0, 20], [0, 0]], [0] * 3),
     'all in one of two classes': ([[20, 0], [20, 0], [20, 0]], [0] * 3),
     'a class that never occurs, some lost': ([[20, 0], [10, 0], [0, 0]], [0, 10, 20]),
-    'no effect': ([[10, 10]] * 5, [0] * 5),
+    'no effect': ([[10, 10]] * 3, [0] * 3),
     'all lost': ([[0, 0]] * 3, [20] * 3),
-    'one drop at each point': ([[1, 0], [0, 1], [1, 0], [0, 0]], [0, 0, 0, 1]),
+    'one drop at each point': ([[1, 0], [0, 1], [0, 0]], [0, 0, 1]),
     'no drops': ([[0, 0]] * 3, [0] * 3),
 }
 
@@ -37,22 +34,25 @@ TABLES = {
 @pytest.mark.parametrize('factors', [(HEIGHT,), (HEIGHT, FRICTION)], ids=['one', 'two'])
 @pytest.mark.parametrize('name', TABLES)
 def test_degenerate_counts_have_tables_findings_and_a_page(name, factors, tmp_path):
-    table, lost = TABLES[name]
-    part = ra.load_part('tetrahedron' if len(table[0]) == 1 else 'washer')
+    table, lost = (np.array(each) for each in TABLES[name])
+    part = ra.load_part('tetrahedron' if table.shape[1] == 1 else 'washer')
     aspects = ra.find_aspects(part)
-    assert len(aspects.classes()) == len(table[0])
-    other = np.zeros((len(table), 5), dtype=np.int64)
-    other[:, 3] = lost
-    case = StudyCase(part, aspects, np.array(table), other)
-    points = np.random.default_rng(1).random((len(table), len(factors)))
+    assert len(aspects.classes()) == table.shape[1]
     base = Setting(shipped_surfaces().get(DEFAULT_SURFACE), None, None)
-    result = StudyResult(StudySpec((part,), base, factors), points, (case,), True, None)
+    spec = StudySpec((part,), base, factors, 'factorial')
+    design = spec.made_design()
+    row = (2 * design.points[:, 0]).astype(int)
+    other = np.zeros((len(row), 5), dtype=np.int64)
+    other[:, 3] = lost[row]
+    case = Case(part, aspects, table[row], other)
+    fresh = {k: np.append(table[each], lost[each]) for k, each in enumerate(row)}
+    result = StudyResult(spec, design, (case,), True, None, (fresh,))
     with warnings.catch_warnings():
         warnings.simplefilter('error', ra.RestingAspectsWarning)  # no analysis fails
         result.save_tables(tmp_path)
         page = result.report(tmp_path).read_text()
         findings = result.findings
     with (tmp_path / 'results.csv').open() as file:
-        assert len(list(csv.DictReader(file))) == len(table) * (len(table[0]) + 1)
+        assert len(list(csv.DictReader(file))) == len(row) * (table.shape[1] + 1)
     assert len(findings) == len(factors)
-    assert all(finding.sentence in page for finding in findings)
+    assert all(finding.sentence in html.unescape(page) for finding in findings)

@@ -1,5 +1,6 @@
 """The best conditions of parts: mechanics, reproducibility, and what the result says."""
 
+import dataclasses
 import json
 import math
 
@@ -7,11 +8,13 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import Plane
+from resting_aspects_ros.studies.design import Setting
 
 RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}
-FEW = {'points': 4, 'drops': 20, 'budget': 200}
+FEW = {'budget': 3840}
 
 
 @pytest.fixture(scope='module')
@@ -24,12 +27,55 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
     document = json.loads((tmp_path / 'o.json').read_text())
     points = sum(sum(p['counts']) for p in document['points'])
     compared = sum(document[name]['drops'] for name in ('best', 'second', 'start'))
-    assert points + compared == document['drops'] <= 200
+    # The best conditions are in the curves of both factors, whose other points are fresh ones.
+    curves = sum(len(f['curve']['at']) - 1 for f in document['factors'])
+    each = 3840 // 4 // (9 * 2)
+    assert points + compared + curves * each == document['drops'] <= 3840
     assert document['complete']
     assert document['wanted'] == [1, 2]
     assert document['start']['values'] == {'height': 0.06, 'friction': 0.25}
     assert document['best']['conditions']['height'] == document['best']['values']['height']
     assert document['notes'] == found.notes
+    assert document['certainty'] == found.certainty
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_best_has_the_best_value_of_the_compared_conditions(here, seed):
+    # No conditions are better than others for a tetrahedron, so that the fresh drops decide.
+    found = ra.optimise(
+        'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], height=0.02, seed=seed,
+        workers=here(), budget=2000,
+    )  # fmt: skip
+    values = [each.estimate.value for each in found.candidates]
+    assert values == sorted(values, reverse=True)
+    assert found.start in found.candidates
+    assert not found.winner
+    assert any(note.startswith('No winner') for note in found.notes)
+
+
+def test_conditions_outside_the_ranges_are_compared_and_are_not_the_best(found):
+    assert found.start.point is None
+    assert found.candidates[-1] is found.start
+    assert found.over(found.start) is found.gains[-1]
+
+
+def test_search_that_is_stopped_shows_what_is_known(here):
+    asked = []
+    found = ra.optimise(
+        'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], budget=2000,
+        workers=here(lookahead=1), stopped=lambda: len(asked.append(1) or asked) > 150,
+    )  # fmt: skip
+    assert not found.complete
+    assert np.isnan(found.certainty)
+    assert not found.winner
+    assert 'probably too good' in found.notes[-1]
+    assert found.document['certainty'] is None
+    with pytest.raises(ra.RestingAspectsError, match='too few points'):
+        ra.optimise(
+            'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], budget=2000, workers=here(),
+            stopped=lambda: True,
+        )  # fmt: skip
 
 
 def test_points_are_saved_as_csv(found, tmp_path):
@@ -45,28 +91,33 @@ def test_result_does_not_depend_on_the_workers(found, here):
 
 
 @pytest.mark.parametrize(
-    ('given', 'engine'),
+    ('surroundings', 'action', 'engine'),
     [
-        ({}, 'kernel'),
-        ({'surroundings': 'wall', 'action': 'tap'}, 'kernel'),
-        ({'surroundings': 'pocket'}, 'bullet'),
-        ({'action': 'step_down'}, 'bullet'),
+        (None, None, 'kernel'),
+        ('wall', 'tap', 'kernel'),
+        ('pocket', None, 'bullet'),
+        (None, 'step_down', 'bullet'),
     ],
 )
-def test_document_names_the_engine(here, given, engine):
-    few = {'points': 2, 'drops': 4, 'budget': 20, 'workers': here()}
-    found = ra.optimise('tetrahedron', {'height': '5mm:10mm'}, wanted=[1], **few, **given)
-    assert json.loads(found.to_json())['engine'] == engine
+def test_document_names_the_engine(found, surroundings, action, engine):
+    setting = Setting(
+        found.best.setting.conditions,
+        None if surroundings is None else ra.surroundings(surroundings),
+        None if action is None else named_action(action),
+    )
+    best = dataclasses.replace(found.best, setting=setting)
+    result = dataclasses.replace(found, candidates=(best, *found.candidates[1:]))
+    assert json.loads(result.to_json())['engine'] == engine
 
 
 def test_notes_name_materials_and_fresh_drops(found):
     text = ' '.join(found.notes)
     assert 'Friction is a property of the materials' in text
     assert 'eight is a property' not in text
-    assert '20 fresh drops' in text
+    assert '320 fresh drops' in text
     # All aspects of a tetrahedron are the same, so that no difference can be shown.
-    assert 'Height and friction have no effect that can be shown' in text
-    assert 'No difference is shown between the best conditions and your conditions' in text
+    assert 'have no effect that can be shown' in text
+    assert 'No difference is shown between the best conditions and yours' in text
 
 
 @pytest.mark.slow
@@ -104,14 +155,14 @@ def test_parts_stay_on_a_slope_below_the_friction_angle(here):
     found = ra.optimise(
         'box_10x20x30', {'surroundings.angle': '5deg:40deg'}, wanted_classes=[1, 2, 3],
         surroundings='slope', friction=friction, height=0.005, workers=here(lookahead=1),
-        points=8, drops=20, budget=300,
+        budget=4000,
     )  # fmt: skip
     assert found.best.values['surroundings.angle'] < math.atan(friction)
     assert found.best.estimate.value > 0.9
     # Above the friction angle no part stays.
-    steep = [p for p in found.points if p.values['surroundings.angle'] > math.atan(friction)]
+    steep = [c for v, c, _ in found.points if v['surroundings.angle'] > math.atan(friction)]
     assert steep
-    assert sum(p.counts[0] for p in steep) == 0
+    assert sum(int(counts[0]) for counts in steep) == 0
     assert found.facts[0].matters
     # The surrogate is smooth: its step is up to a few degrees wide.
     low, high = (5 + 35 * u for u in found.facts[0].flat)
@@ -130,12 +181,12 @@ def test_parts_that_are_released_upright_stay_upright_from_the_least_height(here
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'height': '1mm:100mm'}, wanted_classes=[3], surroundings=upright(part), spin=20.0,
-        workers=here(lookahead=1), points=8, drops=60, budget=1200,
+        workers=here(lookahead=1), budget=4000,
     )  # fmt: skip
     assert found.facts[0].matters
     assert found.best.values['height'] < 0.02
-    assert found.over_start.certainty > 0.95
-    assert found.over_start.gain.lower > 0
+    assert found.over(found.start).certainty > 0.95
+    assert found.over(found.start).gain.lower > 0
     assert any('lower bound of its range' in note for note in found.notes) == (
         found.best.values['height'] < 0.002
     )
@@ -146,7 +197,7 @@ def test_gentler_taps_keep_more_parts_in_their_aspect(here):
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'action.speed': '0.05:1'}, wanted_classes=[3], surroundings=upright(part),
-        height=0.001, action='tap', workers=here(lookahead=1), points=8, drops=40, budget=600,
+        height=0.001, action='tap', workers=here(lookahead=1), budget=4000,
     )  # fmt: skip
     assert found.best.values['action.speed'] < 0.3
     assert found.facts[0].matters
@@ -158,7 +209,7 @@ def test_minimise_entropy_is_where_all_parts_stay_as_released(here):
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'height': '1mm:100mm'}, minimise_entropy=True, surroundings=upright(part), spin=2.0,
-        workers=here(lookahead=1), points=8, drops=40, budget=600,
+        workers=here(lookahead=1), budget=4000,
     )  # fmt: skip
     assert found.best.values['height'] < 0.03
     assert found.best.estimate.value < found.start.estimate.value

@@ -2,19 +2,19 @@
 
 import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError, OutputError
-from resting_aspects_ros.studies import point_store
-from resting_aspects_ros.studies.point_store import STORE, PointStore
-from resting_aspects_ros.studies.study_run import run_study
-from resting_aspects_ros.studies.study_spec import SPEC, make_spec, read_spec
+from resting_aspects_ros.studies.effects import FRESH_DROPS
+from resting_aspects_ros.studies.points import STORE, PointStore
+from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec, run_study
 
 VERSIONS = {'numpy': '1', 'pybullet': '2'}
-VARY = {'restitution': '0.1:0.4', 'friction': '0.2:0.5'}
+VARY = {'restitution': '0.1:0.4:2', 'friction': '0.2:0.5:2'}
 
 
 def spec(**changes):
@@ -26,6 +26,12 @@ def table(result):
     return [np.column_stack([case.classes, case.other]).tolist() for case in result.cases]
 
 
+def simulated(workers, drops=630):
+    """The number of points that have this number of drops."""
+    ends = {job.seed: end for job, _, end in workers.submitted}
+    return sum(end == drops for end in ends.values())
+
+
 @pytest.fixture(scope='module')
 def whole(here):
     return table(run_study(spec(), None, workers=here()))
@@ -33,27 +39,64 @@ def whole(here):
 
 def test_study_that_was_broken_off_continues(tmp_path, here, whole):
     with pytest.raises(EngineError):
-        run_study(spec(), tmp_path, workers=here(failing=(5,)))
+        run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
     lines = (tmp_path / STORE).read_text().splitlines()
-    assert len(lines) > 1  # the finished points are stored
+    assert len(lines) == 3  # versions and two points
     workers = here()
     result = run_study(spec(), tmp_path, workers=workers)
     assert result.complete
     assert table(result) == whole
-    assert len(workers.submitted) < 8  # the others are not repeated
+    assert simulated(workers) == 2
 
 
-def test_points_and_drops_are_added_without_repetition(tmp_path, here, whole):
-    first = run_study(spec(points=2, drops=500), tmp_path, workers=here())
-    assert first.cases[0].drops.tolist() == [500, 500]
+def test_study_that_is_stopped_keeps_finished_points(tmp_path, here, whole):
+    asked = []
+    workers = here(lookahead=1)
+    result = run_study(
+        spec(), tmp_path, workers=workers, stopped=lambda: len(asked.append(1) or asked) > 20
+    )
+    assert not result.complete
+    finished = [row for row, full in zip(table(result)[0], whole[0], strict=True) if row == full]
+    assert len((tmp_path / STORE).read_text().splitlines()) == 1 + len(finished)
+    assert table(run_study(spec(), tmp_path, workers=here())) == whole
+
+
+def test_points_are_added_without_repetition(tmp_path, here):
+    vary = {'restitution': '0.1:0.4:2', 'friction': '0.2:0.5'}
+    few = run_study(spec(vary=vary, points=1, drops=50), tmp_path, workers=here())
     workers = here()
-    more = run_study(spec(), tmp_path, workers=workers)
-    assert table(more) == whole
-    spans = sorted((start, end) for _, start, end in workers.submitted)
-    assert spans == [(0, 500)] * 2 + [(500, 630)] * 4
+    more = run_study(spec(vary=vary, points=3, drops=50), tmp_path, workers=workers)
+    before = len(few.design.points)
+    assert table(more)[0][:before] == table(few)[0]
+    assert simulated(workers, 50) == len(more.design.points) - before
     again = here()
-    fewer = run_study(spec(points=2, drops=500), tmp_path, workers=again)
-    assert table(fewer) == whole
+    fewer = run_study(spec(vary=vary, points=1, drops=50), tmp_path, workers=again)
+    assert table(fewer) == table(few)
+    assert again.submitted == []
+
+
+def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
+    run_study(spec(drops=500), tmp_path, workers=here())
+    assert table(run_study(spec(), tmp_path, workers=here())) == whole
+
+
+def test_counts_do_not_depend_on_the_workers(here, whole):
+    assert table(run_study(spec(), None, workers=here(lookahead=1))) == whole
+
+
+def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
+    made = spec(parts=['l_bracket'], drops=40)
+    workers = here()
+    result = run_study(made, tmp_path, workers=workers)
+    for effect in result.effects[0].factors:
+        assert effect.largest.points is not None
+    assert {int(each.sum()) for each in result.fresh[0].values()} == {FRESH_DROPS * 40}
+    # They are other drops than those of the design, which are all counted in the table.
+    assert result.cases[0].drops.tolist() == [40] * 4
+    assert simulated(workers, 40) == 4
+    assert simulated(workers, FRESH_DROPS * 40) == len(result.fresh[0])
+    again = here()
+    assert run_study(made, tmp_path, workers=again).findings == result.findings
     assert again.submitted == []
 
 
@@ -67,103 +110,62 @@ def test_study_yaml_has_all_that_is_needed_to_repeat_it(tmp_path, here, whole):
 
 def test_part_of_a_study_is_saved_with_its_mass(tmp_path, here):
     part = ra.load_part('l_bracket')
-    result = ra.study(
-        part, {'friction': '0.2:0.4'}, points=1, drops=1, out=tmp_path, workers=here()
-    )
+    result = ra.study(part, {'friction': '0.2:0.4:2'}, drops=1, out=tmp_path, workers=here())
     saved = read_spec(tmp_path / SPEC)
     assert saved.parts[0].part_sha256 == part.part_sha256
-    assert result.cases[0].drops.tolist() == [1]
+    assert result.cases[0].drops.tolist() == [1, 1]
 
 
-def test_other_study_in_the_folder_is_refused(tmp_path, here):
-    run_study(spec(points=1, drops=1), tmp_path, workers=here())
-    for change in ({'seed': 2}, {'vary': {'friction': '0.2:0.5'}}, {'parts': ['hex_nut']}):
-        with pytest.raises(InvalidValueError, match='expected the same study, but it differs in'):
-            run_study(spec(points=1, drops=1, **change), tmp_path, workers=here())
+def test_other_study_in_the_folder_has_its_own_points(tmp_path, here):
+    first = run_study(spec(parts=['l_bracket'], drops=20), tmp_path, workers=here())
+    workers = here()
+    other = run_study(spec(parts=['l_bracket'], drops=20, seed=2), tmp_path, workers=workers)
+    assert simulated(workers, 20) == 4
+    assert table(other) != table(first)
+    again = here()
+    assert table(run_study(spec(parts=['l_bracket'], drops=20), tmp_path, workers=again)) == table(
+        first
+    )
+    assert again.submitted == []
 
 
 def test_drops_of_other_versions_are_refused(tmp_path):
-    with PointStore(tmp_path / STORE, VERSIONS) as store:
-        store.add('a', 0, 2, np.array([[1, 1]]))
+    PointStore(tmp_path / STORE, VERSIONS).add('a', 2, np.array([[1, 1]]))
     with pytest.raises(InvalidValueError, match='made with numpy 1, expected 3'):
         PointStore(tmp_path / STORE, {**VERSIONS, 'numpy': '3'})
 
 
-def test_study_that_another_program_runs_is_refused(tmp_path):
-    with (
-        PointStore(tmp_path / STORE, VERSIONS),
-        pytest.raises(InvalidValueError, match='no other program'),
-    ):
-        PointStore(tmp_path / STORE, VERSIONS)
-
-
 def test_line_that_was_cut_short_is_removed(tmp_path):
     path = tmp_path / STORE
-    with PointStore(path, VERSIONS) as store:
-        store.add('a', 0, 2, np.array([[1, 1]]))
+    PointStore(path, VERSIONS).add('a', 2, np.array([[1, 1]]))
     whole = path.read_bytes()
     with path.open('ab') as file:
-        file.write(b'{"point":"b","first":0,"end":2,"cou')
-    with PointStore(path, VERSIONS) as store:
-        assert (store.done('a'), store.done('b')) == (2, 0)
-        store.add('a', 2, 4, np.array([[2, 0]]))
-        assert store.counts('a').tolist() == [[3, 1]]
-    assert path.read_bytes().startswith(whole)
+        file.write(b'{"point":"b","drops":2,"cou')
+    store = PointStore(path, VERSIONS)
+    assert path.read_bytes() == whole
+    assert store.counts('a', 2).tolist() == [[1, 1]]
+    assert store.counts('a', 3) is None
+    assert store.counts('b', 2) is None
 
 
-def test_full_disk_loses_no_finished_point(tmp_path, monkeypatch):
-    path = tmp_path / STORE
-    with PointStore(path, VERSIONS) as store:
-        store.add('a', 0, 2, np.array([[1, 1]]))
+def test_full_disk_loses_no_finished_point(tmp_path, here, whole, monkeypatch):
+    written, opened = [], Path.open
 
-        def full(_):
-            raise OSError(errno.ENOSPC, 'No space left on device')
+    def full(path, *arguments, **given):
+        if path.name == STORE:
+            if len(written) == 3:
+                raise OSError(errno.ENOSPC, 'No space left on device')
+            written.append(path)
+        return opened(path, *arguments, **given)
 
-        monkeypatch.setattr(point_store.os, 'fsync', full)
-        with pytest.raises(OutputError, match='the 1 points in it are complete'):
-            store.add('b', 0, 2, np.array([[1, 1]]))
-        monkeypatch.undo()
-    with PointStore(path, VERSIONS) as store:
-        assert (store.done('a'), store.done('b')) == (2, 0)
-
-
-def test_study_continues_after_a_full_disk(tmp_path, here, whole, monkeypatch):
-    written, fsync = [], point_store.os.fsync
-
-    def full(file):
-        if len(written) == 3:
-            raise OSError(errno.ENOSPC, 'No space left on device')
-        written.append(file)
-        fsync(file)
-
-    monkeypatch.setattr(point_store.os, 'fsync', full)
+    monkeypatch.setattr(Path, 'open', full)
     with pytest.raises(OutputError, match='the same command continues the study'):
         run_study(spec(), tmp_path, workers=here())
     monkeypatch.undo()
     assert len((tmp_path / STORE).read_text().splitlines()) == 3  # versions and two points
     workers = here()
     assert table(run_study(spec(), tmp_path, workers=workers)) == whole
-    assert len(workers.submitted) == 4  # two chunks for each of the two other points
-
-
-def test_worker_of_another_version_costs_no_finished_point(tmp_path, here, whole):
-    """`chunks` refuses the drops of such a worker with an EngineError; see test_dask_workers."""
-    workers = here()
-    result, answers = workers.result, []
-
-    def refusing(future):
-        if len(answers) == 4:
-            raise EngineError('a worker has numpy 1.0, expected 2.0')
-        answers.append(future)
-        return result(future)
-
-    workers.result = refusing
-    with pytest.raises(EngineError, match=r'expected 2\.0'):
-        run_study(spec(), tmp_path, workers=workers)
-    assert len((tmp_path / STORE).read_text().splitlines()) > 1
-    rest = here()
-    assert table(run_study(spec(), tmp_path, workers=rest)) == whole
-    assert len(rest.submitted) < 8
+    assert simulated(workers) == 2
 
 
 def test_file_that_is_no_store_is_refused(tmp_path):
@@ -189,15 +191,17 @@ def test_actions_are_counted_by_the_class_from_which_they_start(here):
         {
             'parts': ['box_10x20x30'],
             'action': 'tap',
-            'vary': {'action.speed': '0.05:0.8:2'},
-            'design': 'factorial',
+            'vary': {'action.speed': '0.05:0.8:2', 'friction': '0.2:0.5:2'},
             'drops': 10,
         }
     )
     result = run_study(made, None, workers=here())
     assert [case.start for case in result.cases] == [1, 2, 3]
     for case in result.cases:
-        assert case.drops.tolist() == [20, 20]  # two aspects of a class, ten actions each
+        assert case.drops.tolist() == [20] * 4  # two aspects of a class, ten actions each
+    # Fresh actions start only from the aspects of the class.
+    for fresh in result.fresh:
+        assert {int(each.sum()) for each in fresh.values()} == {2 * FRESH_DROPS * 10}
 
 
 def test_surroundings_vary(here):
@@ -222,7 +226,7 @@ def test_surroundings_vary(here):
         ({'parts': []}, 'missing part'),
         ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
         ({'parts': {'a': 1}}, "invalid parts {'a': 1}: expected the name of a part"),
-        ({'design': ['sobol']}, r"invalid design \['sobol'\]: expected one of factorial"),
+        ({'design': ['curves']}, r"invalid design \['curves'\]: expected one of curves"),
         ({'vary': {'height': '10mm:20mm:0'}}, 'invalid number of levels 0'),
         ({'points': 10**400}, 'invalid number of points'),
         ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
@@ -239,20 +243,20 @@ def test_surroundings_vary(here):
 )
 def test_invalid_study_is_refused(changes, message):
     with pytest.raises(InvalidValueError, match=message):
-        spec(**changes).points()
+        spec(**changes)
 
 
-@pytest.mark.parametrize('text', ['points: 0', 'points: []', 'points: [-1]'])
+@pytest.mark.parametrize('text', ['points: 0', 'points: [8]', 'points: -1'])
 def test_invalid_number_of_points_names_the_file(tmp_path, text):
     path = tmp_path / 'odd.yaml'
     path.write_text(f'parts: tetrahedron\nvary: {{friction: "0.1:0.5"}}\n{text}\n')
-    with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid number of points'):
+    with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid (number of )?points'):
         read_spec(path)
 
 
 def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):
     parquet = pytest.importorskip('pyarrow.parquet')
-    result = run_study(spec(points=2, drops=10), None, workers=here())
+    result = run_study(spec(vary={'friction': '0.2:0.5:2'}, drops=10), None, workers=here())
     files = result.save_tables(tmp_path)
     assert [file.name for file in files] == ['results.csv', 'results.parquet']
     rows = list(result.rows)

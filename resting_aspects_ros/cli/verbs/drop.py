@@ -133,7 +133,7 @@ def _is_folder(given: list[str]) -> bool:
     if not given or not Path(given[0]).is_dir():
         return False
     # This import is slow, and only needed if there is such a folder.
-    from resting_aspects_ros.studies.part_files import part_folder
+    from resting_aspects_ros.studies.batch import part_folder
 
     return part_folder(given[0]) is not None
 

@@ -72,25 +72,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
     )
     parser.add_argument(
-        '--points',
-        metavar='M',
-        type=parse_integer,
-        default=48,
-        help='number of points of the design (48)',
-    )
-    parser.add_argument(
-        '--drops',
-        metavar='N',
-        type=parse_integer,
-        default=1000,
-        help='number of drops at each point of the design and of the search (1000)',
-    )
-    parser.add_argument(
         '--budget',
         metavar='N',
         type=parse_integer,
-        help='maximum number of all drops (twice those of the design); a quarter of them are '
-        'fresh drops that compare the best conditions with others',
+        default=200_000,
+        help='number of all drops: half of them search, a quarter are fresh drops that compare '
+        'the best conditions with others, and a quarter show how flat the optimum is (200000)',
     )
     parser.add_argument(
         '--seed',

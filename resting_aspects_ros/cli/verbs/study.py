@@ -17,22 +17,21 @@ from resting_aspects_ros.core.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.interruption import Interruption
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.studies.study_result import StudyResult
-    from resting_aspects_ros.studies.study_spec import StudySpec
+    from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
 INTERRUPTED = 130
 WIDTH = 80  # of the text
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
-while to measure it. A study that was interrupted, or that is given more points
-or drops, continues where it ended."""
+while to measure it. A study that was interrupted, or that is given more points,
+continues where it ended."""
 EXAMPLES = """examples:
   resting_aspects study l_bracket --vary friction=.1:.5 --vary height=2cm:20cm
   resting_aspects study hex_nut --vary height=20mm:200mm:7 --design factorial
-  resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 128
+  resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 32
   resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
-  resting_aspects study out/study_l_bracket/study.yaml --points 128
+  resting_aspects study out/study_l_bracket/study.yaml --points 32
 """
 
 
@@ -57,15 +56,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--design',
         metavar='NAME',
-        choices=('factorial', 'lhs', 'sobol'),
-        help='all combinations of the levels, a Latin hypercube, or a Sobol sequence (sobol)',
+        choices=('curves', 'factorial'),
+        help='a curve over each factor from each base point, with 7 levels if none are given '
+        '(curves), or all combinations of the levels, 3 if none are given (factorial)',
     )
-    group.add_argument('--points', metavar='M', type=parse_integer, help='number of points (64)')
+    group.add_argument(
+        '--points', metavar='M', type=parse_integer, help='number of base points (16)'
+    )
     group.add_argument(
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops at each point; with --action, of actions from each aspect (2000)',
+        help='number of drops at each point (400 to 10000: the fewer, the more points there are); '
+        'with --action, of actions from each aspect (a fifth of this)',
     )
     group.add_argument(
         '--seed', metavar='S', type=parse_integer, help='seed of the design and the drops (1)'
@@ -102,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with Interruption() as stop, ExitStack() as stack:
         # These imports are slow because of NumPy.
-        from resting_aspects_ros.studies.study_run import run_study
+        from resting_aspects_ros.studies.study import run_study
 
         spec, folder = _requested(arguments)
         workers = start_workers(arguments, stack)
@@ -115,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     """Return the requested study and its folder; raises InvalidValueError."""
     from resting_aspects_ros.simulation.surfaces import all_surfaces
-    from resting_aspects_ros.studies.study_spec import SPEC, make_spec, read_spec
+    from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec
 
     changes: dict[str, Any] = {
         name: value
@@ -145,17 +148,12 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
     from resting_aspects_ros.api.surroundings import requested_surroundings
     from resting_aspects_ros.cli.options import changed_conditions
+    from resting_aspects_ros.studies.design import parse_ranges
 
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
         )
-    vary: dict[str, str] = {}
-    for text in arguments.vary:
-        name, _, values = text.partition('=')
-        if name.strip() in vary:
-            raise InvalidValueError(f'invalid --vary {text!r}: expected {name} only once')
-        vary[name.strip()] = values.strip()
     return {
         'parts': arguments.parts,
         'surface': arguments.surface,
@@ -165,7 +163,7 @@ def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[st
         },
         'surroundings': requested_surroundings(arguments.surroundings, arguments.set),
         'action': arguments.action,
-        'vary': vary,
+        'vary': parse_ranges(arguments.vary),
         **changes,
     }
 
@@ -176,8 +174,8 @@ def _show(result: 'StudyResult', folder: Path) -> int:
         if case.skipped:
             k, reason = min(case.skipped.items())
             print(
-                f'{case.name}: {len(case.skipped)} of {len(result.points)} points are impossible '
-                f'and were skipped; point {k}: {reason}'
+                f'{case.name}: {len(case.skipped)} of {len(result.design.points)} points are '
+                f'impossible and were skipped; point {k}: {reason}'
             )
     if not any(case.drops.any() for case in result.cases):
         print('No point has drops.')
@@ -197,18 +195,11 @@ def _show(result: 'StudyResult', folder: Path) -> int:
 
 def _show_findings(result: 'StudyResult') -> None:
     """Print the findings of each case, each as a sentence with details below it."""
-    from resting_aspects_ros.studies.findings import irregular_text
-
-    for case, effects in zip(result.cases, result.effects, strict=True):
-        print(f'{case.name}: {len(result.points)} points, {int(case.drops.sum())} drops')
+    for case in result.cases:
+        print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
             if finding.case == case.name:
-                print(
-                    textwrap.fill(
-                        finding.sentence, WIDTH, initial_indent='* ', subsequent_indent='  '
-                    )
-                )
+                text = textwrap.wrap(finding.sentence, WIDTH - 2)
+                print(textwrap.indent('\n'.join(text), '  ').replace('  ', '* ', 1))
                 if finding.details:
                     print(textwrap.indent(textwrap.fill(finding.details, WIDTH - 2), '  '))
-        if effects is not None and (text := irregular_text(effects)):
-            print(textwrap.fill(text, WIDTH))

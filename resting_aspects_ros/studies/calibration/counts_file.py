@@ -17,8 +17,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.quantity import check_name
 from resting_aspects_ros.studies.calibration.counted_part import CountedPart, read_groups
 from resting_aspects_ros.studies.calibration.solids import KINDS, CountedEntry, make_solid
-from resting_aspects_ros.studies.factors import Factor, read_factor
-from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.design import Factor, Setting, read_factor
 
 MAX_BYTES = 1 << 20
 MAX_PARTS = 50

@@ -13,8 +13,7 @@ from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
 from resting_aspects_ros.studies.calibration.dependence import find_dependence
 from resting_aspects_ros.studies.calibration.posterior import Posterior, find_posterior
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
-from resting_aspects_ros.studies.designs import sobol
-from resting_aspects_ros.studies.factors import Factor, point_values
+from resting_aspects_ros.studies.design import Factor, point_values, sobol
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate, added_counts
 from resting_aspects_ros.studies.surrogate_form import likely_scales
 

@@ -33,9 +33,8 @@ from resting_aspects_ros.studies.calibration.fit import conditions_at, fit_surfa
 from resting_aspects_ros.studies.calibration.likelihood import log_density, surrogate_rho
 from resting_aspects_ros.studies.calibration.posterior import DISCREPANCIES, DISCREPANCY_SCALE
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
-from resting_aspects_ros.studies.designs import sobol
-from resting_aspects_ros.studies.factors import Factor
-from resting_aspects_ros.studies.point_runs import counts_by_class
+from resting_aspects_ros.studies.design import Factor, sobol
+from resting_aspects_ros.studies.points import counts_by_class
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 
 Array = npt.NDArray[np.float64]

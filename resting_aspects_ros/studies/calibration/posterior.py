@@ -22,7 +22,7 @@ from resting_aspects_ros.studies.calibration.likelihood import (
     own_discrepancies,
     surrogate_rho,
 )
-from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.design import sobol
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 
 Array = npt.NDArray[np.float64]

@@ -16,9 +16,8 @@ from resting_aspects_ros.core.schema import Count, validated
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.dask_workers import worker_versions
-from resting_aspects_ros.studies.point_plans import point_key
-from resting_aspects_ros.studies.point_runs import drop_points
-from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.design import Setting
+from resting_aspects_ros.studies.points import drop_points, point_key
 
 Counts = npt.NDArray[np.int64]
 

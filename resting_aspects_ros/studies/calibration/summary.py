@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.fit import Fit
-from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.design import Factor
 
 Array = npt.NDArray[np.float64]
 

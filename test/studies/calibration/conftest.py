@@ -9,7 +9,7 @@ from scipy.special import expit
 from resting_aspects_ros.studies.calibration import posterior
 from resting_aspects_ros.studies.calibration.counts_file import make_surface_counts
 from resting_aspects_ros.studies.calibration.fit import fit_counts, fit_shares
-from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.design import sobol
 
 HEIGHTS = (10, 15, 20)
 PER_POINT = 250

@@ -12,7 +12,7 @@ from resting_aspects_ros.studies.calibration.likelihood import (
     own_discrepancies,
 )
 from resting_aspects_ros.studies.calibration.posterior import DISCREPANCIES
-from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.design import sobol
 
 DROPS = 2000
 PARTS = 6

@@ -11,7 +11,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import OutputError
 from resting_aspects_ros.studies.calibration import simulated_drops
 from resting_aspects_ros.studies.calibration.simulated_drops import BATCH, SimulatedDrops
-from resting_aspects_ros.studies.point_runs import PointCounts
+from resting_aspects_ros.studies.points import PointCounts
 
 DROPS = 10
 

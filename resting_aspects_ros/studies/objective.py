@@ -1,15 +1,29 @@
-"""What is optimised: the share of wanted aspects, or the entropy of the distribution."""
+"""What is optimised: the share of wanted aspects or contacts, or the entropy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import entr
 
+from resting_aspects_ros.api.surroundings import contacts_in, scene_of
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.studies.wanted_contacts import WantedContacts
+from resting_aspects_ros.core.aspects.contacts import (
+    CODE_TEXT,
+    CORNER,
+    EDGE,
+    NONE,
+    SIDE,
+    ContactFinder,
+)
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.statistics.contact_counts import contacts_text
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.studies.design import Setting
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -18,6 +32,47 @@ Counts = npt.NDArray[np.int64]
 SHARE_TOLERANCE, ENTROPY_TOLERANCE = 0.01, 0.02
 # Pseudo-drops of the Dirichlet prior, divided among the outcomes: 1 drop in all (Perks 1947).
 PRIOR = 1.0
+# Contacts that are in no aspect, by name; also as tables and documents show them.
+CODES: dict[str, int] = {'none': NONE, 'side': SIDE, 'edge': EDGE, 'corner': CORNER} | {
+    text: code for code, text in CODE_TEXT.items()
+}
+EXPECTED = 'PLANE=CONTACT, such as belt=1,wall=edge'
+
+
+@dataclass(frozen=True)
+class WantedContacts:
+    """Contacts with some of the planes; with the other planes, any contact is accepted.
+
+    codes : tuple of (str, int)
+        Name of a plane, and the id of the aspect that lies on it, or NONE, SIDE, EDGE or CORNER.
+    """
+
+    codes: tuple[tuple[str, int], ...]
+
+    @property
+    def text(self) -> str:
+        """Such as 'belt: aspect 1, wall: edge'."""
+        return contacts_text((name, code or 'nothing') for name, code in self.named)
+
+    @property
+    def named(self) -> list[tuple[str, int | str | None]]:
+        """Contacts by the names of the planes, as `drop` shows them; None: not touched."""
+        return [
+            (name, code if code > NONE else CODE_TEXT[code] if code < NONE else None)
+            for name, code in self.codes
+        ]
+
+    def found(self, finder: ContactFinder, poses: RestingPoses) -> npt.NDArray[np.bool_]:
+        """Return which of the drops (n,) are at rest with these contacts."""
+        contacts = finder.find(poses.position, poses.orientation)
+        good = poses.status == RestStatus.SETTLED
+        names = np.array([plane.name for plane in finder.planes])
+        for name, code in self.codes:
+            # Of several planes with the same name, the first one that is touched counts.
+            own = contacts[:, names == name]
+            first = (own != NONE).argmax(axis=1)
+            good &= own[np.arange(len(own)), first] == code
+        return np.asarray(good)
 
 
 @dataclass(frozen=True)
@@ -62,19 +117,15 @@ class Objective:
         noun = 'aspect' if len(self.wanted) == 1 else 'aspects'
         return f'largest share of {noun} {listed(map(str, self.wanted))}'
 
-    def columns(self, counts: Counts, other: Counts) -> Counts:
-        """Return counts (..., c) of the outcomes.
+    @property
+    def outcomes(self) -> list[list[int] | str]:
+        """Ids of the aspects of each outcome but the last, or 'wanted'."""
+        return ['wanted'] if self.contacts else [list(ids) for ids in self.groups]
 
-        Parameters
-        ----------
-        counts : (..., k) int
-            Drops in each aspect, by id from 1.
-        other : (..., 5) int
-            Drops that ended in no aspect.
-        """
-        each = [counts[..., [k - 1 for k in ids]].sum(axis=-1) for ids in self.groups]
-        rest = counts.sum(axis=-1) + other.sum(axis=-1) - sum(each)
-        return np.stack([*each, rest], axis=-1)
+    def columns(self, counts: Counts) -> Counts:
+        """Return counts (c,) of the outcomes, from counts (k + 5,) by aspect and by OUTSIDE."""
+        each = [int(counts[[k - 1 for k in ids]].sum()) for ids in self.groups]
+        return np.array([*each, counts.sum() - sum(each)], dtype=np.int64)
 
     def values(self, shares: Array) -> Array:
         """Return the share, or the entropy in nat, for shares (..., c) of the outcomes.
@@ -88,10 +139,6 @@ class Objective:
         inside = np.maximum(1 - none, 1e-300)[..., None]
         entropy = np.asarray(entr(classes / inside)).sum(axis=-1)
         return np.asarray((1 - none) * entropy + none * np.log(len(self.groups)))
-
-    def scores(self, shares: Array) -> Array:
-        """Return the value, or its negative if less is better."""
-        return self.sign * self.values(shares)
 
     def posterior(self, counts: Counts, rng: np.random.Generator, size: int) -> Array:
         """Return draws (size,) of the value given counts (c,), by the Dirichlet posterior.
@@ -148,7 +195,7 @@ def make_objective(
     return Objective(ids, (ids,))
 
 
-def listed(words: 'Sequence[str] | map[str]') -> str:
+def listed(words: Iterable[str]) -> str:
     """Return words as a list in a sentence, such as 'a, b and c'."""
     known = list(words)
     return known[0] if len(known) == 1 else f'{", ".join(known[:-1])} and {known[-1]}'
@@ -161,3 +208,64 @@ def _checked(what: str, numbers: Sequence[int], limit: int) -> tuple[int, ...]:
         if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
             raise InvalidValueError(f'invalid wanted {what} {shown(k)}: expected 1 to {limit}')
     return tuple(sorted({int(k) for k in numbers}))
+
+
+def contacts_wanted(
+    given: Sequence[str | Mapping[str, Any]], part: Part, base: Setting, aspects: AspectSet
+) -> list[WantedContacts]:
+    """Return wanted contacts with the planes of a setting; raises InvalidValueError."""
+    if not given:
+        return []
+    if base.action is not None:
+        raise InvalidValueError('invalid wanted contacts: expected only without an action')
+    planes = [plane.name for plane in finder_in(part, base.drop_conditions, aspects).planes]
+    return [read_contacts(each, planes, aspects) for each in given]
+
+
+def finder_in(part: Part, conditions: DropConditions, aspects: AspectSet) -> ContactFinder:
+    """Return what finds the contacts in surroundings; raises InvalidValueError without walls."""
+    counts = contacts_in(scene_of(part, conditions), part, aspects)
+    if counts is None:
+        raise InvalidValueError(
+            'invalid wanted contacts: expected surroundings with walls, such as --surroundings '
+            'l_chute'
+        )
+    return counts.finder
+
+
+def read_contacts(
+    given: str | Mapping[str, Any], planes: Sequence[str], aspects: AspectSet
+) -> WantedContacts:
+    """Return wanted contacts from a text or a mapping; raises InvalidValueError."""
+    pairs: list[tuple[str, Any]]
+    if isinstance(given, Mapping):
+        pairs = [(str(name), code) for name, code in given.items()]
+    else:
+        words = [word.partition('=') for word in given.split(',')]
+        if not all(equals for _, equals, _ in words):
+            raise InvalidValueError(f'invalid wanted contacts {shown(given)}: expected {EXPECTED}')
+        pairs = [(name.strip(), code.strip()) for name, _, code in words]
+    names = [name for name, _ in pairs]
+    for name in names:
+        if name not in planes:
+            raise InvalidValueError(
+                f'invalid plane {shown(name)} of wanted contacts: expected one of '
+                f'{", ".join(dict.fromkeys(planes))}{did_you_mean(name, planes)}'
+            )
+        if names.count(name) > 1:
+            raise InvalidValueError(f'invalid wanted contacts: expected {name} only once')
+    if not names:
+        raise InvalidValueError(f'invalid wanted contacts {shown(given)}: expected {EXPECTED}')
+    return WantedContacts(tuple((name, _code(each, len(aspects))) for name, each in pairs))
+
+
+def _code(given: Any, aspects: int) -> int:
+    text = 'none' if given is None else str(given)
+    if text in CODES:
+        return CODES[text]
+    if text.isdecimal() and 1 <= int(text) <= aspects:
+        return int(text)
+    raise InvalidValueError(
+        f'invalid wanted contact {shown(given)}: expected an aspect from 1 to {aspects}, side, '
+        'edge, corner or none'
+    )

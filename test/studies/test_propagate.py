@@ -12,9 +12,12 @@ from scipy.stats import chi2
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.studies.point_plans import OTHER
-from resting_aspects_ros.studies.propagated_result import PropagatedResult
-from resting_aspects_ros.studies.propagation import UncertainSurface, uncertain_surface
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE as OTHER
+from resting_aspects_ros.studies.propagate import (
+    PropagatedResult,
+    UncertainSurface,
+    uncertain_surface,
+)
 
 
 @pytest.fixture(scope='module')
@@ -59,10 +62,8 @@ def test_interval_covers_the_true_surface(part):
     for _ in range(runs):
         result = made_result(part, 0.4 + spread * rng.standard_normal(s), m, rng)
         truth = 0.4 + spread * rng.standard_normal()
-        inside += result.by_aspect.total()[0].lower <= truth <= result.by_aspect.total()[0].upper
-        alone += (
-            result.by_aspect.sampling()[0].lower <= truth <= result.by_aspect.sampling()[0].upper
-        )
+        inside += result.by_aspect.total[0].lower <= truth <= result.by_aspect.total[0].upper
+        alone += result.by_aspect.sampling[0].lower <= truth <= result.by_aspect.sampling[0].upper
     # 4 standard deviations of a share of the runs, and 2 points: s samples make a t distribution.
     assert abs(inside / runs - 0.95) < 4 * np.sqrt(0.95 * 0.05 / runs) + 0.02
     assert alone / runs < 0.6
@@ -73,7 +74,7 @@ def test_equal_shares_have_the_sampling_interval(part):
     counts = np.zeros_like(result.counts)
     counts[:, 0], counts[:, 1] = 40, 60
     result = dataclasses.replace(result, counts=counts)
-    for one, both in zip(result.by_aspect.sampling(), result.by_aspect.total(), strict=True):
+    for one, both in zip(result.by_aspect.sampling, result.by_aspect.total, strict=True):
         assert dataclasses.astuple(both) == pytest.approx(dataclasses.astuple(one), abs=1e-12)
     assert result.sentence().startswith('No effect')
 
@@ -125,7 +126,7 @@ def test_page_shows_both_intervals(part, tmp_path):
     rng = np.random.default_rng(6)
     result = made_result(part, 0.4 + 0.08 * rng.standard_normal(32), 300, rng)
     page = result.report(tmp_path).read_text(encoding='utf-8')
-    one, both = result.by_class.sampling()[0], result.by_class.total()[0]
+    one, both = result.by_class.sampling[0], result.by_class.total[0]
     for each in (one, both):
         assert f'{100 * each.lower:.1f} to {100 * each.upper:.1f} %' in page
     assert result.sentence() in html.unescape(page)

@@ -1,4 +1,6 @@
-"""Factors: their texts, their values, and what is simulated at a point."""
+"""Factors, what is simulated at a point, and the points and lines of designs."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,17 +10,27 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.studies.factors import (
+from resting_aspects_ros.studies.design import (
     Factor,
+    Setting,
     check_factors,
-    parse_factor,
+    gauss_lobatto,
+    make_design,
+    parse_ranges,
     point_values,
     read_factor,
+    sobol,
 )
-from resting_aspects_ros.studies.setting import Setting
 
 MAT = given_conditions('rubber_mat', {})
 PLAIN = Setting(MAT)
+
+
+def parse_factor(text, setting):
+    ((name, given),) = parse_ranges([text]).items()
+    return read_factor(name, given, setting)
+
+
 SLOPE = Setting(MAT, named_surroundings('slope', {'angle': 0.0}))
 KICK = Setting(MAT, action=NamedAction('tap', Kick(speed=0.3)))
 
@@ -80,6 +92,8 @@ def test_the_same_factor_twice_is_refused():
     factor = parse_factor('restitution=0:1', PLAIN)
     with pytest.raises(InvalidValueError, match='restitution only once'):
         check_factors([factor, factor])
+    with pytest.raises(InvalidValueError, match='restitution only once'):
+        parse_ranges(['restitution=0:1', 'restitution = 0.2:1'])
     with pytest.raises(InvalidValueError, match='missing factor'):
         check_factors([])
 
@@ -99,7 +113,7 @@ def test_conditions_surroundings_and_actions_vary():
     changed = SLOPE.changed({'surroundings.angle': 0.25, 'friction': 0.2})
     assert changed.surroundings.shape.angle == 0.25
     assert (changed.drop_conditions.friction, changed.drop_conditions.surface) == (0.2, '')
-    assert 'angle' in changed.drop_conditions.surroundings
+    assert changed.drop_conditions.surroundings.shape.angle == 0.25
     assert SLOPE.drop_conditions.surroundings is None  # angle 0 is the level plane
     belt = Setting(MAT, named_surroundings('l_chute')).changed({'surroundings.belt.speed': 0.1})
     assert belt.surroundings.bodies['belt']['speed'] == 0.1
@@ -118,3 +132,72 @@ def test_every_quantity_of_a_setting_can_vary():
             middle = point_values([factor], np.array([[0.5]]))[0]
             if not name.startswith('surroundings.release'):
                 assert setting.changed(middle) != setting, name
+
+
+ONE, TWO = Factor('friction', 0.1, 0.5, 3), Factor('restitution', 0.2, 0.8)
+THREE = Factor('height', 0.02, 0.2)
+
+
+def test_factorial_design_has_all_combinations():
+    design = make_design('factorial', [ONE, replace(TWO, levels=2)], 1, 1)
+    assert design.points.tolist() == [[a, b] for a in (0, 0.5, 1) for b in (0, 1)]
+    one, two = design.lines
+    assert one.points.tolist() == [[0, 2, 4], [1, 3, 5]]
+    assert two.points.tolist() == [[0, 1], [2, 3], [4, 5]]
+    assert one.fixed
+    assert one.weights.tolist() == [1 / 3] * 3
+
+
+def test_lines_vary_one_factor_from_each_base_point():
+    design = make_design('curves', [TWO, THREE], 8, 1)
+    for k, lines in enumerate(design.lines):
+        points = design.points[lines.points]
+        assert points.shape == (8, 7, 2)
+        assert (points[..., k] == lines.levels).all()
+        assert (np.ptp(points[..., 1 - k], axis=1) == 0).all()
+        assert not lines.fixed
+
+
+def test_base_points_are_balanced_and_the_first_ones_stay():
+    few, many = (make_design('curves', [TWO, THREE], n, 1) for n in (5, 64))
+    assert (many.points[: len(few.points)] == few.points).all()
+    other = make_design('curves', [TWO, THREE], 5, 2)
+    assert (other.points != few.points).any()
+    base = many.points[many.lines[0].points[:, 0]][:, 1]
+    assert sorted(np.floor(64 * base).astype(int)) == list(range(64))
+    assert (sobol(2, 32, 1, first=32) == sobol(2, 64, 1)[32:]).all()
+
+
+def test_levels_are_kept_and_no_point_is_simulated_twice():
+    design = make_design('curves', [ONE, replace(TWO, levels=2)], 64, 1)
+    assert len(np.unique(design.points, axis=0)) == len(design.points) == 6
+    one, two = design.lines
+    # All lines of the other factor are there, each once.
+    assert (len(one.points), len(two.points)) == (2, 3)
+    assert one.fixed
+    assert two.fixed
+
+
+def test_one_factor_has_one_line():
+    (lines,) = make_design('curves', [TWO], 16, 1).lines
+    assert lines.points.shape == (1, 7)
+    assert lines.fixed
+
+
+@pytest.mark.parametrize('count', [3, 7])
+def test_averages_over_the_nodes_are_exact_for_polynomials(count):
+    nodes, weights = gauss_lobatto(count)
+    assert nodes[[0, -1]].tolist() == [0, 1]
+    for degree in range(2 * count - 2):
+        assert weights @ nodes**degree == pytest.approx(1 / (degree + 1), rel=1e-12)
+
+
+def test_invalid_design_is_refused():
+    with pytest.raises(InvalidValueError, match="design 'x': expected one of curves"):
+        make_design('x', [ONE], 4, 1)
+    for points in (0, 2.0, 10**6):
+        with pytest.raises(InvalidValueError, match='points'):
+            make_design('curves', [ONE], points, 1)
+    many = [Factor(f'f{k}', 0, 1, 10) for k in range(6)]
+    with pytest.raises(InvalidValueError, match='design of 1000000 points: expected at most'):
+        make_design('factorial', many, 1, 1)

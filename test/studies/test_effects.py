@@ -1,0 +1,301 @@
+"""Effects of known functions: Sobol indices, largest changes and findings, with few errors."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.studies import design as design_module
+from resting_aspects_ros.studies import effects as effects_module
+from resting_aspects_ros.studies.design import Factor, factorial, make_design
+from resting_aspects_ros.studies.effects import (
+    NOT_WORTH,
+    OPEN,
+    WORTH,
+    LineCounts,
+    curve_of,
+    effects_of,
+    entropy,
+    findings_of,
+    fresh_change,
+    indices_of,
+    largest_candidates,
+    mean_change,
+)
+from resting_aspects_ros.studies.points import Case
+
+FACTORS = [Factor('restitution', 0.3, 0.7), Factor('friction', 0.1, 0.5)]
+THREE = [*FACTORS, Factor('height', 0.02, 0.2)]
+# Drops of which only rounding to counts remains.
+EXACT = 10**12
+# Variances of the function of Ishigami and Homma (1990) with a = 7, b = 0.1.
+A, B = 7.0, 0.1
+V1 = 0.5 * (1 + B * np.pi**4 / 5) ** 2
+V2 = A**2 / 8
+V13 = B**2 * np.pi**8 * (1 / 18 - 1 / 50)
+ISHIGAMI = (
+    np.array([V1, V2, 0]) / (V1 + V2 + V13),
+    np.array([V1 + V13, V2, V13]) / (V1 + V2 + V13),
+)
+
+
+def ishigami(u):
+    x, y, z = np.pi * (2 * u.T - 1)
+    return 0.35 + 0.018 * (np.sin(x) + A * np.sin(y) ** 2 + B * z**4 * np.sin(x))
+
+
+def linear(u):
+    return 0.3 + 0.3 * u[:, 0] + 0.15 * u[:, 1]
+
+
+LINEAR = np.array([0.8, 0.2])
+
+
+def interacting(u):
+    return linear(u) + 0.6 * (u[:, 0] - 0.5) * (u[:, 1] - 0.5)
+
+
+# Variances of the two linear terms and of the interaction.
+PARTS = np.array([0.3**2, 0.15**2, 0.6**2 / 12]) / 12
+INTERACTING = PARTS[:2] / PARTS.sum(), (PARTS[:2] + PARTS[2]) / PARTS.sum()
+
+
+def line_counts(share, factors, base_points, drops, seed=1):
+    """Return counts of two classes along the lines of each factor, with shares of a function."""
+    design = make_design('curves', factors, base_points, seed)
+    return counted(design, share, drops, seed)
+
+
+def counted(design, share, drops, seed):
+    p = share(design.points)
+    count = np.random.default_rng(seed).binomial(drops, p) if drops < EXACT else drops * p
+    table = np.column_stack([count, drops - count]).astype(np.int64)
+    return [LineCounts.of(table, lines) for lines in design.lines]
+
+
+def indices(lines, seed=0):
+    return indices_of(lines, 0.95, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize(
+    ('share', 'first', 'total'),
+    [(linear, LINEAR, LINEAR), (interacting, *INTERACTING)],
+    ids=['linear', 'interacting'],
+)
+def test_indices_are_those_of_a_known_function(share, first, total):
+    found = indices(line_counts(share, FACTORS, 64, EXACT))
+    # The variance of 64 points of a Sobol sequence is within 2 % of that over the square.
+    np.testing.assert_allclose(found.first[0], first, atol=0.02)
+    np.testing.assert_allclose(found.total[0], total, atol=0.02)
+    np.testing.assert_allclose(found.first[-1], found.first[0], atol=1e-9)  # both classes vary
+
+
+def test_indices_of_a_factorial_design_are_those_of_its_levels():
+    """A sum of two factors with 4 and 3 levels: variances of equally spaced levels."""
+    levels = [Factor('a', 0, 1, 4), Factor('b', 0, 1, 3)]
+    found = indices(counted(factorial(levels), linear, EXACT, 1))
+    parts = np.array([0.3, 0.15]) ** 2 * [np.linspace(0, 1, n).var() for n in (4, 3)]
+    np.testing.assert_allclose(found.first[0], parts / parts.sum(), atol=1e-6)
+    np.testing.assert_allclose(found.total[0], parts / parts.sum(), atol=1e-6)
+
+
+def test_indices_of_ishigami(monkeypatch):
+    # Its second term has two periods in the range, which seven levels do not resolve.
+    monkeypatch.setattr(design_module, 'CURVE_LEVELS', 13)
+    found = indices(line_counts(ishigami, THREE, 128, EXACT))
+    for estimate, truth in zip((found.first, found.total), ISHIGAMI, strict=True):
+        np.testing.assert_allclose(estimate[0], truth, atol=0.02)
+
+
+@pytest.mark.parametrize('points', [8, 32])
+def test_sampling_does_not_bias_the_indices(points, monkeypatch):
+    """The mean of many studies with few drops is the index, and the intervals contain it."""
+    monkeypatch.setattr(effects_module, 'RESAMPLES', 100)
+    runs, inside, values = 60, np.zeros(4), []
+    truth = np.concatenate(INTERACTING)
+    for seed in range(runs):
+        found = indices(line_counts(interacting, FACTORS, points, 100, seed), seed)
+        low, high = np.hstack([found.first_bounds[:, 0], found.total_bounds[:, 0]])
+        inside += (low <= truth) & (truth <= high)
+        values.append(np.concatenate([found.first[0], found.total[0]]))
+    error = np.std(values, axis=0) / np.sqrt(runs)
+    # A base point more or less in a corner changes the variance over few points by some percent.
+    assert (np.abs(np.mean(values, axis=0) - truth) < 4 * error + 0.2 / points).all()
+    assert (inside >= binom.ppf(0.001, runs, 0.9)).all()
+
+
+def test_indices_of_shares_that_do_not_vary_are_not_stated():
+    found = indices(line_counts(lambda u: np.full(len(u), 0.3), FACTORS, 16, 400))
+    assert np.isnan(found.first).all()
+    assert np.isnan(found.total_bounds).all()
+
+
+@pytest.mark.parametrize('factors', [FACTORS[:1], FACTORS], ids=['one factor', 'two'])
+def test_mean_curve_is_within_its_interval(factors):
+    """Other factors move all lines by up to 40 points, and their mean not at all."""
+    runs, inside, levels = 100, 0, 7
+    for seed in range(runs):
+        line = line_counts(
+            lambda u: 0.2 + 0.2 * u[:, 0] + 0.4 * u[:, -1] * (len(factors) - 1),
+            factors, 8, 200, seed,
+        )[0]  # fmt: skip
+        curve = curve_of(line, 0.9)
+        assert (curve.upper - curve.lower).max() < 0.2
+        # The shape of the curve, about its own mean.
+        truth = 0.2 * (line.levels - 0.5) + line.weights @ curve.mean[:, 0]
+        inside += ((curve.lower[:, 0] <= truth) & (truth <= curve.upper[:, 0])).sum()
+        assert (curve.lower <= curve.mean).all()
+        assert (curve.mean <= curve.upper).all()
+    assert inside >= binom.ppf(0.001, runs * levels, 0.9)
+
+
+@pytest.mark.parametrize(
+    ('share', 'size'),
+    [
+        (lambda u: np.full(len(u), 0.3), 0.0),
+        (lambda u: 0.3 + 0.1 * u[:, 0], 0.1),
+        (lambda u: 0.3 + 0.4 * u[:, 0] * (1 - u[:, 0]), 0.1),
+    ],
+    ids=['none', 'linear', 'hill'],
+)
+def test_largest_change_is_within_its_bounds(share, size):
+    """The bounds allow for the choice of the largest one of many changes."""
+    runs, inside = 200, 0
+    for seed in range(runs):
+        change = mean_change(line_counts(share, FACTORS, 8, 200, seed)[0], 0.9)
+        inside += change.lower <= size <= change.upper
+        assert change.lower <= change.size <= change.upper
+    assert inside >= binom.ppf(0.001, runs, 0.9)
+
+
+def test_fresh_drops_find_the_largest_change_without_bias():
+    """Without an effect, the largest of many lines is lucky; fresh drops there are not."""
+    runs, drops, lucky, fresh, above = 100, 400, [], [], 0
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        line = line_counts(lambda u: np.full(len(u), 0.3), FACTORS, 16, drops, seed)[0]
+        (first, *_) = candidates = largest_candidates(line)
+        lucky.append(np.ptp(line.shares, axis=1).max())
+        tables = [rng.multinomial(8 * drops, [0.3, 0.7], 2) for _ in candidates]
+        change = fresh_change(candidates, tables, 0.95)
+        shares = tables[0] / tables[0].sum(axis=1, keepdims=True)
+        fresh.append(shares[1, first.column] - shares[0, first.column])
+        above += change.lower > 0
+    error = np.sqrt(2 * 0.21 / (8 * drops) / runs)
+    assert np.mean(lucky) > 0.08
+    assert abs(np.mean(fresh)) < 4 * error
+    assert above <= binom.ppf(0.999, runs, 0.05)
+
+
+def test_candidates_are_the_lines_with_the_largest_change():
+    """Where the second factor is large, the first one moves the share by up to 40 points."""
+
+    def corner(u):
+        return 0.3 + 0.4 * u[:, 0] * (u[:, 1] > 0.8)
+
+    design = make_design('curves', FACTORS, 16, 3)
+    line = counted(design, corner, 400, 1)[0]
+    for candidate in largest_candidates(line)[:3]:
+        assert design.points[candidate.points[0], 1] > 0.8
+        assert candidate.levels[1] - candidate.levels[0] > 0.5
+
+
+def test_entropy():
+    assert entropy(np.array([1.0, 0.0])) == 0
+    assert entropy(np.full(4, 0.25)) == pytest.approx(2)
+
+
+@pytest.fixture(scope='module')
+def cylinder():
+    part = ra.load_part('cylinder_d20_h20')
+    return part, ra.find_aspects(part)
+
+
+def verdicts(cylinder, share, tolerance, drops=400, seed=1, factors=FACTORS):
+    """Return the effects and the findings by factor of drops with known shares."""
+    design, rng = make_design('curves', factors, 16, 3), np.random.default_rng(seed)
+
+    def table(points, n):
+        count = rng.binomial(n, share(points))
+        return np.column_stack([count, n - count])
+
+    counts = table(design.points, drops)
+    case = Case(*cylinder, counts, np.zeros((len(counts), 5), dtype=int))
+    effects = effects_of(
+        case, design, 1, 0.95, lambda each: table(design.points[list(each.points)], 8 * drops)
+    )
+    found = findings_of(case, effects, design, factors, tolerance, 0.95)
+    return effects, {finding.factor: finding for finding in found}
+
+
+def test_factor_that_moves_the_shares_is_worth_measuring(cylinder):
+    effects, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.05)
+    assert effects.factors[0].lower < 0.2 < effects.factors[0].upper
+    assert found['restitution'].verdict == WORTH
+    assert found['friction'].verdict == NOT_WORTH
+    assert list(found) == ['restitution', 'friction']  # the larger one first
+    assert effects.indices.first[0, 0] > 0.9
+    assert effects.indices.total[0, 1] < 0.1
+
+
+def test_factor_that_moves_the_shares_only_in_a_corner_is_worth_measuring(cylinder):
+    effects, found = verdicts(cylinder, lambda u: 0.3 + 0.3 * u[:, 0] * (u[:, 1] > 0.8), 0.1)
+    assert found['restitution'].verdict == WORTH
+    assert effects.factors[0].mean.size < 0.1
+    assert re.search(r'with friction 0\.4\d+', found['restitution'].details)
+
+
+def test_verdicts_have_few_errors(cylinder, monkeypatch):
+    """A change of exactly the tolerance is called larger in at most 5 % of the studies."""
+    monkeypatch.setattr(effects_module, 'RESAMPLES', 2)
+    runs, wrong, decided = 60, 0, 0
+    for seed in range(runs):
+        _, found = verdicts(cylinder, lambda u: 0.4 + 0.05 * u[:, 0], 0.05, seed=seed)
+        wrong += found['restitution'].verdict == WORTH
+        decided += found['friction'].verdict == NOT_WORTH
+    assert wrong <= binom.ppf(0.999, runs, 0.05)
+    assert decided > 0.7 * runs
+
+
+def test_change_near_the_tolerance_is_not_decided(cylinder):
+    _, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.2, drops=50)
+    assert found['restitution'].verdict == OPEN
+    # The change is nearly the tolerance, so that no practical number of drops would decide.
+    text = found['restitution'].text
+    assert re.search(r'(about \d+|more than 100) times as many drops would decide', text)
+
+
+def test_one_factor_needs_no_fresh_drops(cylinder):
+    effects, found = verdicts(
+        cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.05, drops=4000, factors=FACTORS[:1]
+    )
+    assert effects.factors[0].largest is None
+    assert found['restitution'].verdict == WORTH
+
+
+def test_part_with_one_class_has_no_effects():
+    part = ra.load_part('tetrahedron')
+    aspects = ra.find_aspects(part)
+    design = make_design('curves', FACTORS, 4, 1)
+    m = len(design.points)
+    case = Case(part, aspects, np.full((m, 1), 9), np.zeros((m, 5), dtype=int))
+    effects = effects_of(case, design, 1, 0.95)
+    found = list(findings_of(case, effects, design, FACTORS, 0.05, 0.95))
+    assert effects is None
+    assert {each.verdict for each in found} == {NOT_WORTH}
+    assert 'cannot move the shares' in found[0].text
+
+
+def test_impossible_points_cost_their_levels_and_lines():
+    design = make_design('curves', FACTORS, 8, 1)
+    table = np.full((len(design.points), 2), 50)
+    possible = design.points[:, 0] >= 0.2
+    table[~possible] = 0
+    one, two = (LineCounts.of(table, lines) for lines in design.lines)
+    assert one.levels.min() >= 0.2
+    assert len(one.counts) == 8
+    assert one.weights.sum() == pytest.approx(1)
+    assert len(two.counts) == possible[design.lines[1].points[:, 0]].sum()
+    assert (two.drops == 100).all()

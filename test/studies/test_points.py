@@ -1,0 +1,171 @@
+"""Drops and actions at points: counts that follow from each point alone."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2_contingency
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.studies.design import Setting
+from resting_aspects_ros.studies.points import Monitor, Simulation, drop_points, point_seed
+
+MAT = given_conditions('rubber_mat', {'height': 0.03})
+POINTS = [MAT.changed(restitution=r) for r in (0.1, 0.2, 0.3)]
+TAP = Setting(MAT, None, named_action('tap'))
+STILL = TAP.changed({'action.speed': 0.0, 'action.spin': 0.0})
+
+
+@pytest.fixture(scope='module')
+def part():
+    return ra.load_part('tetrahedron')
+
+
+@pytest.fixture(scope='module')
+def counted(part, here):
+    return drop_points(part, POINTS, 630, 1, workers=here())
+
+
+@pytest.fixture(scope='module')
+def box(here):
+    return Simulation.of(ra.load_part('box_10x20x30'), here())
+
+
+def same_shares(*rows):
+    """Whether a chi-square test finds no difference between rows of counts."""
+    table = np.array(rows)
+    return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > 1e-3
+
+
+def test_every_drop_is_counted(counted):
+    assert counted.drops.tolist() == [630] * 3
+    assert counted.counts.shape == (3, 4)
+    assert counted.by_class().tolist() == counted.counts.sum(axis=1, keepdims=True).tolist()
+
+
+def test_counts_of_a_point_do_not_depend_on_other_points(part, counted, here):
+    backward = drop_points(part, POINTS[:0:-1], 630, 1, workers=here())
+    assert (backward.counts == counted.counts[:0:-1]).all()
+    assert (counted.counts[0] != counted.counts[1]).any()
+
+
+def test_equal_points_are_independent_repetitions(part, counted, here):
+    again = drop_points(part, [POINTS[0]] * 3, 630, 1, workers=here())
+    assert (again.counts[0] == counted.counts[0]).all()
+    assert len(np.unique(again.counts, axis=0)) == 3
+
+
+def test_counts_are_those_of_a_run_with_the_seed_of_the_point(part, counted, here):
+    seed = point_seed(1, part, Setting(POINTS[1]))
+    run = ra.drop(part, 630, surface=POINTS[1], seed=seed, workers=here(), keep_poses=False)
+    assert (run.distribution.counts == counted.counts[1]).all()
+
+
+def test_seed_follows_from_the_point(part):
+    other = ra.load_part('hex_nut')
+    seeds = [
+        point_seed(1, part, Setting(MAT)),
+        point_seed(2, part, Setting(MAT)),
+        point_seed(1, other, Setting(MAT)),
+        point_seed(1, part, Setting(MAT.changed(friction=0.123))),
+        point_seed(1, part, Setting(MAT), 'fresh'),
+    ]
+    assert len(set(seeds)) == 5
+    assert seeds[0] == point_seed(1, part, Setting(MAT.changed(friction=MAT.friction)))
+
+
+def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
+    workers = here(dying=(1, 4), lookahead=1)
+    with pytest.warns(ra.RestingAspectsWarning, match='a worker died'):
+        again = drop_points(part, POINTS, 630, 1, workers=workers)
+    assert (again.counts == counted.counts).all()
+    assert len(workers.submitted) == 8
+
+
+def test_failure_of_a_worker_is_reported(part, here):
+    with pytest.raises(EngineError, match='a worker failed'):
+        drop_points(part, POINTS, 630, 1, workers=here(failing=(2,)))
+
+
+def test_impossible_point_is_skipped(part, here):
+    low = MAT.changed(height=0.001, height_of=HeightOf.CENTRE_OF_MASS)
+    counted = drop_points(part, [MAT, low], 10, 1, workers=here())
+    assert counted.drops.tolist() == [10, 0]
+    assert list(counted.skipped) == [1]
+    assert 'height of the centre of mass' in counted.skipped[1]
+
+
+def test_stopped_points_have_no_drops(part, here):
+    asked = []
+    counted = drop_points(
+        part,
+        POINTS,
+        630,
+        1,
+        workers=here(lookahead=1),
+        stopped=lambda: len(asked.append(1) or asked) > 10,
+    )
+    assert 0 in counted.drops
+    assert set(counted.drops.tolist()) <= {0, 630}
+    assert not counted.skipped
+
+
+def test_every_part_that_is_dropped_and_moved_is_counted_once(box):
+    seen = []
+    found = box.dropped_and_acted(TAP, 150, 1, Monitor(seen.append))
+    assert found.sum() == 150
+    assert seen == sorted(seen)
+    assert seen[-1] == 150
+    assert (found == box.dropped_and_acted(TAP, 150, 1, Monitor())).all()
+
+
+def test_action_without_effect_leaves_the_distribution_of_the_drops(box):
+    before = box.dropped(STILL, 300, 2, Monitor())
+    after = box.dropped_and_acted(STILL, 300, 1, Monitor())
+    assert same_shares(before, after)
+
+
+def test_actions_from_each_aspect_are_those_of_reorient(box, here):
+    found = box.acted(TAP, 200, 3, Monitor())
+    assert found.sum(axis=1).tolist() == [200] * 6
+    matrix = ra.reorient(
+        box.part, TAP.action, 200, surface=MAT, drops=10, seed=4, workers=here()
+    ).matrix
+    for row, expected in zip(found, matrix.counts, strict=True):
+        assert same_shares(row[:-1], expected)
+
+
+def test_actions_start_from_the_wanted_aspects_alone(box):
+    found = box.acted(TAP, 20, 3, Monitor(), (2, 5))
+    assert found.sum(axis=1).tolist() == [0, 20, 0, 0, 20, 0]
+
+
+@pytest.mark.parametrize('method', ['dropped_and_acted', 'acted'])
+def test_strong_action_is_impossible(box, method):
+    strong = TAP.changed({'action.speed': 20.0})
+    with pytest.raises(InvalidValueError, match='it moves box_10x20x30'):
+        getattr(box, method)(strong, 10, 1, Monitor())
+
+
+@pytest.mark.slow
+def test_actions_start_from_the_resting_poses_in_surroundings(box):
+    groove = Setting(MAT, ra.surroundings('v_groove', opening='90deg'), named_action('tap'))
+    still = groove.changed({'action.speed': 0.0, 'action.spin': 0.0})
+    rests = box.dropped(still, 500, 2, Monitor())
+    found = [box.dropped_and_acted(each, 250, 1, Monitor()) for each in (groove, still)]
+    assert [int(each.sum()) for each in found] == [250, 250]
+    in_aspect = [[each[:6].sum() + 1, each[6:].sum() + 1] for each in (rests, found[1])]
+    assert same_shares(*in_aspect)
+
+
+@pytest.mark.slow
+def test_parts_fall_over_an_edge_in_surroundings(box):
+    """A step on a wall is possible for drops that are moved, as for reorient."""
+    wall = Setting(MAT, ra.surroundings('wall'), named_action('step_down'))
+    found = box.dropped_and_acted(wall, 10, 1, Monitor())
+    assert found.sum() == 10
+    pocket = Setting(MAT, ra.surroundings('pocket'), named_action('step_down'))
+    with pytest.raises(InvalidValueError, match='expected plane, slope, wall or chute'):
+        box.dropped_and_acted(pocket, 10, 1, Monitor())

@@ -1,0 +1,227 @@
+"""The search for an optimum: known functions, of which drops are drawn."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.studies.objective import Objective
+from resting_aspects_ros.studies.optimise import (
+    ROUNDS,
+    Budget,
+    Search,
+    compared,
+    estimated,
+    factor_facts,
+)
+
+SHARE = Objective((1,), ((1,),))
+
+
+def hill(points):
+    """A share with its maximum, 0.7, at 0.3 of the first factor; others have no effect."""
+    return 0.3 + 0.4 * np.exp(-((points[:, 0] - 0.3) ** 2) / 0.1)
+
+
+def peak(points):
+    """A share with its maximum, 0.7, where all factors are 0.3."""
+    return 0.3 + 0.4 * np.exp(-((points - 0.3) ** 2).sum(axis=1) / 0.1 / points.shape[1])
+
+
+def slope(points):
+    return 0.3 + 0.3 * points.mean(axis=1)
+
+
+class Known:
+    """A problem whose shares are known."""
+
+    def __init__(self, share, seed=0, *, above=0.0, levels=0):
+        self.share, self.seed, self.above, self.levels = share, seed, above, levels
+
+    def snapped(self, points):
+        return np.round(points * self.levels) / self.levels if self.levels else points
+
+    def counts(self, points, drops, batch):
+        rng = np.random.default_rng([self.seed, *batch.encode()])
+        share = self.share(points)
+        found = rng.multinomial(drops, np.stack([share, 1 - share], axis=1))
+        return found * (points[:, :1] >= self.above)
+
+
+def searched(problem, factors, total=200_000, seed=1):
+    search = Search(problem, SHARE, Budget(total, factors), seed)
+    search.run()
+    return search
+
+
+@pytest.mark.parametrize('factors', [1, 2, 3, 4])
+@pytest.mark.parametrize(('share', 'most', 'loss'), [(peak, 0.7, 0.02), (slope, 0.6, 0.03)])
+def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
+    found = [searched(Known(share, seed), factors, seed=seed).best()[0] for seed in range(4)]
+    lost = [most - share(best[None])[0] for best in found]
+    assert max(lost) < loss
+    assert np.mean(lost) < loss / 2
+
+
+def test_search_uses_half_of_the_budget():
+    search = searched(Known(peak), 2)
+    assert 90_000 < search.counts.sum() <= 100_000
+    assert set(search.rounds) <= set(range(ROUNDS + 2))
+
+
+def test_second_point_differs_by_a_fifth_of_a_range():
+    best, second = searched(Known(hill), 2).best()
+    assert np.abs(second - best).max() >= 0.2
+    # The second factor has no effect, so that another value of it is as good.
+    assert hill(second[None])[0] > 0.66
+
+
+def test_same_seed_gives_the_same_search():
+    one, other = (searched(Known(hill), 1, 4000) for _ in range(2))
+    assert np.array_equal(one.points, other.points)
+    assert np.array_equal(one.counts, other.counts)
+
+
+def test_bound_is_a_point_of_the_search():
+    search = searched(Known(slope), 1)
+    assert search.counts_of(np.array([1.0])).sum() >= search.budget.search[-1]
+
+
+def test_impossible_points_are_avoided():
+    search = searched(Known(hill, above=0.4), 1)
+    assert (search.points >= 0.4).all()
+    # The best possible point is at the edge of what is possible: hill(0.4) = 0.662.
+    assert hill(search.best()[0][None])[0] > 0.64
+
+
+def test_levels_are_kept():
+    search = searched(Known(hill, levels=4), 1)
+    assert sorted(search.points[:, 0]) == [0, 0.25, 0.5, 0.75, 1]
+    assert [float(p[0]) for p in search.best()] == [0.25, 0.5]
+
+
+def test_given_points_take_part():
+    given = np.array([[0.3, 0.123]])
+    search = Search(Known(hill), SHARE, Budget(4000, 2), 1)
+    search.run(given, lambda: True)
+    assert search.counts_of(given[0]).sum() > 0
+    assert search.counts_of(np.array([0.3, 0.2])) is None
+
+
+@pytest.mark.parametrize(('total', 'factors', 'needed'), [(1900, 1, 1920), (3000, 2, 3840)])
+def test_too_few_drops_are_refused(total, factors, needed):
+    with pytest.raises(InvalidValueError, match=f'at least {needed} drops'):
+        Budget(total, factors)
+
+
+def facts_of(share, best, at=None, drops=4000, seed=1):
+    """Return the facts of a factor, by drops with a known share along it."""
+    at = np.linspace(0, 1, 9) if at is None else at
+    rng, at = np.random.default_rng(seed), np.append(at, best)
+    count = rng.binomial(drops, share(at[:, None]))
+    table = np.column_stack([count, drops - count])
+    return factor_facts(SHARE, at, table, best, rng, 0.95)
+
+
+def test_flat_range_is_that_of_the_known_function():
+    ranges = [facts_of(hill, 0.3, seed=seed).flat for seed in range(20)]
+    u = np.linspace(0, 1, 1001)
+    good = u[hill(u[:, None]) >= hill(np.array([[0.3]]))[0] - 0.01]
+    # The levels are 0.125 apart, and a share of 4000 drops is known to 0.7 points.
+    np.testing.assert_allclose(np.mean(ranges, axis=0), [good.min(), good.max()], atol=0.04)
+    assert all(low <= 0.3 <= high for low, high in ranges)
+
+
+def test_effect_and_its_bound_are_those_of_the_known_function():
+    found = [facts_of(hill, 0.3, seed=seed) for seed in range(40)]
+    ends = hill(np.array([[0.3], [1.0]]))
+    truth = ends[0] - ends[1]
+    assert all(facts.matters for facts in found)
+    assert np.mean([facts.effect for facts in found]) == pytest.approx(truth, abs=0.02)
+    covered = sum(facts.effect_upper >= truth for facts in found)
+    assert covered >= binom.ppf(0.001, len(found), 0.95)
+
+
+def test_factor_without_effect_is_called_one_with_effect_as_rarely_as_stated():
+    found = [facts_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(200)]
+    assert sum(facts.matters for facts in found) <= binom.ppf(0.999, 200, 0.05)
+    assert all(facts.flat == (0, 1) for facts in found if not facts.matters)
+
+
+@pytest.mark.parametrize(
+    ('share', 'best', 'bound'),
+    [
+        (slope, 1.0, 1),
+        (slope, 0.6, 1),
+        (lambda u: slope(1 - u), 0.0, -1),
+        (lambda u: slope(1 - u), 0.6, -1),
+        (hill, 0.3, 0),
+    ],
+)
+def test_bound_is_reported_if_it_is_as_good(share, best, bound):
+    facts = facts_of(share, best)
+    assert facts.bound == bound
+    assert facts.at_bound == bool(bound)
+
+
+def test_certainty_of_the_best_is_that_of_their_posteriors():
+    rng = np.random.default_rng(1)
+
+    def draws(wanted):
+        return SHARE.posterior(np.array([wanted, 100 - wanted]), rng, 20_000)
+
+    # Of k equal conditions, each is the best with a probability of 1 / k.
+    for k in (2, 3):
+        gains, found = compared([draws(50) for _ in range(k)], 0.95)
+        assert abs(found - 1 / k) < 5 * np.sqrt(0.25 / 20_000)
+        assert [abs(each.certainty - 0.5) < 0.02 for each in gains] == [True] * (k - 1)
+    assert compared([draws(90), draws(50)], 0.95)[1] > 0.999
+    assert compared([draws(10), draws(50)], 0.95)[1] < 0.001
+
+
+def comparison(share, seed, points, drops, confidence=0.95):
+    """Return the order of points by fresh drops, the gains of the first and its certainty."""
+    rng = np.random.default_rng(seed)
+    p = share(points)
+    counts = rng.multinomial(drops, np.stack([p, 1 - p], axis=1))
+    order = np.argsort(-counts[:, 0], kind='stable')
+    draws = [SHARE.posterior(counts[k], rng, 2000) for k in order]
+    return order, *compared(draws, confidence), [estimated(d, confidence) for d in draws]
+
+
+def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():
+    """The threshold of OptimiseResult.winner, 1 - 0.05 / k, for three equal conditions."""
+    runs, points = 600, np.full((3, 1), 0.5)
+    won = sum(
+        comparison(lambda u: np.full(len(u), 0.4), seed, points, 1000)[2] >= 1 - 0.05 / 3
+        for seed in range(runs)
+    )
+    assert won <= binom.ppf(0.999, runs, 0.05)
+
+
+@pytest.mark.slow
+def test_stated_certainty_and_intervals_hold_over_repetitions():
+    """Fresh drops are not biased (winner's curse), and intervals contain the truth."""
+    runs, start = 40, np.array([0.5, 0.5])
+    covered, claims, optimism, lucky = 0, [], [], []
+    for seed in range(runs):
+        search = searched(Known(hill, seed), 2, 24_000, seed)
+        best = search.best()
+        points = np.array([*best, start])
+        truth = hill(points)
+        drops = search.budget.compared
+        order, gains, certainty, values = comparison(hill, seed, points, drops, 0.9)
+        covered += sum(
+            gain.gain.lower <= truth[order[0]] - truth[other] <= gain.gain.upper
+            for gain, other in zip(gains, order[1:], strict=True)
+        )
+        claims.append((certainty, truth[order[0]] == truth.max()))
+        first = list(order).index(0)
+        optimism.append(values[first].value - truth[0])
+        counts = search.counts_of(best[0])
+        lucky.append(counts[0] / counts.sum() - truth[0])
+    assert covered >= binom.ppf(0.001, 2 * runs, 0.9)
+    sure = [true for certainty, true in claims if certainty >= 1 - 0.05 / 3]
+    assert sum(sure) >= binom.ppf(0.001, len(sure), 0.95)
+    assert abs(np.mean(optimism)) < 4 * np.sqrt(0.25 / drops / runs)
+    assert np.mean(lucky) > np.mean(optimism)
