@@ -70,22 +70,10 @@ def test_two_files_are_compared(run, counts, tmp_path):
     assert compared['same_parts_p'] < 0.01
 
 
-@pytest.mark.slow
-def test_plan_prefers_the_part_that_tells_more(run):
-    parts = ['--part', 'l_bracket', '--part', 'tetrahedron']
-    ended = run('calibrate', '--plan', *parts, *FEW, '--json')
-    assert ended.returncode == DONE, ended.stderr
-    # A regular tetrahedron has one class: it tells nothing, and is left out.
-    (candidate,) = json.loads(ended.stdout)['candidates']
-    assert candidate['part'] == 'l_bracket'
-    assert candidate['bits'] == sorted(candidate['bits'])
-
-
 @pytest.mark.parametrize(
     ('changes', 'words', 'message'),
     [
         ({}, ['--points', '7'], 'invalid points 7'),
-        ({}, ['--part', 'hex_nut'], 'expected only with --plan'),
         ({'surface': 'Oak table'}, [], "invalid name 'Oak table' of a surface"),
         ({'flat': -1}, [], "invalid count -1 of 'z'"),
     ],
@@ -100,9 +88,3 @@ def test_wrong_input_is_one_line(run, tmp_path, changes, words, message):
     assert (ended.returncode, ended.stdout) == (WRONG_INPUT, '')
     assert message in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
-
-
-def test_counts_or_plan_are_needed(run):
-    ended = run('calibrate')
-    assert ended.returncode == WRONG_INPUT
-    assert 'missing COUNTS' in ended.stderr

@@ -19,13 +19,11 @@ if TYPE_CHECKING:
 DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
 counted on it by hand: the conditions that fit, their uncertainty, and what the
 counts do not determine. With several files, also whether the surfaces differ.
-With --plan, which part to drop by hand, and how often. No ROS nodes are needed."""
+No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects calibrate counts.yaml
   resting_aspects calibrate counts.yaml --out table --drops 500
   resting_aspects calibrate thick_glass.yaml thin_glass.yaml
-  resting_aspects calibrate --plan --part l_bracket --part hex_nut
-  resting_aspects calibrate counts.yaml --plan
 """
 DOCUMENT, ENTRY, PICTURE = 'calibration.json', 'surface.yaml', 'calibration.png'
 
@@ -35,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'counts',
         metavar='COUNTS',
-        nargs='*',
+        nargs='+',
         type=Path,
         help='counts file (YAML): parts with their counts on one surface, and what is known of '
         'the release; see docs/reference/files.md',
@@ -45,13 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=parse_integer,
         help='number of conditions at which the parts are first dropped in the simulation (64, '
-        'and 16 more for each fitted condition above two; with --plan 32)',
+        'and 16 more for each fitted condition above two)',
     )
     parser.add_argument(
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops of each part at each point (250; with --plan 125)',
+        default=250,
+        help='number of drops of each part at each point (250)',
     )
     parser.add_argument(
         '--rounds',
@@ -73,26 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='the counts are simulated, so that only sampling makes them deviate',
     )
     parser.add_argument(
-        '--plan',
-        action='store_true',
-        help='show which part to drop by hand, and how often, to learn most; with a counts file, '
-        'in addition to its counts',
-    )
-    parser.add_argument(
-        '--part',
-        metavar='PART_OR_MESH',
-        action='append',
-        default=[],
-        help='with --plan: a part to consider, repeatable (the example parts)',
-    )
-    parser.add_argument(
-        '--way',
-        choices=('dropped', 'thrown'),
-        default='dropped',
-        help='with --plan and without counts: released at rest, or thrown with unknown spin and '
-        'speed (dropped)',
-    )
-    parser.add_argument(
         '--out',
         metavar='DIR',
         type=Path,
@@ -105,13 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate or plan; returns the exit code. Raises RestingAspectsError for wrong input."""
-    if arguments.plan:
-        return _plan(arguments)
-    if not arguments.counts:
-        raise InvalidValueError('missing COUNTS: expected a counts file, or --plan')
-    if arguments.part or arguments.way != 'dropped':
-        raise InvalidValueError('invalid --part or --way: expected only with --plan')
+    """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
     # These imports are slow because of NumPy.
     from resting_aspects_ros.studies.calibration.calibrate import calibrate, given_counts
 
@@ -128,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
             result = calibrate(
                 path,
                 points=arguments.points,
-                **_given_drops(arguments),
+                drops=arguments.drops,
                 rounds=arguments.rounds,
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
@@ -152,31 +125,6 @@ def run(arguments: argparse.Namespace) -> int:
         for each in compared:
             print(f'\n{comparison_text(each)}')
     return 0
-
-
-def _plan(arguments: argparse.Namespace) -> int:
-    if len(arguments.counts) > 1:
-        raise InvalidValueError('invalid COUNTS: expected at most one file with --plan')
-    from resting_aspects_ros.studies.calibration.plan import plan_calibration
-
-    with ExitStack() as stack:
-        plan = plan_calibration(
-            arguments.part,
-            arguments.counts[0] if arguments.counts else None,
-            way=arguments.way,
-            points=arguments.points,
-            **_given_drops(arguments),
-            seed=arguments.seed,
-            workers=start_workers(arguments, stack),
-            folder=arguments.out,
-            progress=True,
-        )
-    print(json.dumps(plan.document(), indent=2) if arguments.json else plan)
-    return 0
-
-
-def _given_drops(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {} if arguments.drops is None else {'drops': arguments.drops}
 
 
 def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
