@@ -50,12 +50,8 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
         dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)
     ]
     assert (out / 'calibration.png').read_bytes().startswith(b'\x89PNG')
-    simulated = json.loads((out / 'drops.json').read_text(encoding='utf-8'))['counts']
-    assert all(sum(row) <= 10 for row in simulated.values())
-    # With the same drops in the file, nothing is simulated again, and the result is the same.
     second = run('calibrate', counts, '--out', out, *FEW)
     assert second.stdout == first.stdout
-    assert 'drops/s' not in second.stderr
 
 
 @pytest.mark.slow

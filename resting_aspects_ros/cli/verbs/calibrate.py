@@ -11,6 +11,7 @@ from resting_aspects_ros.cli.options import add_workers
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer
 from resting_aspects_ros.core.errors import InvalidValueError, analysis
+from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -22,10 +23,11 @@ counts do not determine. With several files, also whether the surfaces differ.
 No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects calibrate counts.yaml
-  resting_aspects calibrate counts.yaml --out table --drops 500
+  resting_aspects calibrate counts.yaml --out table --drops 1000
   resting_aspects calibrate thick_glass.yaml thin_glass.yaml
 """
 DOCUMENT, ENTRY, PICTURE = 'calibration.json', 'surface.yaml', 'calibration.png'
+INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,15 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drops',
         metavar='N',
         type=parse_integer,
-        default=250,
-        help='number of drops of each part at each point (250)',
+        help='number of drops of each part at each point (4 for each counted drop, but 100 to '
+        '1000)',
     )
     parser.add_argument(
         '--rounds',
         metavar='N',
         type=parse_integer,
-        default=4,
-        help='maximum number of times that drops are added where the counts are probable (4)',
+        default=16,
+        help='maximum number of times that half as many points are added where the counts are '
+        'probable; fewer if 100 points fit the counts (16)',
     )
     parser.add_argument(
         '--seed',
@@ -75,9 +78,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='write calibration.json, surface.yaml (an entry for a surfaces file), '
-        'calibration.png, and drops.json, with which the command continues where it was broken '
-        'off; with several files, into a folder for each surface',
+        help='write calibration.json, surface.yaml (an entry for a surfaces file) and '
+        'calibration.png; with several files, into a folder for each surface',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     add_workers(parser)
@@ -95,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     folders = {name: _folder(arguments.out, name, len(surfaces)) for name in surfaces}
     results: list[CalibrationResult] = []
-    with ExitStack() as stack:
+    with Interruption() as stop, ExitStack() as stack:
         workers = start_workers(arguments, stack)
         for name, path in zip(surfaces, arguments.counts, strict=True):
             result = calibrate(
@@ -106,25 +108,33 @@ def run(arguments: argparse.Namespace) -> int:
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
                 workers=workers,
-                folder=folders[name],
                 progress=True,
-                note=lambda line: print(line, file=sys.stderr),
+                stopped=lambda: stop.asked,
             )
             results.append(result)
             _write(result, folders[name], quiet=arguments.json)
-    compared = [one.compare(other) for k, one in enumerate(results) for other in results[k + 1 :]]
-    if arguments.json:
-        documents = [result.document() for result in results]
-        whole: Any = documents[0]
-        if len(results) > 1:
-            whole = {'surfaces': documents, 'comparisons': [vars(each) for each in compared]}
-        print(json.dumps(whole, indent=2))
-    else:
-        from resting_aspects_ros.studies.calibration.texts import comparison_text
+            if stop.asked:
+                break
+        _compare(results, as_json=arguments.json)
+        if stop.asked:
+            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
+        return INTERRUPTED if stop.asked else 0
 
+
+def _compare(results: list['CalibrationResult'], *, as_json: bool) -> None:
+    """Print the comparisons of all pairs of surfaces, or everything as one JSON document."""
+    from resting_aspects_ros.studies.calibration.result import comparison_text
+
+    compared = [one.compare(other) for k, one in enumerate(results) for other in results[k + 1 :]]
+    if not as_json:
         for each in compared:
             print(f'\n{comparison_text(each)}')
-    return 0
+        return
+    documents = [result.document() for result in results]
+    whole: Any = documents[0]
+    if len(results) > 1:
+        whole = {'surfaces': documents, 'comparisons': [vars(each) for each in compared]}
+    print(json.dumps(whole, indent=2))
 
 
 def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
