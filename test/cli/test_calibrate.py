@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from resting_aspects_ros.cli.main import DONE, WRONG_INPUT
+from resting_aspects_ros.cli.main import DONE, INTERRUPTED, WRONG_INPUT
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.config_files import surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
@@ -84,3 +84,17 @@ def test_wrong_input_is_one_line(run, tmp_path, changes, words, message):
     assert (ended.returncode, ended.stdout) == (WRONG_INPUT, '')
     assert message in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):
+    from resting_aspects_ros.cli.verbs import calibrate
+
+    class Asked(calibrate.Interruption):
+        def __enter__(self):
+            self.asked = True
+            return self
+
+    monkeypatch.setattr(calibrate, 'Interruption', Asked)
+    ended = run('calibrate', counts, *FEW)
+    assert (ended.returncode, ended.stdout) == (INTERRUPTED, '')
+    assert 'there is no result' in ended.stderr

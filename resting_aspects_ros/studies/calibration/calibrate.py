@@ -40,7 +40,7 @@ from resting_aspects_ros.studies.point_runs import drop_points
 DEFAULT_POINTS = 64
 # In more than two dimensions, the same number of points is too sparse for a first round.
 POINTS_PER_FACTOR = 16
-MIN_POINTS, MAX_POINTS = 8, 4096
+MIN_POINTS, MAX_POINTS = 8, 1024
 # Simulated drops of a part at each point for each counted one, so that they add at most a quarter
 # to the variance of the counted shares; within bounds.
 PER_COUNTED, MIN_DROPS, MAX_DROPS = 4, 100, 1000

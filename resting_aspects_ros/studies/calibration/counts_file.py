@@ -358,11 +358,10 @@ def read_groups(
     numbers = dict(_numbers(given))
     if len(numbers) < len(given):
         raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
-    total = None if drops is None else _count(drops, 'drops')
     ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
     groups = _named_groups(numbers, kind, aspects)
     left = {a.id for a in aspects.aspects} - {k for ids in groups.values() for k in ids}
-    rest = _rest(rest, total, sum(numbers.values()) + ignored, left)
+    rest = _rest(rest, drops, sum(numbers.values()) + ignored, left)
     if left:
         groups[REST], numbers[REST] = tuple(sorted(left)), rest
     if len(groups) < 2:
@@ -393,22 +392,23 @@ def _count(value: Any, name: object) -> int:
     return value
 
 
-def _rest(rest: int | None, total: int | None, counted: int, left: set[int]) -> int:
+def _rest(rest: int | None, drops: Any, counted: int, left: set[int]) -> int:
     """Return the count of the aspects that are left; raises InvalidValueError."""
-    if rest is None and total is not None and left:
-        rest = total - counted
-    known = max(rest or 0, 0)
-    if (rest or 0) < 0 or (total is not None and counted + known != total):
+    total = None if drops is None else _count(drops, 'drops')
+    if rest is None and left:
+        if total is None:
+            some = ', '.join(map(str, sorted(left)[:10])) + (' and more' if len(left) > 10 else '')
+            raise InvalidValueError(
+                f'invalid counts: aspects {some} are missing: expected a count of '
+                f'each (0 if it was never seen), or {REST}, or drops, the number of all drops'
+            )
+        rest = max(0, total - counted)
+    known = rest or 0
+    if total is not None and counted + known != total:
         raise InvalidValueError(
             f'invalid drops {total}: expected the sum of the counts, {counted + known}'
         )
-    if rest is None and left:
-        some = ', '.join(map(str, sorted(left)[:10])) + (' and more' if len(left) > 10 else '')
-        raise InvalidValueError(
-            f'invalid counts: aspects {some} are missing: expected a count of '
-            f'each (0 if it was never seen), or {REST}, or drops, the number of all drops'
-        )
-    if rest and not left:
+    if known and not left:
         raise InvalidValueError(
             f'invalid {REST} {rest}: expected 0, because all aspects are counted'
         )

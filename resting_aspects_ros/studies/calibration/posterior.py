@@ -45,6 +45,7 @@ MAX_ROUNDS = 16
 PRIOR_SHARE = 0.1
 # Least shares of the ranges, because the normal scores of 0 and 1 are infinite.
 _EDGE = 1e-9
+_BLOCK = 1 << 22  # distances at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +174,15 @@ class Mixture:
     def log_density(self, scores: Array) -> Array:
         """Return the logarithm (m,) of the density at normal scores (m, d)."""
         d = len(self.root)
-        one, other = (
-            solve_triangular(self.root, each.T, lower=True).T for each in (scores, self.centres)
+        centres = solve_triangular(self.root, self.centres.T, lower=True).T
+        blocks = np.array_split(scores, max(1, len(scores) * len(centres) // _BLOCK))
+        found = np.concatenate(
+            [
+                logsumexp(-cdist(each, centres, 'sqeuclidean') / 2, axis=1, b=self.weights)
+                for each in (solve_triangular(self.root, b.T, lower=True).T for b in blocks)
+            ]
         )
-        distances = cdist(one, other, 'sqeuclidean')
-        norm = np.log(np.diag(self.root)).sum() + d / 2 * np.log(2 * np.pi)
-        found = logsumexp(-distances / 2, axis=1, b=self.weights) - norm
+        found -= np.log(np.diag(self.root)).sum() + d / 2 * np.log(2 * np.pi)
         with np.errstate(divide='ignore'):
             shares = np.log([1 - self.prior, self.prior])
         return np.logaddexp(shares[0] + found, shares[1] + log_prior(scores))

@@ -360,8 +360,8 @@ def _on_simulation(fit: Fit) -> Iterator[str]:
         )
     if fit.effective < EFFECTIVE / 2:
         yield (
-            f'The result rests on {fit.effective:.0f} effective points: with more rounds '
-            '(--rounds), it would depend less on the seed.'
+            f'The result rests on {fit.effective:.0f} effective points, so that the intervals '
+            'depend on the seed and may be too short: more rounds (--rounds) would help.'
         )
 
 
