@@ -62,6 +62,9 @@ REGIONS = (0.5, 0.9)
 FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
 COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
 CELLS = 80  # of the picture of a pair, in each direction
+# The tails of the smooth posterior are too thin: nearer to an end of a range than this share of
+# it, the density that is drawn is the one at this distance.
+BORDER = 0.04
 MAX_PAIRS, MAX_ROWS = 6, 60
 PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
 
@@ -440,7 +443,9 @@ def calibration_figure(result: CalibrationResult) -> 'Figure':
     )
     figure.text(
         *(0.02, 1 - 0.4 / figure.get_figheight()),
-        'regions with 50 and 90 % of the probability; cross: most probable',
+        'probability density'
+        if len(result.estimates) == 1
+        else 'regions with 50 and 90 % of the probability; cross: most probable',
         color=FAINT,
         fontsize=8,
         va='center',
@@ -455,8 +460,9 @@ def calibration_figure(result: CalibrationResult) -> 'Figure':
 def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> None:
     """Draw the regions of two conditions, or the density of a single one."""
     one, other = result.estimates[i].factor, result.estimates[j].factor
-    centres = (np.arange(CELLS) + 0.5) / CELLS
-    x, y = one.scale * one.values(centres), other.scale * other.values(centres)
+    nodes = np.linspace(0, 1, CELLS)
+    inside = np.clip(nodes, BORDER, 1 - BORDER)
+    x, y = one.scale * one.values(nodes), other.scale * other.values(nodes)
     plain_axes(axes, 'y')
     axes.set_xlabel(one.title, fontsize=8, color=FAINT)
     if one.logarithmic:
@@ -464,11 +470,11 @@ def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> Non
         _plain_ticks(axes.xaxis)
     axes.set_xlim(one.scale * one.low, one.scale * one.high)
     if i == j:
-        axes.fill_between(x, result.fit.density(centres[:, None], i), color=FILL[1])
+        axes.fill_between(x, result.fit.density(inside[:, None], i), color=FILL[1])
         axes.set_ylim(bottom=0)
         axes.set_yticks([])
         return
-    cells = np.stack(np.meshgrid(centres, centres, indexing='ij'), axis=-1)
+    cells = np.stack(np.meshgrid(inside, inside, indexing='ij'), axis=-1)
     density = result.fit.density(cells.reshape(-1, 2), i, j).reshape(CELLS, CELLS)
     levels = sorted(_level(density, region) for region in REGIONS)
     axes.contourf(x, y, density.T, [*levels, max(density.max(), levels[-1]) * 1.01], colors=FILL)
@@ -508,7 +514,7 @@ def _draw_shares(axes: 'Axes', result: CalibrationResult, *, beside: bool) -> No
         np.array([100 * getattr(each, end)[g] for each, g in left or fitted])
         for end in ('low', 'high')
     )
-    axes.barh(y, high - low, 0.4, low, color=FILL[0], label='90 % interval')
+    axes.hlines(y, low, high, color=FILL[0], linewidth=7, label='90 % interval')
     for marker, color, label, shown, name in (
         ('D', LEFT_OUT, 'predicted from the other parts', left, 'model'),
         ('o', FITTED, 'fitted', fitted, 'model'),
