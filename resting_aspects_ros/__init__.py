@@ -16,7 +16,6 @@ from typing import Any
 __version__ = '0.1.0'
 
 _MODULES = {
-    'CalibrationPlan': 'studies.calibration.plan',
     'CalibrationResult': 'studies.calibration.result',
     'BatchResult': 'studies.batch',
     'ClassificationResult': 'api.classify',
@@ -80,7 +79,6 @@ _MODULES = {
     'optimise': 'studies.optimise',
     'outlines': 'api.outlines',
     'parts_needed': 'core.statistics.drift_power',
-    'plan_calibration': 'studies.calibration.plan',
     'plan_reorientation': 'api.reorient_plan',
     'propagate': 'studies.propagate',
     'read_log': 'api.read_log',

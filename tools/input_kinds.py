@@ -27,7 +27,6 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
-from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
 from resting_aspects_ros.studies.points import PointStore
 from resting_aspects_ros.studies.propagate import uncertain_surface
 from resting_aspects_ros.studies.study import read_spec
@@ -172,7 +171,6 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     points = PointStore(store, {'numpy': '2'})
     points.add('a', 10, np.array([[4, 6]]))
     points.add('b', 20, np.array([[5, 5], [6, 4]]))
-    label = SimulatedDrops(None, 1)._label  # type: ignore[arg-type]  # noqa: SLF001
 
     def stored(path: Path) -> None:
         PointStore(path, {'numpy': '2'})
@@ -195,11 +193,6 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
         ),
         'points': Kind('points.jsonl', stored, (store.read_bytes(),)),
-        'simulated': Kind(
-            'drops.json',
-            lambda path: SimulatedDrops(None, 1, file=path),  # type: ignore[arg-type]
-            (_json({'simulated': label, 'counts': {'a 10': [4, 6]}}),),
-        ),
         'log': Kind('run.mcap', ra.read_log, (log.read_bytes(),)),
     }
 

@@ -4,7 +4,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.studies.calibration.summary import shortest_interval
 from resting_aspects_ros.studies.objective import Objective
 from resting_aspects_ros.studies.optimise import compared, estimated
 from resting_aspects_ros.studies.propagate import sampled_shares
@@ -35,14 +34,3 @@ def test_intervals_with_the_surface_contain_the_share_and_those_of_the_sampling(
     for one, both in zip(found.sampling, found.total, strict=True):
         assert 0 <= both.lower <= both.probability <= both.upper <= 1
         assert one.lower <= one.probability <= one.upper
-
-
-@given(
-    st.lists(st.tuples(st.floats(-5, 5), st.floats(0.01, 1)), min_size=1, max_size=20),
-)
-def test_shortest_interval_is_ascending_and_has_its_weight(rows):
-    values, weights = np.array(rows).T
-    low, high = shortest_interval(values, weights)
-    assert low <= high
-    inside = (values >= low) & (values <= high)
-    assert weights[inside].sum() >= 0.9 * weights.sum() * (1 - 1e-9)

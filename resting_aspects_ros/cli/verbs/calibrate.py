@@ -11,6 +11,7 @@ from resting_aspects_ros.cli.options import add_workers
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer
 from resting_aspects_ros.core.errors import InvalidValueError, analysis
+from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -19,15 +20,14 @@ if TYPE_CHECKING:
 DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
 counted on it by hand: the conditions that fit, their uncertainty, and what the
 counts do not determine. With several files, also whether the surfaces differ.
-With --plan, which part to drop by hand, and how often. No ROS nodes are needed."""
+No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects calibrate counts.yaml
-  resting_aspects calibrate counts.yaml --out table --drops 500
+  resting_aspects calibrate counts.yaml --out table --drops 1000
   resting_aspects calibrate thick_glass.yaml thin_glass.yaml
-  resting_aspects calibrate --plan --part l_bracket --part hex_nut
-  resting_aspects calibrate counts.yaml --plan
 """
 DOCUMENT, ENTRY, PICTURE = 'calibration.json', 'surface.yaml', 'calibration.png'
+INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'counts',
         metavar='COUNTS',
-        nargs='*',
+        nargs='+',
         type=Path,
         help='counts file (YAML): parts with their counts on one surface, and what is known of '
         'the release; see docs/reference/files.md',
@@ -45,20 +45,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=parse_integer,
         help='number of conditions at which the parts are first dropped in the simulation (64, '
-        'and 16 more for each fitted condition above two; with --plan 32)',
+        'and 16 more for each fitted condition above two)',
     )
     parser.add_argument(
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops of each part at each point (250; with --plan 125)',
+        help='number of drops of each part at each point (4 for each counted drop, but 100 to '
+        '1000)',
     )
     parser.add_argument(
         '--rounds',
         metavar='N',
         type=parse_integer,
-        default=4,
-        help='maximum number of times that drops are added where the counts are probable (4)',
+        default=16,
+        help='maximum number of times that half as many points are added where the counts are '
+        'probable; fewer if 100 points fit the counts (16)',
     )
     parser.add_argument(
         '--seed',
@@ -73,45 +75,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='the counts are simulated, so that only sampling makes them deviate',
     )
     parser.add_argument(
-        '--plan',
-        action='store_true',
-        help='show which part to drop by hand, and how often, to learn most; with a counts file, '
-        'in addition to its counts',
-    )
-    parser.add_argument(
-        '--part',
-        metavar='PART_OR_MESH',
-        action='append',
-        default=[],
-        help='with --plan: a part to consider, repeatable (the example parts)',
-    )
-    parser.add_argument(
-        '--way',
-        choices=('dropped', 'thrown'),
-        default='dropped',
-        help='with --plan and without counts: released at rest, or thrown with unknown spin and '
-        'speed (dropped)',
-    )
-    parser.add_argument(
         '--out',
         metavar='DIR',
         type=Path,
-        help='write calibration.json, surface.yaml (an entry for a surfaces file), '
-        'calibration.png, and drops.json, with which the command continues where it was broken '
-        'off; with several files, into a folder for each surface',
+        help='write calibration.json, surface.yaml (an entry for a surfaces file) and '
+        'calibration.png; with several files, into a folder for each surface',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     add_workers(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate or plan; returns the exit code. Raises RestingAspectsError for wrong input."""
-    if arguments.plan:
-        return _plan(arguments)
-    if not arguments.counts:
-        raise InvalidValueError('missing COUNTS: expected a counts file, or --plan')
-    if arguments.part or arguments.way != 'dropped':
-        raise InvalidValueError('invalid --part or --way: expected only with --plan')
+    """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
     # These imports are slow because of NumPy.
     from resting_aspects_ros.studies.calibration.calibrate import calibrate, given_counts
 
@@ -122,61 +97,44 @@ def run(arguments: argparse.Namespace) -> int:
         )
     folders = {name: _folder(arguments.out, name, len(surfaces)) for name in surfaces}
     results: list[CalibrationResult] = []
-    with ExitStack() as stack:
+    with Interruption() as stop, ExitStack() as stack:
         workers = start_workers(arguments, stack)
         for name, path in zip(surfaces, arguments.counts, strict=True):
             result = calibrate(
                 path,
                 points=arguments.points,
-                **_given_drops(arguments),
+                drops=arguments.drops,
                 rounds=arguments.rounds,
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
                 workers=workers,
-                folder=folders[name],
                 progress=True,
-                note=lambda line: print(line, file=sys.stderr),
+                stopped=lambda: stop.asked,
             )
             results.append(result)
             _write(result, folders[name], quiet=arguments.json)
-    compared = [one.compare(other) for k, one in enumerate(results) for other in results[k + 1 :]]
-    if arguments.json:
-        documents = [result.document() for result in results]
-        whole: Any = documents[0]
-        if len(results) > 1:
-            whole = {'surfaces': documents, 'comparisons': [vars(each) for each in compared]}
-        print(json.dumps(whole, indent=2))
-    else:
-        from resting_aspects_ros.studies.calibration.texts import comparison_text
+            if stop.asked:
+                break
+        _compare(results, as_json=arguments.json)
+        if stop.asked:
+            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
+        return INTERRUPTED if stop.asked else 0
 
+
+def _compare(results: list['CalibrationResult'], *, as_json: bool) -> None:
+    """Print the comparisons of all pairs of surfaces, or everything as one JSON document."""
+    from resting_aspects_ros.studies.calibration.result import comparison_text
+
+    compared = [one.compare(other) for k, one in enumerate(results) for other in results[k + 1 :]]
+    if not as_json:
         for each in compared:
             print(f'\n{comparison_text(each)}')
-    return 0
-
-
-def _plan(arguments: argparse.Namespace) -> int:
-    if len(arguments.counts) > 1:
-        raise InvalidValueError('invalid COUNTS: expected at most one file with --plan')
-    from resting_aspects_ros.studies.calibration.plan import plan_calibration
-
-    with ExitStack() as stack:
-        plan = plan_calibration(
-            arguments.part,
-            arguments.counts[0] if arguments.counts else None,
-            way=arguments.way,
-            points=arguments.points,
-            **_given_drops(arguments),
-            seed=arguments.seed,
-            workers=start_workers(arguments, stack),
-            folder=arguments.out,
-            progress=True,
-        )
-    print(json.dumps(plan.document(), indent=2) if arguments.json else plan)
-    return 0
-
-
-def _given_drops(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {} if arguments.drops is None else {'drops': arguments.drops}
+        return
+    documents = [result.document() for result in results]
+    whole: Any = documents[0]
+    if len(results) > 1:
+        whole = {'surfaces': documents, 'comparisons': [vars(each) for each in compared]}
+    print(json.dumps(whole, indent=2))
 
 
 def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:

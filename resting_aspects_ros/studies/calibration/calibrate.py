@@ -1,62 +1,67 @@
 """Calibrate a surface to counts, for the Python interface and the command line."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.output_files import make_folder
 from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, analysis, shown
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
 from resting_aspects_ros.studies.calibration.checks import (
     GTest,
     Prediction,
+    find_estimates,
     g_test,
-    leave_one_out,
     predict,
 )
 from resting_aspects_ros.studies.calibration.counts_file import (
+    Array,
+    CountedPart,
+    Counts,
     SurfaceCounts,
     make_surface_counts,
     read_surface_counts,
 )
-from resting_aspects_ros.studies.calibration.fit import MAX_ROUNDS, Fit, fit_surface
+from resting_aspects_ros.studies.calibration.posterior import (
+    EFFECTIVE,
+    MAX_ROUNDS,
+    Fit,
+    fit_surface,
+)
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
-from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
-from resting_aspects_ros.studies.calibration.summary import estimates
+from resting_aspects_ros.studies.points import drop_points
 
 DEFAULT_POINTS = 64
-# In each dimension above two, the model of the shares has more coefficients.
+# In more than two dimensions, the same number of points is too sparse for a first round.
 POINTS_PER_FACTOR = 16
-DEFAULT_DROPS = 250
-MIN_POINTS, MAX_POINTS = 8, 4096
-MAX_DROPS = 1_000_000
-DROPS_FILE = 'drops.json'
+MIN_POINTS, MAX_POINTS = 8, 1024
+# Simulated drops of a part at each point for each counted one, so that they add at most a quarter
+# to the variance of the counted shares; within bounds.
+PER_COUNTED, MIN_DROPS, MAX_DROPS = 4, 100, 1000
 
 
 def calibrate(
     counts: str | Path | Mapping[str, Any],
     *,
     points: int | None = None,
-    drops: int = DEFAULT_DROPS,
+    drops: int | None = None,
     rounds: int = MAX_ROUNDS,
     discrepancy: bool = True,
     seed: int = DEFAULT_SEED,
     workers: int | Workers | None = None,
-    folder: str | Path | None = None,
     progress: bool = False,
-    note: Callable[[str], None] = lambda _: None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> CalibrationResult:
     """Find the restitution and the friction of a surface from parts that were counted on it.
 
-    Parts are dropped in the simulation at points that fill the ranges of the conditions. A smooth
-    model of the shares is fitted to these drops, and gives the probability of the counts under
-    any conditions in the ranges. Where these are probable, more drops are made.
+    Parts are dropped in the simulation at points that fill the ranges of the conditions, and then
+    where the counts are probable, until there are enough such points.
 
     Parameters
     ----------
@@ -64,12 +69,13 @@ def calibrate(
         A counts file, or its content; see docs/reference/files.md. Paths of meshes in a mapping
         are relative to the current folder.
     points : int, optional
-        Number of points of the first design; 64 for one or two conditions, and 16 more for each
-        further one.
-    drops : int
-        Number of drops of each part at each point.
+        Number of points of the first round, and twice that of each further one; 64 for one or two
+        conditions, and 16 more for each further condition.
+    drops : int, optional
+        Number of drops of each part at each point; 4 for each counted one, but at least 100 and at
+        most 1000.
     rounds : int
-        Maximum number of times that drops are added where the posterior lies.
+        Maximum number of times that points are added where the posterior lies.
     discrepancy : bool
         Whether real parts may deviate from the simulation beyond sampling. False only for counts
         that were simulated.
@@ -77,12 +83,10 @@ def calibrate(
         Of the drops, and of all random numbers.
     workers : int or Workers, optional
         Number of workers, one for each core by default; or workers to use.
-    folder : str or Path, optional
-        Counts of the drops are saved in the file drops.json there, and not repeated.
     progress : bool
         Show progress on standard error.
-    note : callable
-        Called with a line about each round of drops.
+    stopped : callable
+        Ends early if it returns True: the result is that of the rounds that are complete.
 
     Returns
     -------
@@ -95,7 +99,9 @@ def calibrate(
     PartError, UnknownPartError
         A part cannot be used.
     EngineError
-        Worker processes of Bullet died repeatedly.
+        Workers died repeatedly.
+    KeyboardInterrupt
+        It was stopped before the first round was complete.
 
     Examples
     --------
@@ -111,39 +117,50 @@ def calibrate(
     """
     given = given_counts(counts)
     check_seed(seed)
-    count = default_points(len(given.factors)) if points is None else points
-    check_number('points', count, MIN_POINTS, MAX_POINTS)
-    check_number('drops', drops, 1, MAX_DROPS)
-    check_number('rounds', rounds, 0, 100)
-    file = drops_file(folder)
-    total = len(given.parts) * count * drops
-    with given_workers(workers) as pool, DropProgress(given.surface, total, shown=progress) as bar:
-        simulated = SimulatedDrops(pool, seed, bar.update, file)
+    further = max(0, len(given.factors) - 2)
+    count = DEFAULT_POINTS + POINTS_PER_FACTOR * further if points is None else points
+    _check_number('points', count, MIN_POINTS, MAX_POINTS)
+    _check_number('rounds', rounds, 0, 100)
+    if drops is not None:
+        _check_number('drops', drops, 1, 1_000_000)
+    per_point = [drops or drops_per_point(part) for part in given.parts]
+    with (
+        given_workers(workers) as pool,
+        DropProgress(given.surface, sum(per_point) * count, shown=progress) as bar,
+    ):
+        simulate = Simulation(given, per_point, seed, pool, bar.update, stopped)
+
+        def expect(fit: Fit) -> None:
+            # The number of effective points grows about as that of all points.
+            needed = len(fit.points) * EFFECTIVE / fit.effective
+            bar.expect(round(sum(per_point) * min(needed, count * (1 + rounds / 2))))
+
         fit = fit_surface(
             given,
-            simulated,
+            simulate,
             points=count,
-            per_point=drops,
             seed=seed,
             discrepancy=discrepancy,
             rounds=rounds,
-            note=note,
+            note=expect,
         )
-        bar.end(simulated.made)
+        if fit is None:
+            raise KeyboardInterrupt('interrupted in the first round of drops: there is no result')
+        bar.end(simulate.made)
     return summarise(fit, seed)
 
 
 def summarise(fit: Fit, seed: int) -> CalibrationResult:
     """Return the result of a fit, with its checks."""
     rng = np.random.default_rng((seed, 1))
-    predicted = tuple(predict(fit, rng))
+    estimates, predicted = tuple(find_estimates(fit, rng)), tuple(predict(fit, rng))
     left_out: tuple[Prediction, ...] = ()
     tested = GTest(math.nan, math.nan)
     with analysis('the check without each of the parts'):
-        left_out = tuple(leave_one_out(fit, rng))
+        left_out = tuple(predict(fit, rng, left_out=True))
     with analysis('the G test'):
         tested = g_test(fit, rng)
-    return CalibrationResult(fit, tuple(estimates(fit)), predicted, left_out, tested, seed)
+    return CalibrationResult(fit, estimates, predicted, left_out, tested, seed)
 
 
 def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
@@ -153,22 +170,66 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
     return read_surface_counts(Path(counts))
 
 
-def drops_file(folder: str | Path | None) -> Path | None:
-    """Return the file in which drops are saved, in a folder that is made; None without one."""
-    if folder is None:
-        return None
-    make_folder('folder', Path(folder))
-    return Path(folder) / DROPS_FILE
+def drops_per_point(part: CountedPart) -> int:
+    """Return the number of simulated drops of a part at each point, if none is given."""
+    return min(max(PER_COUNTED * part.drops, MIN_DROPS), MAX_DROPS)
 
 
-def default_points(factors: int) -> int:
-    """Return the number of points of the first design for this number of fitted conditions."""
-    return DEFAULT_POINTS + POINTS_PER_FACTOR * max(0, factors - 2)
-
-
-def check_number(name: str, value: Any, low: int, high: int) -> None:
-    """Raise InvalidValueError unless the value is an integer within the bounds."""
+def _check_number(name: str, value: Any, low: int, high: int) -> None:
     if type(value) is not int or not low <= value <= high:
         raise InvalidValueError(
             f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
         )
+
+
+class Simulation:
+    """Drops the counted parts at points; the drops of a point do not depend on the others.
+
+    Parameters
+    ----------
+    per_point : sequence of int
+        Number of drops of each part at each point.
+    progress : callable
+        Called with the number of all drops made so far.
+    """
+
+    def __init__(
+        self,
+        given: SurfaceCounts,
+        per_point: Sequence[int],
+        seed: int,
+        workers: Workers,
+        progress: Callable[[int], None] = lambda _: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._given, self._per_point, self._seed = given, per_point, seed
+        self._workers, self._progress, self._stopped = workers, progress, stopped
+        self._landscapes = [Landscape(each.part) for each in given.parts]
+        self.made = 0
+
+    def __call__(self, points: Array) -> list[Counts] | None:
+        """Return the counts (m, g) of each part at points (m, d); None if it was stopped.
+
+        Drops that ended in no aspect are left out. Raises InvalidValueError if a part cannot be
+        dropped at one of the points.
+        """
+        counts = []
+        for k, part in enumerate(self._given.parts):
+            found = drop_points(
+                part.part,
+                self._given.conditions(points, part),
+                self._per_point[k],
+                self._seed,
+                workers=self._workers,
+                progress=lambda done: self._progress(self.made + done),
+                stopped=self._stopped,
+                landscape=self._landscapes[k],
+            )
+            if found.skipped:
+                raise InvalidValueError(
+                    f'{part.name}: {next(iter(found.skipped.values()))}; expected ranges in which '
+                    'all parts can be dropped'
+                )
+            self.made += int(found.drops.sum())
+            counts.append(part.grouped(found.counts))
+        return None if self._stopped() else counts

@@ -1,27 +1,48 @@
-"""Read a counts file: parts, their counts on one surface, and what is known of the release."""
+"""A counts file: parts that were counted on one surface, and what is known of the release."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
+from pydantic import StrictStr
 
+from resting_aspects_ros.api.inputs.class_groups import parse_group
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, located, one_line, shown, warn
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    PartError,
+    located,
+    one_line,
+    shown,
+    warn,
+)
 from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.part import Part, valid_name
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.quantity_text import parse_quantity
-from resting_aspects_ros.core.schema import FileModel, validated
+from resting_aspects_ros.core.schema import MAX_COUNTED, FileModel, Number, Positive, validated
+from resting_aspects_ros.core.units import DEFAULT_UNIT
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.quantity import check_name
-from resting_aspects_ros.studies.calibration.counted_part import CountedPart, read_groups
-from resting_aspects_ros.studies.calibration.solids import KINDS, CountedEntry, make_solid
-from resting_aspects_ros.studies.design import Factor, Setting, read_factor
+from resting_aspects_ros.studies.design import Factor, Setting, point_values, read_factor
+
+Array = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.int64]
 
 MAX_BYTES = 1 << 20
 MAX_PARTS = 50
-DROPPED, THROWN = 'dropped', 'thrown'
+MAX_CORNERS = 10_000
+SECTIONS = 64  # flats of a cylinder
+# A direction is along an axis within this angle.
+AXIS_ANGLE = np.radians(3.0)
+# Names of counts: all other aspects, and drops that are not compared with the simulation.
+REST, IGNORED = 'rest', 'unclassified'
 # Values that are known, and ranges of those that are fitted, unless the file states others.
 _COMMON: dict[str, float | str] = {
     'restitution': '0.05:0.95',
@@ -33,13 +54,64 @@ _COMMON: dict[str, float | str] = {
     'speed_vertical': 0.0,
 }
 WAYS: dict[str, dict[str, float | str]] = {
-    DROPPED: {**_COMMON, 'spin': 0.0, 'speed_horizontal': 0.0},
-    THROWN: {**_COMMON, 'spin': '0:100', 'speed_horizontal': '0:1.5'},
+    'dropped': {**_COMMON, 'spin': 0.0, 'speed_horizontal': 0.0},
+    'thrown': {**_COMMON, 'spin': '0:100', 'speed_horizontal': '0:1.5'},
+}
+# How a part is given, with what is expected.
+KINDS = {
+    'part': 'the name of a part',
+    'mesh': 'a mesh file',
+    'box': 'three lengths along x, y and z',
+    'cylinder': 'diameter and height',
+    'hull': 'rows of x, y and z of the corners of a convex solid',
 }
 EXPECTED = {
-    'way': f'{DROPPED} (released at rest) or {THROWN} (with spin and speed)',
+    'way': 'dropped (released at rest) or thrown (with spin and speed)',
     'parts': f'a list of 1 to {MAX_PARTS} parts',
+    'count': 'a class such as 2 or 3+4, aspect_5, x, y or z of a box, end or side of a cylinder, '
+    f'{REST} or {IGNORED}',
 }
+
+
+@dataclass(frozen=True, eq=False)
+class CountedPart:
+    """A part with its counts.
+
+    groups : tuple of tuples of int
+        Ids of the aspects that were counted together; each aspect is in one group.
+    names : tuple of str
+        Names of the groups, as they were given.
+    counts : (g,) int
+    values : dict of str to float
+        Conditions that differ from those of the other parts, such as the height.
+    """
+
+    name: str
+    part: Part
+    groups: tuple[tuple[int, ...], ...]
+    names: tuple[str, ...]
+    counts: Counts
+    values: Mapping[str, float]
+
+    @property
+    def drops(self) -> int:
+        """Number of drops that were counted in a group."""
+        return int(self.counts.sum())
+
+    @property
+    def shares(self) -> Array:
+        """Counted shares of the groups, (g,)."""
+        return np.asarray(self.counts / self.drops)
+
+    @property
+    def shown(self) -> range:
+        """Indices of the groups that are shown: of two groups, the share of one tells both."""
+        return range(len(self.names) if len(self.names) > 2 else 1)
+
+    def grouped(self, counts: Counts) -> Counts:
+        """Return counts (m, k) by aspect as counts (m, g) by group."""
+        columns = [[number - 1 for number in group] for group in self.groups]
+        return np.stack([counts[:, ids].sum(axis=1) for ids in columns], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +140,11 @@ class SurfaceCounts:
         """Number of all counted drops."""
         return sum(each.drops for each in self.parts)
 
+    def conditions(self, points: Array, part: CountedPart) -> list[DropConditions]:
+        """Return the conditions of a part at points (m, d) of the unit cube."""
+        rows = point_values(self.factors, points)
+        return [self.base.changed(**{**row, **part.values}) for row in rows]
+
 
 class CountsFile(FileModel):
     """A counts file; its parts and conditions are checked by themselves."""
@@ -77,6 +154,31 @@ class CountsFile(FileModel):
     way: Literal['dropped', 'thrown'] = 'dropped'
     conditions: Any = None
     parts: list[Any]
+
+
+class CountedEntry(FileModel):
+    """A part of a counts file, which is given in one of the ways in KINDS."""
+
+    name: StrictStr = ''
+    unit: StrictStr | None = None
+    counts: Any = None
+    drops: Any = None
+    conditions: Any = None
+    part: StrictStr | None = None
+    mesh: StrictStr | None = None
+    box: tuple[Positive, Positive, Positive] | None = None
+    cylinder: tuple[Positive, Positive] | None = None
+    hull: list[tuple[Number, Number, Number]] | None = None
+
+    @property
+    def kind(self) -> str:
+        """The key in KINDS that is given; raises InvalidValueError unless it is exactly one."""
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise InvalidValueError(
+                f'invalid keys {shown(given)}: expected exactly one of {", ".join(KINDS)}'
+            )
+        return given[0]
 
 
 def read_surface_counts(path: Path) -> SurfaceCounts:
@@ -92,10 +194,9 @@ def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> S
         surface = check_name('a surface', given.surface)
         if not 1 <= len(given.parts) <= MAX_PARTS:
             raise InvalidValueError(
-                f'invalid parts {shown(given.parts)}: expected a list of 1 to {MAX_PARTS} parts'
+                f'invalid parts {shown(given.parts)}: expected {EXPECTED["parts"]}'
             )
-        known = _known_of_all(given.parts)
-        factors, base = made_conditions(given.conditions, given.way, known)
+        factors, base = _conditions(given.conditions, given.way, _known_of_all(given.parts))
         fitted = {factor.name for factor in factors}
     parts = [
         _part(entry, folder, f'{label}, part {number}', fitted, base)
@@ -124,19 +225,14 @@ def _known_of_all(entries: list[Any]) -> dict[str, Any]:
     return {k: v for k, v in stated[0].items() if k in QUANTITIES and all(k in s for s in stated)}
 
 
-def made_conditions(
-    given: Any, way: str, known_of_all: Mapping[str, Any] | None = None
+def _conditions(
+    given: Any, way: str, known_of_all: Mapping[str, Any]
 ) -> tuple[tuple[Factor, ...], DropConditions]:
-    """Return what is fitted and what is known, from the keys conditions and way of a file.
-
-    ``known_of_all`` are conditions that all parts state. Raises InvalidValueError.
-    """
-    if way not in WAYS:
-        raise InvalidValueError(f'invalid way {shown(way)}: expected {EXPECTED["way"]}')
+    """Return what is fitted and what is known; raises InvalidValueError."""
     with located('conditions'):
         stated = _stated(given, 'height_of')
         height_of = stated.pop('height_of', HeightOf.LOWEST_POINT.name)
-        both = {**WAYS[way], **(known_of_all or {}), **stated}
+        both = {**WAYS[way], **known_of_all, **stated}
         ranges = {
             k: v
             for k, v in both.items()
@@ -156,34 +252,6 @@ def made_conditions(
             )
     middles = {f.name: float(f.values(np.array([0.5]))[0]) for f in factors}
     return factors, base.changed(**middles)
-
-
-def _part(
-    given: Any, folder: Path, where: str, fitted: set[str], base: DropConditions
-) -> CountedPart:
-    """Return a part with its counts; raises RestingAspectsError."""
-    with located(where):
-        entry = validated(CountedEntry, given, expected=KINDS)
-        name = one_line(entry.name, 60)
-    where = f'{where}, {name}' if name else where
-    with located(where):
-        part = make_solid(entry, folder)
-        aspects = find_aspects(part)
-        groups, names, counts = read_groups(entry.counts, entry.drops, entry.kind, aspects)
-        with located('conditions'):
-            values = {k: _value(k, v) for k, v in _stated(entry.conditions).items()}
-            base.changed(**values)  # checks the values
-        if both := sorted(fitted & set(values)):
-            raise InvalidValueError(
-                f'invalid {both[0]}: it is fitted for all parts: expected it known for all '
-                'parts, or not stated here'
-            )
-    if counts.max() == counts.sum():
-        warn(
-            f'{where}: all {counts.sum()} drops are in {names[int(counts.argmax())]!r}: they '
-            'tell little about the surface'
-        )
-    return CountedPart(name or part.name, part, aspects, groups, names, counts, values)
 
 
 def _stated(given: Any, *others: str) -> dict[str, Any]:
@@ -212,3 +280,188 @@ def _height_of(given: Any) -> HeightOf:
         allowed = ' or '.join(h.name for h in HeightOf)
         raise InvalidValueError(f'invalid height_of {shown(given)}: expected {allowed}')
     return HeightOf[given]
+
+
+def _part(
+    given: Any, folder: Path, where: str, fitted: set[str], base: DropConditions
+) -> CountedPart:
+    """Return a part with its counts; raises RestingAspectsError."""
+    with located(where):
+        entry = validated(CountedEntry, given, expected=KINDS)
+        name = one_line(entry.name, 60)
+    where = f'{where}, {name}' if name else where
+    with located(where):
+        part = make_solid(entry, folder)
+        groups, names, counts = read_groups(
+            entry.counts, entry.drops, entry.kind, find_aspects(part)
+        )
+        with located('conditions'):
+            values = {k: _value(k, v) for k, v in _stated(entry.conditions).items()}
+            base.changed(**values)  # checks the values
+        if both := sorted(fitted & set(values)):
+            raise InvalidValueError(
+                f'invalid {both[0]}: it is fitted for all parts: expected it known for all '
+                'parts, or not stated here'
+            )
+    if counts.max() == counts.sum():
+        warn(
+            f'{where}: all {counts.sum()} drops are in {names[int(counts.argmax())]!r}: they '
+            'tell little about the surface'
+        )
+    return CountedPart(name or part.name, part, groups, names, counts, values)
+
+
+def make_solid(entry: CountedEntry, folder: Path) -> Part:
+    """Return the part of an entry; raises RestingAspectsError."""
+    kind, unit = entry.kind, entry.unit
+    if entry.part is not None:
+        return load_part(entry.part, unit)
+    if entry.mesh is not None:
+        return load_part(folder / entry.mesh, unit)
+    import trimesh  # takes a second
+
+    if entry.box is not None:
+        mesh = trimesh.creation.box(entry.box)
+    elif entry.cylinder is not None:
+        mesh = trimesh.creation.cylinder(entry.cylinder[0] / 2, entry.cylinder[1], SECTIONS)
+    else:
+        mesh = trimesh.convex.convex_hull(_spanning(entry.hull or []))
+    data = mesh.export(file_type='stl')
+    assert isinstance(data, bytes)
+    name = valid_name(entry.name or kind)
+    return part_from_bytes(data, 'stl', name, unit=DEFAULT_UNIT if unit is None else unit)
+
+
+def _spanning(points: list[tuple[float, float, float]]) -> Array:
+    """Return points (n, 3) that span a solid; raises RestingAspectsError."""
+    if not 4 <= len(points) <= MAX_CORNERS:
+        raise InvalidValueError(
+            f'invalid hull of {len(points)} points: expected 4 to {MAX_CORNERS} {KINDS["hull"]}'
+        )
+    found = np.array(points, dtype=np.float64)
+    if np.linalg.matrix_rank(found - found.mean(axis=0)) < 3:
+        raise PartError('invalid hull: expected points that span a solid')
+    return found
+
+
+def read_groups(
+    given: Any, drops: Any, kind: str, aspects: AspectSet
+) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...], Counts]:
+    """Return groups of aspects, their names and their counts from a mapping of names to counts.
+
+    ``drops`` is the stated sum, or None. Raises InvalidValueError if names are unknown or count
+    an aspect twice, if aspects are missing, or if the counts do not add up to the stated sum.
+    """
+    if not isinstance(given, Mapping) or not given:
+        raise InvalidValueError(f'invalid counts {shown(given)}: expected a mapping')
+    numbers = dict(_numbers(given))
+    if len(numbers) < len(given):
+        raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
+    ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
+    groups = _named_groups(numbers, kind, aspects)
+    left = {a.id for a in aspects.aspects} - {k for ids in groups.values() for k in ids}
+    rest = _rest(rest, drops, sum(numbers.values()) + ignored, left)
+    if left:
+        groups[REST], numbers[REST] = tuple(sorted(left)), rest
+    if len(groups) < 2:
+        raise InvalidValueError(
+            'invalid counts: all aspects are in one group, which says nothing about '
+            'the surface: expected two or more'
+        )
+    counts = np.array([numbers[name] for name in groups], dtype=np.int64)
+    if not 1 <= counts.sum() <= MAX_COUNTED:
+        raise InvalidValueError(
+            f'invalid number of drops {counts.sum()}: expected 1 to {MAX_COUNTED}'
+        )
+    return tuple(groups.values()), tuple(groups), counts
+
+
+def _numbers(given: Mapping[Any, Any]) -> Iterator[tuple[str, int]]:
+    for key, value in given.items():
+        name = (key if isinstance(key, str) else shown(key)).strip().lower()
+        yield name, _count(value, key)
+
+
+def _count(value: Any, name: object) -> int:
+    if type(value) is not int or not 0 <= value <= MAX_COUNTED:
+        raise InvalidValueError(
+            f'invalid count {shown(value)} of {shown(name)}: expected an integer from 0 '
+            f'to {MAX_COUNTED}'
+        )
+    return value
+
+
+def _rest(rest: int | None, drops: Any, counted: int, left: set[int]) -> int:
+    """Return the count of the aspects that are left; raises InvalidValueError."""
+    total = None if drops is None else _count(drops, 'drops')
+    if rest is None and left:
+        if total is None:
+            some = ', '.join(map(str, sorted(left)[:10])) + (' and more' if len(left) > 10 else '')
+            raise InvalidValueError(
+                f'invalid counts: aspects {some} are missing: expected a count of '
+                f'each (0 if it was never seen), or {REST}, or drops, the number of all drops'
+            )
+        rest = max(0, total - counted)
+    known = rest or 0
+    if total is not None and counted + known != total:
+        raise InvalidValueError(
+            f'invalid drops {total}: expected the sum of the counts, {counted + known}'
+        )
+    if known and not left:
+        raise InvalidValueError(
+            f'invalid {REST} {rest}: expected 0, because all aspects are counted'
+        )
+    return known
+
+
+def _named_groups(
+    numbers: Mapping[str, int], kind: str, aspects: AspectSet
+) -> dict[str, tuple[int, ...]]:
+    """Return the ids of the aspects of each name; raises InvalidValueError if two overlap."""
+    groups: dict[str, tuple[int, ...]] = {}
+    for name in numbers:
+        ids = _side_ids(kind, name, aspects) or _ids(name, aspects)
+        if twice := {k for other in groups.values() for k in other} & set(ids):
+            raise InvalidValueError(
+                f'invalid counts: {shown(name)} counts aspect {min(twice)} again: '
+                'expected each aspect once'
+            )
+        groups[name] = ids
+    return groups
+
+
+def _side_ids(kind: str, name: str, aspects: AspectSet) -> tuple[int, ...]:
+    """Return the ids of the aspects on the sides that a name stands for; empty for other names.
+
+    Of a box, x, y or z are the two sides across that axis; of a cylinder, ``end`` and ``side``.
+    """
+    axes = {'box': {'x': 0, 'y': 1, 'z': 2}, 'cylinder': {'end': 2, 'side': 2}}.get(kind, {})
+    if name not in axes:
+        return ()
+    along = np.array([abs(a.down_in_part[axes[name]]) for a in aspects.aspects])
+    inside = (along > np.cos(AXIS_ANGLE)) != (name == 'side')
+    return tuple(a.id for a, chosen in zip(aspects.aspects, inside, strict=True) if chosen)
+
+
+def _ids(name: str, aspects: AspectSet) -> tuple[int, ...]:
+    """Return the ids of the aspects of a class, classes or an aspect; raises InvalidValueError."""
+    prefix, _, digits = name.partition('_')
+    if prefix == 'aspect' and digits.isascii() and digits.isdecimal():
+        found = [a.id for a in aspects.aspects if str(a.id) == digits.lstrip('0')]
+        known = f'aspects 1 to {len(aspects)}'
+    else:
+        group = parse_group(name)
+        classes = {a.symmetry_class for a in aspects.aspects}
+        if group is None:
+            raise InvalidValueError(
+                f'invalid name {shown(name)} of a count: expected {EXPECTED["count"]}'
+            )
+        inside = set(group) <= classes
+        found = [a.id for a in aspects.aspects if inside and a.symmetry_class in group]
+        known = f'classes 1 to {max(classes)}'
+    if not found:
+        raise InvalidValueError(
+            f'invalid name {shown(name)} of a count: the part has {known}; see '
+            'resting_aspects aspects'
+        )
+    return tuple(found)

@@ -1,242 +1,338 @@
-"""The posterior of conditions, given counts: on points that fill the ranges evenly.
+"""The posterior of the conditions of a surface, given counts, by importance sampling.
 
-The counts of a part have a Dirichlet-multinomial distribution about the shares of the surrogate.
-Its excess variance has two sources: the discrepancy, because a real part is no rigid body and a
-hand is no release at random, and the uncertainty of the surrogate. With the discrepancy d, the
-standard deviation of a share p about its model is d sqrt(p (1 - p)). Each part has its own d,
-which varies about a common one like the scale of Student's t distribution. So a single part that
-deviates by far more than the others has little effect on the result.
+Parts are dropped in the simulation at points of the ranges, at first everywhere, then where the
+counts are probable (population Monte Carlo; the weights are those of a deterministic mixture:
+Cornuet, Marin, Mira, Robert 2012, Scandinavian Journal of Statistics 39:798). No model of the
+shares connects the points. What the drops at a point leave open widens the likelihood there.
+
+The counts of a part have a Dirichlet-multinomial distribution about the simulated shares. Its
+excess variance has two sources: the number of simulated drops, and the discrepancy, because a real
+part is no rigid body and a hand is no release at random. With the discrepancy d, the standard
+deviation of a share p about its model is d sqrt(p (1 - p)). Each part has its own d, which varies
+about a common one like the scale of Student's t distribution. So a single part that deviates by
+far more than the others has little effect on the result.
 """
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
-from scipy.special import logsumexp, xlogy
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
+from scipy.special import gammaln, logsumexp, ndtr, ndtri
+from scipy.stats import chi2
 
-from resting_aspects_ros.studies.calibration.likelihood import (
-    likelihood_powers,
-    log_density,
-    own_discrepancies,
-    surrogate_rho,
-)
+from resting_aspects_ros.studies.calibration.counts_file import Array, Counts, SurfaceCounts
 from resting_aspects_ros.studies.design import sobol
-from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 
-Array = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.int64]
+# Drops all parts at points (m, d) of the unit cube; returns counts (m, g) of each part, or None if
+# it was stopped.
+Simulate = Callable[[Array], list[Counts] | None]
 
-# Scale of the half-normal prior of the discrepancy: 5 points at a share of one half. Rigid-body
-# models that are fitted to measured impacts still deviate from them (Fazeli, Zapolsky, Drumwright,
-# Rodriguez 2017, Conference on Robot Learning); so the prior has little weight at 0, and little
-# beyond 0.3, which would make any surface fit.
+# Common discrepancies, and the scale of their half-normal prior: 5 points at a share of one half.
+# Rigid-body models that are fitted to measured impacts still deviate from them (Fazeli, Zapolsky,
+# Drumwright, Rodriguez 2017, Conference on Robot Learning); so the prior has little weight at 0,
+# and little beyond 0.3, which would make any surface fit.
+DISCREPANCIES = np.geomspace(0.002, 0.3, 16)
 DISCREPANCY_SCALE = 0.1
-DISCREPANCIES = np.array(
-    [
-        0.002,
-        0.006,
-        0.01,
-        0.015,
-        0.02,
-        0.03,
-        0.04,
-        0.05,
-        0.065,
-        0.08,
-        0.1,
-        0.13,
-        0.16,
-        0.2,
-        0.25,
-        0.3,
-    ]
-)
-# Points over the ranges; more if too few of them fit the counts.
-GRID_SIDE = 180
-POINTS = 1 << 14
-MAX_POINTS = 1 << 18
-MIN_EFFECTIVE = 300.0
-_BLOCK = 1 << 14
-SEED = 20
+# Degrees of freedom of the discrepancies of parts about the common one.
+FREEDOM = 4
+# Points are added until this number of equally weighted points would be as good.
+EFFECTIVE = 100.0
+MAX_ROUNDS = 16
+# Share of the new points that is drawn from the whole ranges.
+PRIOR_SHARE = 0.1
+# Least shares of the ranges, because the normal scores of 0 and 1 are infinite.
+_EDGE = 1e-9
+_BLOCK = 1 << 22  # distances at once
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
-    """Weights of points that fill the unit cube of the factors evenly.
+class Fit:
+    """Points at which the parts were dropped, and how probable their drops make the counts.
 
     points : (n, d) float
-    shares : tuple of (n, g) float
-        Shares of the surrogate for each part.
-    variances : tuple of (n, g) float
-        Their variances, from the surrogate's uncertainty.
-    log_likelihood : (p, r, n) float
-        Of each part, for each common discrepancy.
-    discrepancies : (r,) float
-    log_prior : (r,) float
-        Of the common discrepancy.
-    own : (r, r) float
-        Probability of the discrepancy of a part, for each common one.
-    dependence : float
-        See dependence.py; 1 if the errors of the surrogates are independent.
-    powers : (p,) float
-        Of the likelihood of each part, which follow from the dependence.
+        Of the unit cube of the factors.
+    simulated : tuple of (n, g) int
+        Counts of the simulated drops of each part at the points.
+    log_ratio : (n,) float
+        Logarithm of the density of the prior over that of the points.
+    discrepancy : bool
+        False if the counts are known to be of the simulation itself.
+    rounds : int
+        How often points were added.
     """
 
+    given: SurfaceCounts
     points: Array
-    shares: tuple[Array, ...]
-    variances: tuple[Array, ...]
-    log_likelihood: Array
-    discrepancies: Array
-    log_prior: Array
-    own: Array
-    dependence: float
-    powers: Array
+    simulated: tuple[Counts, ...]
+    log_ratio: Array
+    discrepancy: bool = True
+    rounds: int = 0
+
+    @property
+    def discrepancies(self) -> Array:
+        """Possible values (r,) of the common discrepancy."""
+        return DISCREPANCIES if self.discrepancy else np.zeros(1)
+
+    @cached_property
+    def log_likelihood(self) -> Array:
+        """Logarithm (p, r, n) of the probability of the counts of each part, up to a constant."""
+        pairs = zip(self.given.parts, self.simulated, strict=True)
+        return np.stack([_log_likelihood(a.counts, s, self.discrepancies) for a, s in pairs])
 
     def weights(self, without: int | None = None) -> Array:
         """Return the posterior (r, n) of discrepancy and point; ``without`` leaves out a part."""
-        total = self.log_likelihood.sum(axis=0)
-        if without is not None:
-            total = total - self.log_likelihood[without]
-        total = total + self.log_prior[:, None]
-        return np.asarray(np.exp(total - logsumexp(total)))
-
-    @property
-    def density(self) -> Array:
-        """Logarithm of the likelihood (n,) of all counts."""
-        total = self.log_likelihood.sum(axis=0) + self.log_prior[:, None]
-        return np.asarray(logsumexp(total, axis=0))
+        total = np.delete(self.log_likelihood, [] if without is None else [without], axis=0)
+        logs = total.sum(axis=0) + self.log_ratio + _log_prior(self.discrepancies)[:, None]
+        return np.asarray(np.exp(logs - logsumexp(logs)))
 
     @property
     def effective(self) -> float:
         """Number of equally weighted points that would be as good."""
+        return float(1 / (self.weights().sum(axis=0) ** 2).sum())
+
+    @property
+    def simulated_drops(self) -> int:
+        """Number of all simulated drops."""
+        return int(sum(each.sum() for each in self.simulated))
+
+    @property
+    def errors(self) -> Array:
+        """(p,) standard deviation of the simulated shares relative to that of the counted ones."""
+        rows, points = self.weights().sum(axis=1), self.weights().sum(axis=0)
+        excess = float(rows @ own_discrepancies(self.discrepancies) @ self.discrepancies**2)
+        found = []
+        for part, simulated in zip(self.given.parts, self.simulated, strict=True):
+            error = points @ (1 / (simulated.sum(axis=1) + 1))
+            found.append(np.sqrt(error / (1 / part.drops + excess)))
+        return np.array(found)
+
+    def density(self, points: Array, *axes: int) -> Array:
+        """Return the density (m,) of the smooth posterior of some of the factors.
+
+        ``points`` (m, k) are of the unit cube of these factors, where the prior has the density 1.
+        """
+        scores = _scores(points)
+        return np.exp(self.smooth.marginal(*axes).log_density(scores) - log_prior(scores))
+
+    @cached_property
+    def smooth(self) -> 'Mixture':
+        """The posterior of the normal scores as a smooth density of the same mean and covariance.
+
+        Each point is drawn towards the mean and spread by a normal distribution (West 1993,
+        Journal of the Royal Statistical Society B 55:409), so that an interval does not depend on
+        single points.
+        """
         weights = self.weights().sum(axis=0)
-        return float(1 / (weights**2).sum())
+        scores, width = _scores(self.points), bandwidth(weights, self.points.shape[1])
+        mean = weights @ scores
+        centres = mean + np.sqrt(1 - width**2) * (scores - mean)
+        return Mixture(centres, weights, width * _root(scores, weights))
+
+    def draws(self, size: int, rng: np.random.Generator) -> Array:
+        """Return points (size, d) of the unit cube, drawn from the smooth posterior."""
+        return np.asarray(ndtr(self.smooth.draw(size, rng)))
 
 
-def find_posterior(
-    dimensions: int,
-    surrogates: Sequence[ShareSurrogate],
-    counts: Sequence[Counts],
-    *,
-    discrepancy: bool = True,
-    dependence: float = 1.0,
-) -> Posterior:
-    """Return the posterior, on a grid for one or two factors and on Sobol points for more."""
-    if dimensions <= 2:
-        return _posterior(_grid(dimensions), surrogates, counts, discrepancy, dependence)
-    count = POINTS
-    while True:
-        points = sobol(dimensions, count, SEED)
-        found = _posterior(points, surrogates, counts, discrepancy, dependence)
-        if found.effective >= MIN_EFFECTIVE or count >= MAX_POINTS:
-            return found
-        count *= 4
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Normal distributions of equal covariance about centres, and the prior of normal scores.
 
+    Normal scores are the standard normal quantiles of the coordinates in the unit cube: the prior,
+    which is uniform there, is then standard normal, and there are no borders.
 
-def with_counts(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
-    """Return the posterior of other counts of the same parts."""
-    rows = [
-        _log_likelihoods(
-            each,
-            posterior.shares[k],
-            posterior.variances[k],
-            posterior.discrepancies,
-            posterior.own,
+    centres : (n, d) float
+    weights : (n,) float
+    root : (d, d) float
+        Lower triangular root of the covariance.
+    prior : float
+        Share of the prior.
+    """
+
+    centres: Array
+    weights: Array
+    root: Array
+    prior: float = 0.0
+
+    def draw(self, size: int, rng: np.random.Generator) -> Array:
+        """Return normal scores (size, d)."""
+        found = rng.standard_normal((size, len(self.root)))
+        near = rng.random(size) >= self.prior
+        chosen = rng.choice(len(self.weights), size, p=self.weights)
+        found[near] = self.centres[chosen[near]] + found[near] @ self.root.T
+        return np.asarray(found)
+
+    def marginal(self, *axes: int) -> 'Mixture':
+        """Return the distribution of some of the coordinates."""
+        covariance = (self.root @ self.root.T)[np.ix_(axes, axes)]
+        return Mixture(
+            self.centres[:, axes], self.weights, np.linalg.cholesky(covariance), self.prior
         )
-        for k, each in enumerate(counts)
-    ]
-    return _with_powers(dataclasses.replace(posterior, log_likelihood=np.stack(rows)), counts)
+
+    def log_density(self, scores: Array) -> Array:
+        """Return the logarithm (m,) of the density at normal scores (m, d)."""
+        d = len(self.root)
+        centres = solve_triangular(self.root, self.centres.T, lower=True).T
+        blocks = np.array_split(scores, max(1, len(scores) * len(centres) // _BLOCK))
+        found = np.concatenate(
+            [
+                logsumexp(-cdist(each, centres, 'sqeuclidean') / 2, axis=1, b=self.weights)
+                for each in (solve_triangular(self.root, b.T, lower=True).T for b in blocks)
+            ]
+        )
+        found -= np.log(np.diag(self.root)).sum() + d / 2 * np.log(2 * np.pi)
+        with np.errstate(divide='ignore'):
+            shares = np.log([1 - self.prior, self.prior])
+        return np.logaddexp(shares[0] + found, shares[1] + log_prior(scores))
 
 
-def level_at(
-    posterior: Posterior,
-    surrogates: Sequence[ShareSurrogate],
-    counts: Sequence[Counts],
-    point: Array,
-) -> float:
-    """Return the probability of the smallest region that contains a point (d,).
+def fit_surface(
+    given: SurfaceCounts,
+    simulate: Simulate,
+    *,
+    points: int,
+    seed: int,
+    discrepancy: bool = True,
+    rounds: int = MAX_ROUNDS,
+    note: Callable[[Fit], None] = lambda _: None,
+) -> Fit | None:
+    """Return the fit of counts; None if it was stopped before the first round was complete.
 
-    It is uniform from 0 to 1 if the point is where the counts come from.
+    Parameters
+    ----------
+    simulate : callable
+        Drops the parts.
+    points : int
+        Number of points of the first design; half as many are added in each round.
+    rounds : int
+        Maximum number of rounds.
+    note : callable
+        Called before each round, with the fit so far.
     """
-    exact = len(posterior.discrepancies) == 1
-    here = _posterior(point[None], surrogates, counts, not exact, 1.0)
-    rows = posterior.powers[:, None, None] * here.log_likelihood
-    here = dataclasses.replace(here, log_likelihood=rows)
-    return float(posterior.weights().sum(axis=0)[posterior.density > here.density[0]].sum())
-
-
-def _posterior(
-    points: Array,
-    surrogates: Sequence[ShareSurrogate],
-    counts: Sequence[Counts],
-    discrepancy: bool,
-    dependence: float,
-) -> Posterior:
-    blocks = np.array_split(points, max(1, len(points) // _BLOCK))
-    moments = [[each.moments(block) for block in blocks] for each in surrogates]
-    shares = tuple(np.concatenate([mean for mean, _ in each]) for each in moments)
-    spread = tuple(np.concatenate([variances for _, variances in each]) for each in moments)
-    values, log_prior = _discrepancies(discrepancy)
-    own = own_discrepancies(values)
-    rows = [
-        _log_likelihoods(each, p, v, values, own)
-        for each, p, v in zip(counts, shares, spread, strict=True)
-    ]
-    one = np.ones(len(counts))
-    found = Posterior(
-        points, shares, spread, np.stack(rows), values, log_prior, own, dependence, one
-    )
-    return _with_powers(found, counts)
-
-
-def _with_powers(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
-    """Return a posterior without powers with those that its dependence gives it.
-
-    What the surrogates add to the variance of the counts depends on the point. It is taken where
-    the posterior lies, which hardly depends on the powers: two passes are enough.
-    """
-    if posterior.dependence == 1:
-        return dataclasses.replace(posterior, powers=np.ones(len(counts)))
-    pairs = zip(posterior.shares, posterior.variances, strict=True)
-    rho = np.stack([surrogate_rho(p, v) for p, v in pairs])
-    drops = np.array([each.sum() for each in counts])
-    found, weights = posterior, np.full(len(posterior.points), 1 / len(posterior.points))
-    for _ in range(2):
-        powers = likelihood_powers(rho @ weights, drops, posterior.dependence)
-        rows = powers[:, None, None] * posterior.log_likelihood
-        found = dataclasses.replace(posterior, log_likelihood=rows, powers=powers)
-        weights = found.weights().sum(axis=0)
+    design = sobol(len(given.factors), points, seed)
+    simulated = simulate(design)
+    proposals: list[Mixture] = []
+    found = None
+    while simulated is not None:
+        ratio = _log_ratio(design, points, proposals)
+        found = Fit(given, design, tuple(simulated), ratio, discrepancy, len(proposals))
+        if found.effective >= EFFECTIVE or found.rounds == rounds:
+            break
+        note(found)
+        proposals.append(_proposal(found))
+        rng = np.random.default_rng((seed, found.rounds))
+        new = ndtr(proposals[-1].draw(points // 2, rng))
+        added = simulate(new)
+        if added is None:
+            break
+        design = np.concatenate([design, new])
+        simulated = [np.concatenate(pair) for pair in zip(simulated, added, strict=True)]
     return found
 
 
-def _log_likelihoods(
-    counts: Counts, shares: Array, variances: Array, values: Array, own: Array
-) -> Array:
-    """Return the log likelihood (r, n) of one part."""
-    of_surrogate = surrogate_rho(shares, variances)
-    if len(values) == 1 and values[0] == 0 and of_surrogate.max() < 1e-6:
-        return np.asarray(xlogy(counts, shares).sum(axis=1))[None]
-    found = np.stack(
-        [log_density(counts, shares, 1 - (1 - d**2) * (1 - of_surrogate)) for d in values]
-    )
+def _log_ratio(points: Array, first: int, proposals: list[Mixture]) -> Array:
+    """Return the logarithm (n,) of the density of the prior over that of all points together.
+
+    The ``first`` points fill the unit cube, and each proposal drew an equal share of the others.
+    """
+    scores = _scores(points)
+    prior = log_prior(scores)
+    densities = np.stack([prior, *(each.log_density(scores) for each in proposals)])
+    shares = np.full(len(densities), (len(points) - first) / max(1, len(proposals)) / len(points))
+    shares[0] = first / len(points)
+    return np.asarray(prior - logsumexp(densities, axis=0, b=shares[:, None]))
+
+
+def _proposal(fit: Fit) -> Mixture:
+    """Return the distribution of new points: that of the posterior so far, and of the prior."""
+    weights = fit.weights().sum(axis=0)
+    d = fit.points.shape[1]
+    # Few points with large weights by chance must not attract all new ones: weights to a power.
+    power = 1.0
+    while True:
+        tempered = weights**power / (weights**power).sum()
+        if 1 / (tempered**2).sum() >= min(5 * (d + 1), len(weights) / 4):
+            break
+        power *= 0.8
+    scores = _scores(fit.points)
+    root = bandwidth(tempered, d) * _root(scores, tempered)
+    return Mixture(scores, tempered, root, PRIOR_SHARE)
+
+
+def log_prior(scores: Array) -> Array:
+    """Return the logarithm (m,) of the standard normal density of normal scores (m, d)."""
+    return np.asarray(-(scores**2 + np.log(2 * np.pi)).sum(axis=1) / 2)
+
+
+def log_density(counts: Counts, shares: Array, rho: Array) -> Array:
+    """Return the logarithm (...) of the probability of counts (..., g), up to a constant.
+
+    Dirichlet-multinomial with shares (..., g) and intraclass correlation rho (...): the variance
+    of a share is p (1 - p) (rho + (1 - rho) / n).
+    """
+    total = 1 / np.maximum(rho, 1e-7) - 1
+    alpha = np.maximum(shares * total[..., None], 1e-12)
+    over = gammaln(alpha + counts) - gammaln(alpha)
+    return np.asarray(gammaln(total) - gammaln(total + counts.sum(axis=-1)) + over.sum(axis=-1))
+
+
+def share_moments(simulated: Counts) -> tuple[Array, Array]:
+    """Return the shares (n, g) of simulated drops, and their intraclass correlation (n,).
+
+    They are those of a Dirichlet distribution, whose prior is worth one drop.
+    """
+    alpha = simulated + 1 / simulated.shape[1]
+    total = alpha.sum(axis=1)
+    return np.asarray(alpha / total[:, None]), np.asarray(1 / (1 + total))
+
+
+def own_discrepancies(values: Array) -> Array:
+    """Return the probability (r, r) of each discrepancy of a part, for each common one.
+
+    The part has d sqrt(f / x), where x has a chi-squared distribution with f degrees of freedom;
+    what is beyond the values is in the first and the last of them.
+    """
+    if len(values) == 1:
+        return np.ones((1, 1))
+    edges = np.sqrt(values[1:] * values[:-1])
+    below = chi2.sf(FREEDOM * (values[:, None] / edges) ** 2, FREEDOM)
+    return np.diff(below, axis=1, prepend=0.0, append=1.0)
+
+
+def bandwidth(weights: Array, d: int) -> float:
+    """Return the width of a kernel relative to the standard deviation of weighted points.
+
+    The rule of Scott (1992, Multivariate Density Estimation) for the effective number of points.
+    """
+    return float(min(0.9, (1 / (weights**2).sum()) ** (-1 / (d + 4))))
+
+
+def _log_likelihood(counts: Counts, simulated: Counts, discrepancies: Array) -> Array:
+    """Return the logarithm (r, n) of the probability of the counts of a part."""
+    shares, error = share_moments(simulated)
+    rho = 1 - (1 - discrepancies[:, None] ** 2) * (1 - error)
+    found = log_density(counts, shares, rho)
     highest = found.max(axis=0)
-    return np.asarray(np.log(own @ np.exp(found - highest)) + highest)
+    mixed = own_discrepancies(discrepancies) @ np.exp(found - highest)
+    return np.asarray(np.log(np.maximum(mixed, 1e-300)) + highest)
 
 
-def _discrepancies(discrepancy: bool) -> tuple[Array, Array]:
-    """Return the values of the discrepancy, and the logarithm of their prior."""
-    if not discrepancy:
-        return np.zeros(1), np.zeros(1)
-    density = np.exp(-((DISCREPANCIES / DISCREPANCY_SCALE) ** 2) / 2)
-    prior = density * np.gradient(DISCREPANCIES)
-    return DISCREPANCIES, np.log(prior / prior.sum())
+def _log_prior(discrepancies: Array) -> Array:
+    if len(discrepancies) == 1:
+        return np.zeros(1)
+    density = np.exp(-((discrepancies / DISCREPANCY_SCALE) ** 2) / 2)
+    prior = density * np.gradient(discrepancies)
+    return np.asarray(np.log(prior / prior.sum()))
 
 
-def _grid(dimensions: int) -> Array:
-    side = GRID_SIDE if dimensions == 2 else GRID_SIDE**2
-    middles = (np.arange(side) + 0.5) / side
-    return np.stack(np.meshgrid(*[middles] * dimensions, indexing='ij'), axis=-1).reshape(
-        -1, dimensions
-    )
+def _scores(points: Array) -> Array:
+    return np.asarray(ndtri(np.clip(points, _EDGE, 1 - _EDGE)))
+
+
+def _root(scores: Array, weights: Array) -> Array:
+    """Return the lower triangular root (d, d) of the covariance of weighted scores (n, d)."""
+    centred = scores - weights @ scores
+    covariance = (weights[:, None] * centred).T @ centred
+    return np.asarray(np.linalg.cholesky(covariance + 1e-9 * np.eye(scores.shape[1])))

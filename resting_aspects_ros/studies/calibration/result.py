@@ -3,37 +3,147 @@
 import dataclasses
 import json
 import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.report.figure_style import (
+    FAINT,
+    TEXT,
+    new_figure,
+    plain_axes,
+    png_bytes,
+)
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.surfaces import UNCERTAINTY
-from resting_aspects_ros.studies.calibration.checks import Prediction
-from resting_aspects_ros.studies.calibration.comparison import SurfaceComparison, compare_surfaces
-from resting_aspects_ros.studies.calibration.fitted_surface import FittedSurface
-from resting_aspects_ros.studies.calibration.summary import Estimate, discrepancy
+from resting_aspects_ros.studies.calibration.checks import (
+    Estimate,
+    GTest,
+    Prediction,
+    SurfaceComparison,
+    compare_surfaces,
+    correlation,
+    find_discrepancy,
+)
+from resting_aspects_ros.studies.calibration.counts_file import Array
+from resting_aspects_ros.studies.calibration.posterior import EFFECTIVE, Fit
 
-SCHEMA_VERSION = 1
-SAMPLES = 64  # of the posterior, in a surfaces file
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+SCHEMA_VERSION = 2
+# Draws of the posterior in the document, and in a surfaces file.
+DRAWS, SAMPLES = 200, 64
+# Below this probability, the counts are said to contradict the simulation.
+CONTRADICTED = 0.01
+# Below this probability, the counts of two surfaces are said to differ.
+SIGNIFICANCE = 0.01
+# A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
+MAX_DISCREPANCY = 0.1
+# Simulated drops are said to be too few if the standard deviation of their shares is a larger
+# share of that of the counted ones. By default it is at most one half, without the discrepancy.
+MAX_ERROR = 0.6
+# Factors are said to trade off if their correlation is at least this.
+TRADE_OFF = 0.5
+# An interval is cut off if it ends within this share of its range.
+NEAR_END = 0.02
+# A ratio of probabilities beyond this one depends on the shape of the tails.
+MAX_RATIO = 1000.0
+WIDTH = 80
+
+REGIONS = (0.5, 0.9)
+FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
+COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
+CELLS = 80  # of the picture of a pair, in each direction
+# The tails of the smooth posterior are too thin: nearer to an end of a range than this share of
+# it, the density that is drawn is the one at this distance.
+BORDER = 0.04
+MAX_PAIRS, MAX_ROWS = 6, 60
+PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
 
 
-class CalibrationResult(FittedSurface):
-    """What counts say of a surface; its attributes are those of `FittedSurface`."""
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """What counts say of a surface.
 
-    def compare(self, other: FittedSurface) -> SurfaceComparison:
+    Attributes
+    ----------
+    estimates : tuple of Estimate
+        Value and uncertainty of each fitted condition.
+    predictions : tuple of Prediction
+        Of each part, from the counts of all parts.
+    left_out : tuple of Prediction
+        Of each part, from the counts of the others; empty if there is one part.
+    g_test : GTest
+        Whether any conditions in the ranges explain the counts, without a discrepancy.
+    fit : Fit
+    """
+
+    fit: Fit
+    estimates: tuple[Estimate, ...]
+    predictions: tuple[Prediction, ...]
+    left_out: tuple[Prediction, ...]
+    g_test: GTest
+    seed: int
+
+    @property
+    def surface(self) -> str:
+        """Name of the surface."""
+        return self.fit.given.surface
+
+    @property
+    def conditions(self) -> DropConditions:
+        """The most probable conditions."""
+        best = {each.factor.name: float(f'{each.best:.3g}') for each in self.estimates}
+        return dataclasses.replace(self.fit.given.base.changed(**best), surface=self.surface)
+
+    @property
+    def left_out_deviation(self) -> float:
+        """Mean absolute deviation of the shares of parts that were left out; NaN for one part."""
+        if not self.left_out:
+            return math.nan
+        return float(np.mean([each.deviation for each in self.left_out]))
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether no conditions in the ranges explain the counts."""
+        return self.g_test.p < CONTRADICTED
+
+    @property
+    def usable(self) -> bool:
+        """Whether the surface describes the counts at least roughly."""
+        return not self.contradicted or find_discrepancy(self.fit)[0] <= MAX_DISCREPANCY
+
+    def draws(self, size: int = DRAWS) -> list[dict[str, float]]:
+        """Return conditions that are drawn from the posterior, as values of the factors."""
+        points = self.fit.draws(size, np.random.default_rng(self.seed))
+        factors = self.fit.given.factors
+        columns = [factor.values(points[:, k]).tolist() for k, factor in enumerate(factors)]
+        names = [factor.name for factor in factors]
+        return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+
+    def compare(self, other: 'CalibrationResult') -> SurfaceComparison:
         """Compare the surface with another one; see SurfaceComparison."""
-        return compare_surfaces(self.fit, other.fit)
+        return compare_surfaces(self.fit, other.fit, np.random.default_rng(self.seed))
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
         given, fit = self.fit.given, self.fit
-        mean, low, high = discrepancy(fit)
+        mean, low, high = find_discrepancy(fit)
+        conditions = {name: getattr(self.conditions, name) for name in QUANTITIES}
         return {
             'schema_version': SCHEMA_VERSION,
             'surface': self.surface,
             'source': given.source,
             'way': given.way,
-            'conditions': _values(self.conditions),
+            'conditions': {**conditions, 'height_of': self.conditions.height_of.name},
             'estimates': [_estimate(each) for each in self.estimates],
             'discrepancy': {'mean': mean, 'low': low, 'high': high} if fit.discrepancy else None,
             'g_test': None if math.isnan(self.g_test.p) else dataclasses.asdict(self.g_test),
@@ -52,10 +162,9 @@ class CalibrationResult(FittedSurface):
             'left_out_deviation': self.left_out_deviation if self.left_out else None,
             'simulated_drops': fit.simulated_drops,
             'points': len(fit.points),
+            'effective_points': fit.effective,
             'rounds': fit.rounds,
             'error_of_shares': fit.errors.tolist(),
-            'dependence': fit.posterior.dependence,
-            'forms': [each.text for each in fit.surrogates],
             'seed': self.seed,
             'draws': self.draws(),
         }
@@ -66,46 +175,42 @@ class CalibrationResult(FittedSurface):
 
     def surface_entry(self, *, uncertainty: bool = True) -> str:
         """Return an entry for a surfaces file, with its source and perhaps its uncertainty."""
-        from resting_aspects_ros.studies.calibration.texts import source_text, wrapped
-
         lines = [f'{self.surface}:']
         for name in QUANTITIES:
             lines.append(f'  {name}: {getattr(self.conditions, name)}')
             if name == 'height':
                 lines.append(f'  height_of: {self.conditions.height_of.name}')
         lines.append('  source: >-')
-        lines += [f'    {line}' for line in wrapped(source_text(self), 94)]
+        lines += [f'    {line}' for line in _folded(_source(self), 94)]
         samples = self.draws(SAMPLES) if uncertainty else []
-        if not samples:
-            return '\n'.join(lines) + '\n'
-        lines.append(f'  {UNCERTAINTY}:  # equally probable; the k-th values belong together')
-        for name in samples[0]:
+        if samples:
+            comment = 'equally probable; the k-th values belong together'
+            lines.append(f'  {UNCERTAINTY}:  # {comment}')
+        for name in samples[0] if samples else ():
             values = ', '.join(f'{each[name]:.3g}' for each in samples)
             lines += [
                 f'    {name}: [',
-                *(f'      {line}' for line in wrapped(values, 92)),
+                *(f'      {line}' for line in _folded(values, 92)),
                 '    ]',
             ]
         return '\n'.join(lines) + '\n'
 
     def save_picture(self, path: str | Path) -> None:
         """Write the picture as a PNG file."""
-        from resting_aspects_ros.api.output_files import whole_file
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.studies.calibration.figure import calibration_figure
-
         with whole_file(Path(path)) as file:
             file.write_bytes(png_bytes(calibration_figure(self)))
 
     def __str__(self) -> str:
-        from resting_aspects_ros.studies.calibration.texts import result_text
-
-        return result_text(self)
-
-
-def _values(conditions: DropConditions) -> dict[str, Any]:
-    found: dict[str, Any] = {name: getattr(conditions, name) for name in QUANTITIES}
-    return {**found, 'height_of': conditions.height_of.name}
+        given = self.fit.given
+        head = (
+            f'{self.surface}: {len(given.parts)} part{"s" * (len(given.parts) > 1)}, '
+            f'{given.drops} counted drops, {self.fit.simulated_drops} simulated drops at '
+            f'{len(self.fit.points)} points'
+        )
+        lines = [head, '', *_estimate_table(self.estimates), '', *_share_table(self), '']
+        for sentence in statements(self):
+            lines += textwrap.wrap(sentence, WIDTH)
+        return '\n'.join(lines)
 
 
 def _estimate(each: Estimate) -> dict[str, Any]:
@@ -123,3 +228,313 @@ def _estimate(each: Estimate) -> dict[str, Any]:
 def _prediction(each: Prediction) -> dict[str, Any]:
     arrays = {k: v.tolist() for k, v in vars(each).items()}
     return {**arrays, 'deviation': each.deviation, 'inside': each.inside}
+
+
+def _estimate_table(found: Sequence[Estimate]) -> Iterator[str]:
+    yield f'{"condition":<26}{"best":>9}{"mean":>9}{"sd":>8}  {"90 % interval":<20}{"range"}'
+    for each in found:
+        factor = each.factor
+        best, mean, deviation, low, high, least, most = (
+            _number(factor.scale * value)
+            for value in (
+                *(each.best, each.mean, each.deviation, each.low, each.high),
+                *(factor.low, factor.high),
+            )
+        )
+        yield (
+            f'{factor.title[:25]:<26}{best:>9}{mean:>9}{deviation:>8}  '
+            f'{f"{low} to {high}":<20}{least} to {most}'
+        )
+
+
+def _share_table(result: CalibrationResult) -> Iterator[str]:
+    yield f'{"part":<20}{"group":<12}{"counted":>8}{"fitted":>8}{"left out":>9}  90 % interval'
+    for k, part in enumerate(result.fit.given.parts):
+        fitted = result.predictions[k]
+        left = result.left_out[k] if result.left_out else None
+        interval = left or fitted
+        for j in part.shown:
+            yield (
+                f'{part.name[:19] if j == 0 else "":<20}{part.names[j][:11]:<12}'
+                f'{100 * fitted.counted[j]:>6.1f} %{100 * fitted.model[j]:>6.1f} %'
+                + (f'{100 * left.model[j]:>7.1f} %' if left else f'{"":>9}')
+                + f'  {100 * interval.low[j]:.1f} to {100 * interval.high[j]:.1f} %'
+                + ('' if interval.low[j] <= fitted.counted[j] <= interval.high[j] else '  outside')
+            )
+
+
+def statements(result: CalibrationResult) -> list[str]:
+    """Return what the counts say, and what they do not determine, one sentence each."""
+    return [
+        *_on_agreement(result),
+        *(_on_estimate(each) for each in result.estimates),
+        *_on_ends(result.estimates),
+        *_on_trade_offs(result),
+        *_on_left_out(result),
+        *_on_simulation(result.fit),
+    ]
+
+
+def _on_agreement(result: CalibrationResult) -> Iterator[str]:
+    *most, last = (each.factor.label for each in result.estimates)
+    fitted = f'{", ".join(most)} or {last}' if most else last
+    p = result.g_test.p
+    if math.isnan(p):
+        yield 'Whether the simulation can explain these counts could not be tested.'
+    elif not result.contradicted:
+        yield f'The simulation can explain these counts within sampling (G test, p = {p:.2g}).'
+    else:
+        yield (
+            f'No {fitted} within the ranges explain these counts within sampling (G test, '
+            f'p = {p:.2g}).'
+        )
+    if not result.fit.discrepancy:
+        return
+    mean, low, high = find_discrepancy(result.fit)
+    if len(result.fit.given.parts) == 1:
+        yield (
+            f'A deviation of the simulation by {50 * mean:.1f} points at a share of 50 % '
+            '(standard deviation) is assumed: the counts of one part cannot tell it.'
+        )
+        return
+    yield (
+        f'Beyond sampling, a share of 50 % deviates from the simulation by {50 * mean:.1f} points '
+        f'(standard deviation; 90 % interval {50 * low:.1f} to {50 * high:.1f}).'
+    )
+    if not result.usable:
+        yield (
+            'This is too much for a surface: check the counts, the release and the ranges before '
+            'using these values.'
+        )
+
+
+def _on_estimate(each: Estimate) -> str:
+    factor = each.factor
+    low, high = _number(each.low), _number(each.high)
+    unit = f' {factor.unit}' if factor.unit else ''
+    if each.determined:
+        return f'The {factor.label} is {_number(each.mean)}{unit} (90 %: {low} to {high}).'
+    return (
+        f'These counts do not determine the {factor.label}: {low} to {high}{unit} fit about '
+        'equally.'
+    )
+
+
+def _on_ends(found: Sequence[Estimate]) -> Iterator[str]:
+    """Name determined conditions whose interval ends where their range does."""
+    for each in found:
+        factor = each.factor
+        low, high = factor.shares(np.array([each.low, each.high])).tolist()
+        if each.determined and (low < NEAR_END or high > 1 - NEAR_END):
+            yield (
+                f'The interval of the {factor.label} ends where its range does: if a wider range '
+                f'of {factor.name} is possible, state it below conditions.'
+            )
+
+
+def _on_trade_offs(result: CalibrationResult) -> Iterator[str]:
+    for i, j in _pairs(len(result.estimates)):
+        value = correlation(result.fit, i, j) if i != j else 0.0
+        if abs(value) >= TRADE_OFF:
+            one, other = (result.estimates[k].factor.label for k in (i, j))
+            yield (
+                f'More {one} with {"more" if value > 0 else "less"} {other} fits as well '
+                f'(correlation {value:+.2f}): use the pairs of the picture, not the intervals.'
+            )
+
+
+def _on_left_out(result: CalibrationResult) -> Iterator[str]:
+    if result.left_out:
+        inside = sum(each.inside for each in result.left_out)
+        yield (
+            f'Parts that were left out are predicted with a mean absolute deviation of '
+            f'{100 * result.left_out_deviation:.1f} points; {inside} of {len(result.left_out)} '
+            'are within their 90 % intervals.'
+        )
+
+
+def _on_simulation(fit: Fit) -> Iterator[str]:
+    """Say what the number of simulated drops and points limits."""
+    worst = float(fit.errors.max())
+    if worst > MAX_ERROR:
+        yield (
+            f'The simulated shares have an error of {worst:.2f} of that of the counts, which '
+            'widens the intervals: more drops (--drops) would help.'
+        )
+    if fit.effective < EFFECTIVE / 2:
+        yield (
+            f'The result rests on {fit.effective:.0f} effective points, so that the intervals '
+            'depend on the seed and may be too short: more rounds (--rounds) would help.'
+        )
+
+
+def comparison_text(found: SurfaceComparison) -> str:
+    """Describe the comparison of two surfaces."""
+    names = f'{found.one} and {found.other}'
+    sentences = []
+    if found.same_parts_p is not None:
+        different = found.same_parts_p < SIGNIFICANCE
+        differ = 'differ' if different else 'do not differ significantly'
+        p = f'{found.same_parts_p:.2g}'
+        sentences.append(f'{names}: the counts of the same parts {differ} (G test, p = {p})')
+    beyond = abs(found.log_ratio) > math.log(MAX_RATIO)
+    ratio = f'more than {MAX_RATIO:g}' if beyond else f'{math.exp(abs(found.log_ratio)):.3g}'
+    two = found.log_ratio > 0
+    sentences.append(
+        f'{names}: all counts are {ratio} times more probable with '
+        f'{"two surfaces than with one" if two else "one surface than with two"}; the fitted '
+        f'conditions overlap by {100 * found.overlap:.0f} %'
+    )
+    if found.same_parts:
+        sentences.append(
+            'Both have the same parts, so that the simulation deviates from both in the same way: '
+            'only sampling is taken into account'
+        )
+    return '.\n'.join(sentences) + '.'
+
+
+def _source(result: CalibrationResult) -> str:
+    """Return the source of the surface: counts, uncertainty, and what was not determined."""
+    given = result.fit.given
+    names = ', '.join(part.name for part in given.parts[:5])
+    if len(given.parts) > 5:
+        names += f' and {len(given.parts) - 5} more'
+    found = [f'Calibrated to {given.drops} counted drops of {names}.']
+    if given.source:
+        found.append(f'{given.source.rstrip(".")}.')
+    return ' '.join([*found, *statements(result)])
+
+
+def _folded(text: str, width: int) -> list[str]:
+    """Return the lines of a text that YAML can fold again."""
+    return textwrap.wrap(' '.join(text.split()), width, break_long_words=False)
+
+
+def _number(value: float) -> str:
+    return f'{value:.2g}' if abs(value) < 10 else f'{value:.0f}'
+
+
+def _pairs(factors: int) -> list[tuple[int, int]]:
+    """Return the pairs of factors; the single one with itself."""
+    if factors == 1:
+        return [(0, 0)]
+    return [(i, j) for i in range(factors) for j in range(i + 1, factors)]
+
+
+def calibration_figure(result: CalibrationResult) -> 'Figure':
+    """Return the picture: the regions of pairs of conditions, and below the shares of the parts.
+
+    A single region is beside the shares.
+    """
+    pairs = _pairs(len(result.estimates))[:MAX_PAIRS]
+    rows = 0.9 + ROW * min(sum(len(part.shown) for part in result.fit.given.parts), MAX_ROWS)
+    columns = min(3, len(pairs))
+    bands = [PANEL] * -(-len(pairs) // columns)
+    beside = len(pairs) == 1
+    heights = [max(PANEL, rows)] if beside else [*bands, rows]
+    figure = new_figure(9.0, 0.6 + sum(heights))
+    figure.set_layout_engine('constrained', h_pad=0.1, w_pad=0.1)
+    figure.suptitle(
+        f'{result.surface}: conditions that fit {result.fit.given.drops} counted drops\n',
+        color=TEXT,
+        fontsize=11,
+        x=0.02,
+        ha='left',
+    )
+    figure.text(
+        *(0.02, 1 - 0.4 / figure.get_figheight()),
+        'probability density'
+        if len(result.estimates) == 1
+        else 'regions with 50 and 90 % of the probability; cross: most probable',
+        color=FAINT,
+        fontsize=8,
+        va='center',
+    )
+    grid = figure.add_gridspec(len(heights), 2 if beside else columns, height_ratios=heights)
+    for number, (i, j) in enumerate(pairs):
+        _draw_region(figure.add_subplot(grid[divmod(number, columns)]), result, i, j)
+    _draw_shares(figure.add_subplot(grid[0, 1] if beside else grid[-1, :]), result, beside=beside)
+    return figure
+
+
+def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> None:
+    """Draw the regions of two conditions, or the density of a single one."""
+    one, other = result.estimates[i].factor, result.estimates[j].factor
+    nodes = np.linspace(0, 1, CELLS)
+    inside = np.clip(nodes, BORDER, 1 - BORDER)
+    x, y = one.scale * one.values(nodes), other.scale * other.values(nodes)
+    plain_axes(axes, 'y')
+    axes.set_xlabel(one.title, fontsize=8, color=FAINT)
+    if one.logarithmic:
+        axes.set_xscale('log')
+        _plain_ticks(axes.xaxis)
+    axes.set_xlim(one.scale * one.low, one.scale * one.high)
+    if i == j:
+        axes.fill_between(x, result.fit.density(inside[:, None], i), color=FILL[1])
+        axes.set_ylim(bottom=0)
+        axes.set_yticks([])
+        return
+    cells = np.stack(np.meshgrid(inside, inside, indexing='ij'), axis=-1)
+    density = result.fit.density(cells.reshape(-1, 2), i, j).reshape(CELLS, CELLS)
+    levels = sorted(_level(density, region) for region in REGIONS)
+    axes.contourf(x, y, density.T, [*levels, max(density.max(), levels[-1]) * 1.01], colors=FILL)
+    best = one.scale * result.estimates[i].best, other.scale * result.estimates[j].best
+    axes.plot(*best, '+', color=TEXT, markersize=9)
+    if other.logarithmic:
+        axes.set_yscale('log')
+        _plain_ticks(axes.yaxis)
+    axes.set_ylim(other.scale * other.low, other.scale * other.high)
+    axes.set_ylabel(other.title, fontsize=8, color=FAINT, labelpad=2)
+
+
+def _plain_ticks(axis: 'Axis') -> None:
+    """Show 0.03, 0.1, 0.3 on a logarithmic axis."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(lambda value, _: f'{value:g}')
+
+
+def _level(density: Array, region: float) -> float:
+    """Return the density in equal cells above which they have the probability ``region``."""
+    ordered = np.sort(density.ravel())[::-1]
+    place = int(np.searchsorted(np.cumsum(ordered), region * ordered.sum()))
+    return float(ordered[min(place, len(ordered) - 1)])
+
+
+def _draw_shares(axes: 'Axes', result: CalibrationResult, *, beside: bool) -> None:
+    """Draw the counted shares over those of the simulation; beside a region it is narrow."""
+    parts = list(enumerate(result.fit.given.parts))
+    rows = [(k, g) for k, part in parts for g in part.shown][:MAX_ROWS]
+    fitted = [(result.predictions[k], g) for k, g in rows]
+    left = [(result.left_out[k], g) for k, g in rows] if result.left_out else []
+    y = np.arange(len(rows))
+    low, high = (
+        np.array([100 * getattr(each, end)[g] for each, g in left or fitted])
+        for end in ('low', 'high')
+    )
+    axes.hlines(y, low, high, color=FILL[0], linewidth=7, label='90 % interval')
+    for marker, color, label, shown, name in (
+        ('D', LEFT_OUT, 'predicted from the other parts', left, 'model'),
+        ('o', FITTED, 'fitted', fitted, 'model'),
+        ('|', COUNTED, 'counted', fitted, 'counted'),
+    ):
+        if shown:
+            shares = [100 * getattr(each, name)[g] for each, g in shown]
+            size = {'D': 4, 'o': 5, '|': 11}[marker]
+            axes.plot(shares, y, marker, color=color, markersize=size, label=label)
+    names = [f'{part.name}: {part.names[g]}' for k, part in parts for g in part.shown]
+    plain_axes(axes, 'x')
+    axes.set_yticks(y, [name[: 20 if beside else 34] for name in names[:MAX_ROWS]])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlim(left=0)
+    axes.xaxis.set_major_formatter(lambda share, _: f'{share:g} %')
+    axes.legend(
+        fontsize=7,
+        frameon=False,
+        ncols=2 if beside else 4,
+        loc='lower left',
+        bbox_to_anchor=(0, 1),
+        labelcolor=TEXT,
+    )

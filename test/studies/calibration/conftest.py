@@ -1,22 +1,21 @@
-"""Fits to counts of known origin; no drops are simulated."""
+"""Fits to counts of known origin, with drops of a simulation that is invented."""
 
+import dataclasses
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.special import expit
 
-from resting_aspects_ros.studies.calibration import posterior
 from resting_aspects_ros.studies.calibration.counts_file import make_surface_counts
-from resting_aspects_ros.studies.calibration.fit import fit_counts, fit_shares
-from resting_aspects_ros.studies.design import sobol
+from resting_aspects_ros.studies.calibration.posterior import fit_surface
 
 HEIGHTS = (10, 15, 20)
-PER_POINT = 250
 
 
 def box_shares(points, height):
-    """Shares of the square faces of a box, as an invented simulation has them."""
+    """Return the shares (n, 2) of the square faces of a box and of its other faces."""
     x, y = np.asarray(points).T
     logit = (
         (15 - height) / 4 + 1.5 * (x - 0.3) * (1 + height / 20) + (25 - height) / 10 * (y - 0.5)
@@ -24,14 +23,13 @@ def box_shares(points, height):
     return np.stack([expit(logit), expit(-logit)], axis=-1)
 
 
-def surface_counts(counts, surface='a_table'):
-    """Counts of boxes: of each the number on its square faces, and all."""
+@cache
+def boxes(heights):
+    """Return counts of boxes, whose numbers are replaced."""
     parts = [
-        {'name': f'box {h}', 'box': [20, 20, h], 'counts': {'z': int(k), 'rest': int(n - k)}}
-        for h, (k, n) in zip(HEIGHTS, counts, strict=True)
+        {'name': f'box {h}', 'box': [20, 20, h], 'counts': {'z': 1, 'rest': 1}} for h in heights
     ]
     document = {
-        'surface': surface,
         'source': 'Invented for a test',
         'conditions': {'height': '100 mm'},
         'parts': parts,
@@ -39,31 +37,40 @@ def surface_counts(counts, surface='a_table'):
     return make_surface_counts(document, Path())
 
 
+def surface_counts(counts, surface='a_table', heights=HEIGHTS):
+    """Return counts of boxes: of each the number on its square faces, and all."""
+    given = boxes(heights)
+    parts = tuple(
+        dataclasses.replace(part, counts=np.array([k, n - k]))
+        for part, (k, n) in zip(given.parts, counts, strict=True)
+    )
+    return dataclasses.replace(given, surface=surface, parts=parts)
+
+
 class Invented:
-    """Simulated counts and counted parts of the invented simulation."""
+    """The invented simulation of boxes."""
 
-    def __init__(self):
-        rng = np.random.default_rng(7)
-        self.design = sobol(2, 64, 1)
-        self.simulated = [rng.multinomial(PER_POINT, box_shares(self.design, h)) for h in HEIGHTS]
-        self.surrogates = fit_shares(self.design, self.simulated, 0)
+    def __init__(self, heights=HEIGHTS):
+        self.heights = heights
 
-    def fit(self, counts, *, surface='a_table', discrepancy=True):
-        given = surface_counts(counts, surface)
-        return fit_counts(
-            given, self.design, self.simulated, self.surrogates, discrepancy=discrepancy
-        )
+    def fit(self, counts, *, surface='a_table', per_point=1000, points=64, seed=1, **options):
+        """Return the fit of counts (k, n) of each box."""
+        rng = np.random.default_rng(seed)
+
+        def simulate(where):
+            return [rng.multinomial(per_point, box_shares(where, h)) for h in self.heights]
+
+        given = surface_counts(counts, surface, self.heights)
+        return fit_surface(given, simulate, points=points, seed=seed, **options)
 
     def counted(self, point, drops, rng):
-        """Counts at a point of the unit cube."""
-        return [(rng.binomial(drops, box_shares([point], h)[0, 0]), drops) for h in HEIGHTS]
+        """Return counts at a point of the unit cube."""
+        return [(rng.binomial(drops, box_shares([point], h)[0, 0]), drops) for h in self.heights]
 
 
 @pytest.fixture(scope='session')
 def invented():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(posterior, 'GRID_SIDE', 60)  # a ninth of the points
-        yield Invented()
+    return Invented()
 
 
 @pytest.fixture(scope='session')

@@ -10,12 +10,13 @@ from doc_pages import code
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.errors import RestingAspectsWarning as Warned
-from resting_aspects_ros.studies.calibration.counted_part import read_groups
 from resting_aspects_ros.studies.calibration.counts_file import (
+    CountedEntry,
+    make_solid,
     make_surface_counts,
+    read_groups,
     read_surface_counts,
 )
-from resting_aspects_ros.studies.calibration.solids import CountedEntry, make_solid
 
 ROOT = Path(__file__).parents[3]
 BOX = {'box': [20, 20, 15], 'counts': {'z': 60, 'rest': 40}}
