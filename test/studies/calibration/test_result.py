@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from resting_aspects_ros.studies.propagate import uncertain_surface
 
 from resting_aspects_ros.simulation.config_files import surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.checks import SurfaceComparison
 from resting_aspects_ros.studies.calibration.result import comparison_text, statements
+from resting_aspects_ros.studies.propagate import uncertain_surface
 
 TRUTH = (0.4, 0.6)
 
