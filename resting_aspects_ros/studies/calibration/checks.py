@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr, xlogy
+from scipy.special import logsumexp, ndtr, xlogy
 from scipy.stats import chi2
 
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -261,18 +261,41 @@ def compare_surfaces(one: Fit, other: Fit, rng: np.random.Generator) -> SurfaceC
         )
     pairs = list(_same_parts(one, other))
     same = len(pairs) == len(one.given.parts) == len(other.given.parts)
-    if same:
-        one, other = (replace(fit, discrepancy=False) for fit in (one, other))
+    found = _with_same_parts(one, other) if same else _with_other_parts(one, other, rng)
+    return SurfaceComparison(*names, *found, same, _p_value(pairs))
+
+
+def _with_same_parts(one: Fit, other: Fit) -> tuple[float, float]:
+    """Return overlap and log ratio, without discrepancy: each drop tells of the counts of both."""
+    overlaps, separate, common = [], 0.0, []
+    for own, another in ((one, other), (other, one)):
+        counts = {part.part.part_sha256: part.counts for part in another.given.parts}
+        parts = tuple(
+            replace(part, counts=counts[part.part.part_sha256]) for part in own.given.parts
+        )
+        mine = replace(own, discrepancy=False)
+        theirs = replace(mine, given=replace(own.given, parts=parts))
+        overlaps.append(float(np.minimum(mine.weights(), theirs.weights()).sum()))
+        prior = own.log_ratio - logsumexp(own.log_ratio)
+        logs = [each.log_likelihood.sum(axis=(0, 1)) for each in (mine, theirs)]
+        separate += float(logsumexp(logs[0] + prior))
+        common.append(logsumexp(logs[0] + logs[1] + prior))
+    return float(np.mean(overlaps)), separate - float(logsumexp(common) - np.log(2))
+
+
+def _with_other_parts(one: Fit, other: Fit, rng: np.random.Generator) -> tuple[float, float]:
+    """Return overlap and log ratio from the smooth posteriors.
+
+    The probability of all counts with one surface, over that with two, is the integral of the
+    product of both posteriors over the prior.
+    """
     overlaps, ratios = [], []
-    for a, b in ((one, other), (other, one)):
-        scores = a.smooth.draw(DRAWS, rng)
-        mine, theirs = a.smooth.log_density(scores), b.smooth.log_density(scores)
-        overlaps.append(np.minimum(1, np.exp(theirs - mine)).mean())
-        # The probability of all counts with one surface, over that with two, is the integral of
-        # both posteriors over the prior.
-        ratios.append(np.exp(theirs - log_prior(scores)).mean())
-    ratio = -np.log(max(float(np.mean(ratios)), 1e-300))
-    return SurfaceComparison(*names, float(np.mean(overlaps)), float(ratio), same, _p_value(pairs))
+    for own, another in ((one, other), (other, one)):
+        scores = own.smooth.draw(DRAWS, rng)
+        mine, theirs = own.smooth.log_density(scores), another.smooth.log_density(scores)
+        overlaps.append(float(np.minimum(1, np.exp(theirs - mine)).mean()))
+        ratios.append(float(np.exp(theirs - log_prior(scores)).mean()))
+    return float(np.mean(overlaps)), float(-np.log(max(float(np.mean(ratios)), 1e-300)))
 
 
 def _same_parts(one: Fit, other: Fit) -> Iterator[tuple[CountedPart, CountedPart]]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2, power_divergence
+from scipy.special import logsumexp
+from scipy.stats import binom, chi2, power_divergence
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.studies.calibration import checks
@@ -18,6 +19,8 @@ from resting_aspects_ros.studies.calibration.checks import (
     shortest_interval,
 )
 from resting_aspects_ros.studies.calibration.posterior import share_moments
+
+from .conftest import HEIGHTS, box_shares
 
 TRUTH = (0.4, 0.6)
 
@@ -129,15 +132,25 @@ def test_equal_surfaces_are_one_and_others_are_two(invented):
     assert equal.same_parts_p > 0.01 > different.same_parts_p
 
 
-def test_ratio_of_probabilities_is_that_of_the_exact_posteriors(agreeing):
-    """Two normal posteriors of normal scores: the integral of their product over the prior."""
-    found = compare_surfaces(agreeing, agreeing, rng())
-    exact = dataclasses.replace(agreeing, discrepancy=False)
-    side = (np.arange(200) + 0.5) / 200
+@pytest.mark.parametrize('truth', [TRUTH, (0.55, 0.6)])
+def test_ratio_of_probabilities_is_that_of_exact_posteriors(invented, truth):
+    generator = np.random.default_rng(3)
+    counts = [invented.counted(each, 200, generator) for each in (TRUTH, truth)]
+    one, other = (invented.fit(each, per_point=4000) for each in counts)
+    found = compare_surfaces(one, other, rng())
+    side = (np.arange(100) + 0.5) / 100
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    density = exact.density(grid, 0, 1)
-    assert found.log_ratio == pytest.approx(-np.log((density**2).mean()), abs=0.1)
-    assert found.overlap == pytest.approx(1)
+    logs = [
+        sum(
+            binom.logpmf(k, n, box_shares(grid, h)[:, 0])
+            for (k, n), h in zip(each, HEIGHTS, strict=True)
+        )
+        for each in counts
+    ]
+    mean = [logsumexp(each) - np.log(len(grid)) for each in (*logs, logs[0] + logs[1])]
+    assert found.log_ratio == pytest.approx(mean[0] + mean[1] - mean[2], abs=0.6)
+    weights = [np.exp(each - logsumexp(each)) for each in logs]
+    assert found.overlap == pytest.approx(np.minimum(*weights).sum(), abs=0.15)
 
 
 def test_same_parts_are_compared_without_the_simulation(agreeing):
