@@ -6,9 +6,14 @@ See kernel.py for units and frames. This module does not import Numba.
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
+
+Indices = npt.NDArray[np.int64]
+# Position, velocity, spin (n, 3) and orientation (n, 4) of drops; see kernel.simulate.
+States = tuple[Array, Array, Array, Array]
 
 # Corners closer to a plane than this touch it.
 GAP = 1e-5
@@ -46,15 +51,15 @@ class Body(NamedTuple):
     """
 
     points: Array
-    starts: Array
-    near: Array
-    fans: Array
-    edges: Array
-    ends: Array
-    sides: Array
+    starts: Indices
+    near: Indices
+    fans: Indices
+    edges: Indices
+    ends: Indices
+    sides: Indices
     feet: Array
     normals: Array
-    minima: Array
+    minima: Indices
     directions: Array
     exits: Array
     margins: Array
