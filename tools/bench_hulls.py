@@ -44,7 +44,7 @@ def hulls() -> Section:
         ends, codes = np.empty((DROPS, 15)), np.empty((DROPS, 2), dtype=np.int64)
         at = states.position, states.velocity, states.spin, states.orientation
         start = time.process_time()
-        counts = simulate(body, ground_of(job), Numerics(), TIME_LIMIT, *at, ends, codes)
+        counts = simulate(body, ground_of(job), Numerics(), TIME_LIMIT, at, ends, codes)
         spent = 1e6 * (time.process_time() - start)
         each = {
             'landscape_ms': 1e3 * (planned - started),

@@ -30,13 +30,12 @@ OTHER_DROPS = 125
 # corners above its middle, m.
 SQUARES, SIDE, RISE = 50, 0.3, 0.02
 AT_REST = 'l_chute, belt at rest'
-AIMS = {'l_chute': 4, 'mesh of 5,000 triangles': 10}
 
 
 def surroundings() -> Section:
     """Time drops of the example part on the plane and in surroundings, in one thread."""
     columns = ['simulated in', 'at rest', 'time (T)', 'kernel (ms)', 'Bullet (ms)']
-    table = Table([*columns, 'of a drop on the plane', 'aim'])
+    table = Table([*columns, 'of a drop on the plane'])
     found: dict[str, dict[str, float]] = {}
     jobs = _jobs()
     for name, job in track(list(jobs.items()), 'surroundings', transient=True):
@@ -51,7 +50,6 @@ def surroundings() -> Section:
                 f'{first.milliseconds:.3f}' if job.engine == KERNEL else '-',
                 f'{bullet.milliseconds:.2f}',
                 f'{first.milliseconds / found["plane"][job.engine]:.1f}',
-                str(AIMS.get(name, '')),
             ]
         )
     at_rest = dataclasses.replace(jobs[AT_REST], engine=BULLET)

@@ -65,10 +65,7 @@ class Placed:
             self._ground,
             Numerics().refined(self.job.refinement, decides=False),
             time,
-            s.position,
-            s.velocity,
-            s.spin,
-            s.orientation,
+            (s.position, s.velocity, s.spin, s.orientation),
             ends,
             codes,
         )

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation import kernel_data
-from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, work_of
+from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, States, work_of
 
 NAME = 'simulate_drops'
 SOURCES = ('kernel.py', 'kernel_data.py')
@@ -35,10 +35,7 @@ def simulate(
     ground: Ground,
     numerics: Numerics,
     limit: Array | float,
-    position: Array,
-    velocity: Array,
-    spin: Array,
-    orientation: Array,
+    states: States,
     ends: Array,
     codes: npt.NDArray[np.int64],
 ) -> npt.NDArray[np.int64]:
@@ -47,10 +44,10 @@ def simulate(
     The lock of the interpreter is released meanwhile. Returns (4,) int, the numbers of steps,
     impacts, steps of lasting contact and iterations.
     """
-    states = [np.ascontiguousarray(each) for each in (position, velocity, spin, orientation)]
     work = work_of(body, ground)
     limits = np.full(len(ends), limit, dtype=np.float64)
-    arguments = (body, ground, numerics, work, limits, *states, ends, codes)
+    given = (np.ascontiguousarray(each) for each in states)
+    arguments = (body, ground, numerics, work, limits, *given, ends, codes)
     types = ' '.join(_types(arguments))
     with _lock:
         function = _loaded(types) or _built(types, arguments)

@@ -71,15 +71,16 @@ DEEP = 0.5
 MARGIN = 0.01
 # Maximum cosine between the axis of a round side on which a part rolls and the vertical.
 ROLLING = 0.1
-# Time between checks, and the time limit without the motion of the surface.
-CHECK, LIMIT = 0.5, 500.0
+# Time between checks.
+CHECK = 0.5
 # A part is at rest if no point of it moves faster than SLOW relative to some surface for QUIET. In
 # surroundings, where several planes push, it can tremble a little more. A tilt about an edge grows
 # by a factor of e in about T, so that only a tilt of this size could be mistaken for rest.
 SLOW, SLOW_IN_SCENE, QUIET = 2e-4, 1e-3, 0.25
 # In surroundings, it is also at rest if at two checks in a row no coordinate and no component of
-# its quaternion has changed by more than STILL, or on a belt, which makes it tremble, by CREEP.
-STILL, CREEP = 1e-4, 1e-3
+# its quaternion has changed by more than STILL, or beside a belt, which makes it tremble, by the
+# second number.
+STILL, STILL_AT_BELT = 1e-4, 1e-3
 # A part slides for ever if for SLIDE_WINDOW it turns by at most SLIDE_TURN and becomes slower by
 # at most the share SLOWER, or if it has come down by MAX_FALL.
 SLIDE_WINDOW, SLIDE_TURN, SLOWER, MAX_FALL = 10.0, 1e-3, 1e-4, 50.0
@@ -1003,7 +1004,7 @@ def _check(ground, track, t, limit, fallen, c, v, q):
     for i in range(len(ground.carriers)):
         d = _plus(_plus(c, -1.0, _from(track, 7)), -passed, _at(ground.carriers, i, 0))
         moved = min(moved, max(abs(d[0]), abs(d[1]), abs(d[2])))
-    most = CREEP if ground.driven else STILL
+    most = STILL_AT_BELT if ground.driven else STILL
     still = moved < most and _change(q, track, 10) < most and passed < 2 * CHECK
     track[14] = track[14] + 1 if still else 0.0
     track[6] = t
@@ -1074,7 +1075,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
     mu = ground.planes[0, FRICTION]
     t = dt = growth = since = quiet = 0.0
     before = inf  # energy at the impact before
-    c0, v0, w0, q0 = c, v, w, q
+    c0, v0, w0, q0, t0 = c, v, w, q, 0.0
     start = _dot(gravity, c)
     slow = SLOW if ground.level else SLOW_IN_SCENE
     flying, contacts, at_once, steps = False, 0, 0, 0
@@ -1106,7 +1107,8 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             t -= dt  # the last step went below the plane: half of it
             dt /= 2
         elif slowest > LEAVE:
-            c0, v0, w0, q0, since, flying = c, v, w, q, deepest, True
+            c0, v0, w0, q0, t0 = c, v, w, q, t
+            since, flying = deepest, True
             dt = max(1e-6, first)
             work.counts[5] = 0
         else:
@@ -1183,7 +1185,7 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 if status >= 0:
                     return status, -1, t, growth, c, v, w, q
     if c[2] != c[2]:
-        return FAILED, -1, since, growth, c0, v0, w0, q0
+        return FAILED, -1, t0, growth, c0, v0, w0, q0
     return UNSETTLED, -1, t, growth, c, v, w, q
 
 

@@ -25,16 +25,13 @@ def simulate(
     ground: kernel_data.Ground,
     numerics: kernel_data.Numerics,
     limit: Array,
-    position: Array,
-    velocity: Array,
-    spin: Array,
-    orientation: Array,
+    states: kernel_data.States,
     ends: Array,
     codes: npt.NDArray[np.int64],
 ) -> None:
     """Simulate drops on the GPU; see kernel.simulate."""
     one = kernel_data.work_of(body, ground)
-    size = max(1, min(len(position), MEMORY // sum(each.nbytes for each in one)))
+    size = max(1, min(len(limit), MEMORY // sum(each.nbytes for each in one)))
     work = kernel_data.Work(
         *(cuda.to_device(np.broadcast_to(each, (size, *each.shape)).copy()) for each in one)
     )
@@ -43,14 +40,12 @@ def simulate(
         cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in ground
     ]
     places = kernel_data.Ground(*there)
-    for first in range(0, len(position), size):
+    for first in range(0, len(limit), size):
         rows = slice(first, first + size)
-        states = [
-            cuda.to_device(each[rows]) for each in (limit, position, velocity, spin, orientation)
-        ]
+        given = [cuda.to_device(each[rows]) for each in (limit, *states)]
         found = [cuda.to_device(each[rows]) for each in (ends, codes)]
-        blocks = -(-len(position[rows]) // BLOCK)
-        _drops[blocks, BLOCK](part, places, numerics, work, *states, *found)
+        blocks = -(-len(limit[rows]) // BLOCK)
+        _drops[blocks, BLOCK](part, places, numerics, work, *given, *found)
         for each, device in zip((ends, codes), found, strict=True):
             each[rows] = device.copy_to_host()
 

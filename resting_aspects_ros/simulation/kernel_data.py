@@ -12,6 +12,8 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
 
 Indices = npt.NDArray[np.int64]
+# Position, velocity, spin (n, 3) and orientation (n, 4) of drops; see kernel.simulate.
+States = tuple[Array, Array, Array, Array]
 
 # Corners closer to a plane than this touch it.
 GAP = 1e-5

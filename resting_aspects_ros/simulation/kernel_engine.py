@@ -41,10 +41,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         ground_of(job),
         numerics,
         limit,
-        states.position,
-        states.velocity,
-        states.spin,
-        states.orientation,
+        (states.position, states.velocity, states.spin, states.orientation),
         ends,
         codes,
     )

@@ -28,7 +28,7 @@ for name, surface in (('l_bracket', 'rubber_mat'), ('hex_nut', 'steel')):
     one, other = [(np.zeros((9, 15)), np.zeros((9, 2), np.int64)) for _ in range(2)]
     given, limits = (body, ground, kernel_data.Numerics()), np.full(9, 500.0)
     kernel.simulate(*given, kernel_data.work_of(body, ground), limits, *states, *one)
-    kernel_cuda.simulate(*given, limits, *states, *other)
+    kernel_cuda.simulate(*given, limits, states, *other)
     for a, b in zip(one, other):
         np.testing.assert_array_equal(a, b)
 print('equal')

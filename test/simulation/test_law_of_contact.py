@@ -62,8 +62,8 @@ class Lab:
         n = len(position)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
         given = kernel_data.Numerics(**{'decides': False, **numerics})
-        arrays = [np.ascontiguousarray(a) for a in (position, velocity, spin, orientation)]
-        simulate(self.body, self.ground, given, limit, *arrays, ends, codes)
+        states = position, velocity, spin, orientation
+        simulate(self.body, self.ground, given, limit, states, ends, codes)
         return ends, codes
 
     def energy(self, position, velocity, spin, orientation):

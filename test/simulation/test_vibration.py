@@ -140,7 +140,7 @@ def pushed(part, conditions, vibration, push):
     """The job of parts in their first aspect, whose yaw is random, and their poses at the end."""
     starts = action_starts(part, find_aspects(part).aspects[:1], vibration, GRAVITY)
     starts = dataclasses.replace(starts, impulse=push)
-    # With the steps of runs, a block is conveyed as far as a point mass within 10 %.
+    # With the steps of runs, the conveyed distance of a block is up to 8 % off.
     given = conditions.changed(gravity=GRAVITY)
     job = make_job(part, given, 1, starts=starts, refinement=4)
     return job, drop_range(job, 0, len(push.places))
