@@ -10,6 +10,7 @@ from resting_aspects_interfaces.msg import TransitionMatrix
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
     Distribution,
 )
@@ -29,7 +30,6 @@ from resting_aspects_ros.ros.distribution_conversions import serialized_distribu
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
-from resting_aspects_ros.simulation.merge_runs import RunPoses
 from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
@@ -70,7 +70,7 @@ class LoggedRun:
         self.recorded: LogOutcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
-        self.batches: list[RunPoses] = []
+        self.batches: list[tuple[RunDescription, RestingPoses]] = []
         self._keep_poses = keep_poses
         self._last: dict[str, bytes] = {}
         self._end: int | None = None  # index after the last drop, once it is known

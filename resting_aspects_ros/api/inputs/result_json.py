@@ -149,10 +149,9 @@ def read_document(path: Path, text: str) -> CountsDocument:
     """Return the checked document; raises InvalidValueError with file and field."""
     document = parse_json(path, text)
     method = document.get('method', METHOD)
-    if 'runs' in document or method != METHOD:
-        kind = 'merged runs' if 'runs' in document else f'method {shown(method)}'
+    if method != METHOD:
         raise InvalidValueError(
-            f'{file_text(path)} is of {kind}: expected a JSON document of one run of drops'
+            f'{file_text(path)} is of method {shown(method)}: expected a JSON document of drops'
         )
     model = RunDocument if 'run_id' in document else CountsDocument
     return validated(model, document, file_text(path))
