@@ -1,4 +1,4 @@
-"""The result of an action on a part, with its report, pictures and graph."""
+"""The result of an action on a part, with its report and pictures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,14 +26,6 @@ class ReorientResult(CountedActions):
 
         check_reorientation_report('folder', Path(folder), [self.action.name])
         return write_reorientation_report([self], Path(folder), wanted=wanted)
-
-    def save_graphml(self, path: str | Path) -> None:
-        """Write a graph of aspects and transitions as GraphML; raises OutputError."""
-        from resting_aspects_ros.api.graphml import save_graphml
-
-        if self.long_run is None:
-            raise InvalidValueError('invalid result: expected actions from each aspect')
-        save_graphml(Path(path), self.part, self.drop, self.matrix, self.long_run)
 
     def save_picture(self, path: str | Path) -> None:
         """Write the heat map of the transitions as PNG; raises OutputError."""

@@ -186,7 +186,7 @@ def save_answer(
     *,
     pictures: bool = True,
 ) -> list[Path]:
-    """Write documents, graphs and pictures, which take longest, and return their paths.
+    """Write documents and pictures, which take longest, and return their paths.
 
     The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
     With a page, which has the same pictures, none are needed here; see save_page.
@@ -196,10 +196,8 @@ def save_answer(
     for result in answer.results:
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
-        if result.long_run is not None:
-            files = {f'transitions{suffix}.graphml': result.save_graphml, **files}
-            if pictures:
-                files[f'flow{suffix}.png'] = result.save_flow
+        if pictures and result.long_run is not None:
+            files[f'flow{suffix}.png'] = result.save_flow
         saves.update(files)
     written = []
     for name, save in saves.items():
