@@ -6,17 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.class_groups import (
-    Groups,
-    group_name,
-    group_places,
-    single_groups,
-)
+from resting_aspects_ros.api.inputs.class_groups import group_name, single_groups
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.core.statistics.comparison import DropCounts
+from resting_aspects_ros.core.statistics.counted_parts import Groups, group_places
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import RunDescription
 

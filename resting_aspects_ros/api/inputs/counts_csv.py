@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.api.inputs.class_groups import group_name, parse_group
 from resting_aspects_ros.api.inputs.count_files import ASPECT, CLASS, COUNT
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
-from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, check_parts
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.schema import MAX_COUNTED
+from resting_aspects_ros.core.statistics.counted_parts import Groups, ObservedCounts
 from resting_aspects_ros.logs.message_reader import is_log
 
 LABELS = ('batch', 'time')
@@ -230,3 +231,34 @@ def _read_rows(cells: _Cells, columns: _Columns, of_class: int) -> None:
             raise cells.table.wrong(line, row, of_class, expected)
         batches[label].add(place)
         cells.read(line, row, columns.of_count, place)
+
+
+def counts_from_array(counts: npt.ArrayLike, groups: Groups) -> ObservedCounts:
+    """Return the counts of an array (b, c): a row for each batch, a column for each group.
+
+    Raises InvalidValueError unless these are integers from 0 to MAX_COUNTED.
+    """
+    try:
+        given = np.asarray(counts)
+        with np.errstate(invalid='ignore'):  # the conversion of nan
+            rows = given.astype(np.int64)
+        fits = bool((rows == given).all() and (rows >= 0).all() and (rows <= MAX_COUNTED).all())
+    except (TypeError, ValueError, OverflowError):
+        fits, rows = False, np.zeros((0, 0), dtype=np.int64)
+    if not fits or rows.ndim != 2 or rows.shape[1] != len(groups):
+        raise InvalidValueError(
+            f'invalid counts {shown(counts)}: expected rows of {len(groups)} integers from 0 to '
+            f'{MAX_COUNTED}, one for each class'
+        )
+    observed = ObservedCounts.of_rows(rows, 'counts', groups)
+    check_parts(observed)
+    return observed
+
+
+def check_parts(counts: ObservedCounts) -> None:
+    """Raise InvalidValueError if no part was counted, or too many."""
+    if not 1 <= counts.parts <= MAX_COUNTED:
+        raise InvalidValueError(
+            f'invalid number of counted parts {counts.parts} in {counts.source!r}: expected 1 to '
+            f'{MAX_COUNTED}'
+        )

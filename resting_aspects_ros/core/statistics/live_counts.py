@@ -5,8 +5,6 @@ prior, with the weight of a limited number of drops: the simulation has a system
 more drops do not reduce.
 """
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,29 +83,6 @@ class LiveCounts:
         lower, upper = containing(mean, betaincinv(a, b, tail), betaincinv(a, b, 1 - tail))
         rows = zip(mean.tolist(), lower.tolist(), upper.tolist(), strict=True)
         return [Interval(*row) for row in rows]
-
-    def counted(self, totals: Mapping[int, int]) -> 'LiveCounts':
-        """Return the counts with new totals since the start, by number of the class.
-
-        A class without a new total keeps its count. Raises InvalidValueError for an unknown class,
-        for a total that is not an integer, and for one that went down.
-        """
-        observed = self.observed.copy()
-        for number, total in totals.items():
-            if number not in self.ids:
-                raise InvalidValueError(
-                    f'invalid class {shown(number)}: expected one of '
-                    f'{", ".join(map(str, self.ids))}'
-                )
-            place = self.ids.index(number)
-            integer = isinstance(total, int | np.integer) and not isinstance(total, bool)
-            if not integer or total < observed[place]:
-                raise InvalidValueError(
-                    f'invalid count {shown(total)} of class {number}: expected an integer, '
-                    f'{observed[place]} or more, because the total count cannot go down'
-                )
-            observed[place] = total
-        return dataclasses.replace(self, observed=observed)
 
 
 def check_weight(weight: float) -> None:

@@ -1,16 +1,15 @@
-"""Totals of counted parts from one or several counters, and the windows in which drift is tested.
+"""Counts of newly supplied parts: totals of one or several counters, batches, and windows of them.
 
 A counter reports the totals since the beginning of its session. So a lost or repeated report does
 no harm, and a counter that is started again begins another session. The sessions are added up.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.statistics.batch_scatter import Units
 from resting_aspects_ros.core.statistics.intervals import Counts
 
 # Tolerance between the clocks of a counter and of the program that adds its totals, ns.
@@ -19,8 +18,11 @@ MAX_TOTAL = 100_000_000
 # Maximum number of sessions that can still be continued, and of actions.
 MAX_SESSIONS, MAX_ACTIONS = 100, 20
 MAX_NAME = 64
-# Maximum number of batches and of windows; of more, neighbours are joined.
+# Maximum number of batches of a running machine; of more, neighbours are joined.
 MAX_BATCHES = 1000
+
+# The numbers of the symmetry classes of each group that is counted together, ascending.
+Groups = tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,75 +144,115 @@ class CountSessions:
         return f'from class {before + 1} to class {after + 1}'
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Parts whose order is not known.
+class BatchSeries:
+    """Successive batches of a machine that runs; of a long series, the oldest are joined in pairs.
 
-    counts : (c,) int
-    time : int
-        When they were counted, ns.
-    """
-
-    counts: Counts
-    time: int
-
-
-class CountWindows:
-    """Disjoint windows of successive parts, in whole batches.
-
-    size : int
-        Minimum number of parts in a window; 0 while it is not known.
-    windows : list of Batch
-        Full windows, each with the time of its first batch.
-    units : Units
-        Successive batches, from which their scatter is estimated.
+    parts : int
+        Number of all parts.
     """
 
     def __init__(self) -> None:
-        self.size = 0
-        self.windows: list[Batch] = []
-        self.units = Units()
-        self._open: list[Batch] = []
+        self.parts = 0
+        self._counts: list[Counts] = []
+        self._times: list[int] = []
 
     def add(self, counts: Counts, time: int) -> None:
-        """Add a batch, unless it is empty."""
-        if counts.any():
-            self._open.append(Batch(counts, time))
-            self.units.add(counts)
-            self._fill()
-            if len(self._open) > MAX_BATCHES:
-                self._open = _joined(self._open)
+        """Add the parts of a batch by class, (c,), unless it is empty; ``time`` is in ns."""
+        if not counts.any():
+            return
+        self.parts += int(counts.sum())
+        self._counts.append(counts)
+        self._times.append(time)
+        if len(self._counts) > MAX_BATCHES:
+            old = MAX_BATCHES // 2
+            self._counts[:old] = [
+                np.sum(self._counts[k : k + 2], axis=0) for k in range(0, old, 2)
+            ]
+            self._times[:old] = self._times[:old:2]
 
-    def resize(self, size: int) -> None:
-        """Set the size; windows that are too small then are joined with those that follow."""
-        if size > self.size:
-            self._open, self.windows = [*self.windows, *self._open], []
-        self.size = size
-        self._fill()
+    def observed(self, groups: Groups, label: Callable[[int], str]) -> 'ObservedCounts':
+        """Return the batches, of which ``label`` makes the labels from the times."""
+        rows = np.array(self._counts, dtype=np.int64).reshape(-1, len(groups))
+        return ObservedCounts.of_rows(rows, 'counts', groups, map(label, self._times))
 
-    def _fill(self) -> None:
-        """Make windows of the batches that are in none yet."""
-        first = parts = 0
-        for k, batch in enumerate(self._open if self.size else ()):
-            parts += int(batch.counts.sum())
-            if parts >= self.size:
-                self.windows.append(_sum(self._open[first : k + 1]))
-                first, parts = k + 1, 0
-        del self._open[:first]
-        if len(self.windows) > MAX_BATCHES:
-            half = MAX_BATCHES // 2
-            self.windows = [*_joined(self.windows[:half]), *self.windows[half:]]
+
+@dataclass(frozen=True, eq=False)
+class ObservedCounts:
+    """Counts of parts in batches; a batch is the smallest set of parts whose order is unknown.
+
+    source : str
+        The file, or another name of the counts for messages.
+    groups : tuple of tuples of int
+        The c groups of symmetry classes that were counted together; most have one class.
+    batch, place, count : (m,) int
+        Index of the batch, not descending, index of the group, both from 0, and the number of
+        parts.
+    labels : tuple of str
+        Batch or time of each batch as text; empty if not known.
+    unclassified : int
+        Number of further parts that were counted in no class.
+    """
+
+    source: str
+    groups: Groups
+    batch: Counts
+    place: Counts
+    count: Counts
+    labels: tuple[str, ...] = ()
+    unclassified: int = 0
+
+    @classmethod
+    def of_rows(
+        cls, rows: Counts, source: str, groups: Groups, labels: Iterable[str] = ()
+    ) -> 'ObservedCounts':
+        """Return the counts of an array (b, c): a row for each batch, a column for each group."""
+        batch, place = np.indices(rows.shape).reshape(2, -1)
+        return cls(source, groups, batch, place, rows.ravel(), tuple(labels))
 
     @property
-    def ends(self) -> Counts:
-        """(w + 1,) number of parts before the first window, 0, and up to the end of each."""
-        return window_ends(self.windows)
+    def parts(self) -> int:
+        """Number of parts that were counted in a class."""
+        return int(self.count.sum())
+
+    @property
+    def totals(self) -> Counts:
+        """All parts by group, (c,)."""
+        totals = np.zeros(len(self.groups), dtype=np.int64)
+        np.add.at(totals, self.place, self.count)
+        return totals
+
+    def grouped(self, into: Groups) -> 'ObservedCounts':
+        """Return the counts with larger groups, each of which contains whole groups."""
+        place = np.array(group_places(self.groups, into), dtype=np.int64)[self.place]
+        return replace(self, groups=into, place=place)
+
+    def windows(self, size: int) -> tuple[Counts, Counts, list[str]]:
+        """Return disjoint windows of at least ``size`` parts, each of whole batches.
+
+        Returns
+        -------
+        counts : (w, c) int
+            Parts of each window by group. Parts at the end that do not fill a window are in none.
+        ends : (w + 1,) int
+            Number of parts before the first window, 0, and up to the end of each window.
+        labels : list of str
+            Label of the first batch of each window; empty without labels.
+        """
+        before = np.concatenate([[0], np.cumsum(np.bincount(self.batch, self.count))])
+        before = before.astype(np.int64)
+        edges = [0]
+        while (end := int(np.searchsorted(before, before[edges[-1]] + size))) < len(before):
+            edges.append(end)
+        windows = np.zeros((len(edges), len(self.groups)), dtype=np.int64)
+        window = np.searchsorted(edges, self.batch, side='right') - 1
+        np.add.at(windows, (window, self.place), self.count)
+        labels = [self.labels[k] for k in edges[:-1]] if self.labels else []
+        return windows[:-1], before[edges], labels
 
 
-def window_ends(windows: Sequence[Batch]) -> Counts:
-    """Return (w + 1,) the number of parts before the first window, 0, and up to each end."""
-    sizes = [int(each.counts.sum()) for each in windows]
-    return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+def group_places(groups: Groups, into: Groups) -> list[int]:
+    """Return for each group the index of the larger group that contains it."""
+    return [next(k for k, each in enumerate(into) if group[0] in each) for group in groups]
 
 
 def _checked(name: str, totals: Counts, length: int) -> Counts:
@@ -237,12 +279,3 @@ def _increase(name: str, totals: Counts, before: Counts, text: Callable[[int], s
             'again at 0 must begin another session'
         )
     return np.asarray(totals - before)
-
-
-def _joined(batches: list[Batch]) -> list[Batch]:
-    """Return batches of which neighbours are joined in pairs."""
-    return [_sum(batches[k : k + 2]) for k in range(0, len(batches), 2)]
-
-
-def _sum(batches: list[Batch]) -> Batch:
-    return replace(batches[0], counts=np.sum([each.counts for each in batches], axis=0))
