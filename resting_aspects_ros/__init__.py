@@ -40,7 +40,7 @@ _MODULES = {
     'MachineTransitions': 'api.machine_transitions',
     'NamedAction': 'simulation.actions',
     'Noise': 'simulation.noise',
-    'NotDefinedError': 'core.estimators.resting_shape',
+    'NotDefinedError': 'core.estimators.estimate',
     'Nozzle': 'simulation.nozzle',
     'OptimiseResult': 'studies.optimise_result',
     'OutlineNoise': 'core.vision.likelihood',

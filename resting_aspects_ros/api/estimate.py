@@ -13,10 +13,11 @@ from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.estimators.estimate import (
     METHODS,
     Estimate,
+    NotDefinedError,
+    RestingShape,
     check_method,
     estimate_each,
 )
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import (
     Comparison,

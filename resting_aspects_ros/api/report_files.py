@@ -16,8 +16,7 @@ from resting_aspects_ros.api.surroundings_facts import surroundings_facts
 from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate_each
 from resting_aspects_ros.core.input_file import printable
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare

@@ -23,7 +23,7 @@ from resting_aspects_ros.api.simulated_shapes import pieces_text
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
+from resting_aspects_ros.core.estimators.estimate import NotDefinedError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.plan import Plan
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
