@@ -9,17 +9,17 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.class_groups import common_groups
-from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.count_files import (
+    counted_drops,
+    counts_from_array,
+    read_observed,
+)
 from resting_aspects_ros.api.inputs.counts import (
     CountedDrops,
-    check_counts,
     counted_by_class,
-    counts_of_run,
-    grouped,
 )
-from resting_aspects_ros.api.inputs.counts_csv import counts_from_array, read_observed
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.core.statistics.drift import (
     LEVEL,
@@ -179,10 +179,10 @@ def watch_drift(
     >>> ra.watch_drift(expected, [[56, 53, 50, 26, 15]], window=200).verdict
     'No drift in 1 window of 200 parts.'
     """
-    simulated = _simulated(expected)
+    simulated = counted_by_class(counted_drops(expected))
     observed = _observed(counts, simulated, cumulative=cumulative)
-    groups = common_groups(simulated.all_groups, observed.groups)
-    simulated, observed = grouped(simulated, groups), observed.grouped(groups)
+    groups = common_groups(simulated.groups, observed.groups)
+    simulated, observed = simulated.grouped(groups), observed.grouped(groups)
     drops = simulated.tally.counts
     live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
     needed = _needed(drops, observed, shift, level)
@@ -219,23 +219,6 @@ def _needed(drops: Counts, observed: ObservedCounts, shift: float, level: float)
     return math.ceil(needed * (1.0 if scatter is None else max(scatter.factor, 1.0)))
 
 
-def _simulated(expected: DropResult | str | Path) -> CountedDrops:
-    if isinstance(expected, DropResult):
-        given = counts_of_run(
-            f'run {expected.run.run_id}',
-            expected.distribution,
-            expected.run,
-            complete=expected.complete,
-        )
-        check_counts(given)
-        return counted_by_class(given)
-    if not isinstance(expected, str | Path):
-        raise InvalidValueError(
-            f'invalid expected {shown(expected)}: expected a result of drop, or a file'
-        )
-    return counted_by_class(read_counts(Path(expected)))
-
-
 def _observed(
     counts: ObservedCounts | str | Path | npt.ArrayLike,
     simulated: CountedDrops,
@@ -250,4 +233,4 @@ def _observed(
         raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
     if isinstance(counts, ObservedCounts):
         return counts
-    return counts_from_array(counts, simulated.all_groups)
+    return counts_from_array(counts, simulated.groups)

@@ -8,7 +8,7 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.contact_pages import contact_page_rows
 from resting_aspects_ros.api.counted_run import CountedRun
-from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
+from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor
@@ -102,7 +102,7 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
 
 
 def _measured(result: CountedRun, against: CountedDrops) -> ReferenceCounts:
-    tally = counted_by_class_of(against, result.distribution.aspects)
+    tally = counted_by_class(against, result.distribution.aspects).tally
     own = result.distribution.by_class()
     counted = DropCounts(
         own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed

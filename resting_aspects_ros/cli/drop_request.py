@@ -4,8 +4,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts
-from resting_aspects_ros.api.inputs.state_csv import read_state_csv
+from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts, read_state_csv
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.options import (
     requested_conditions,

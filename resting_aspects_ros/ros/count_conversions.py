@@ -12,7 +12,7 @@ from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.inputs.class_groups import single_groups
-from resting_aspects_ros.api.machine_transitions import MachineTransitions, machine_transitions
+from resting_aspects_ros.api.measured_trials import MachineTransitions, machine_transitions
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import Array

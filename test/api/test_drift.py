@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.drift import watch_drift
-from resting_aspects_ros.api.inputs.counts_csv import counts_from_array, read_observed
+from resting_aspects_ros.api.inputs.count_files import counts_from_array, read_observed
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsWarning
 from resting_aspects_ros.core.statistics.drift import parts_needed
 
@@ -98,9 +98,9 @@ def test_cumulative_counts_are_differences(observed):
 @pytest.mark.parametrize(
     ('lines', 'message'),
     [
-        (('',), 'invalid column names .* expected a column class and'),
-        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column class and'),
-        (('aspect,count', '1,2'), 'invalid column names .* expected a column class and'),
+        (('',), 'invalid column names .* expected a column aspect or class and'),
+        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column aspect or class'),
+        (('aspect,count', '1,2'), 'invalid column names .* expected a column aspect or class and'),
         (('class,count,count', '1,2,3'), 'invalid column names'),
         (('class,count,batch,time', '1,2,3,4'), 'invalid column names'),
         (('{"drops": 5}',), 'invalid column names'),

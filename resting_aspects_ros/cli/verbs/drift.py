@@ -133,7 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
             options[name] = value
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.drift import watch_drift
-    from resting_aspects_ros.api.inputs.counts_csv import read_observed
+    from resting_aspects_ros.api.inputs.count_files import read_observed
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
     from resting_aspects_ros.api.output_files import check_output, make_folder
