@@ -22,7 +22,7 @@ from resting_aspects_ros.api.output_files import (
 )
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
+from resting_aspects_ros.api.surroundings import warn_of_surroundings
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.result_folder import requested_folder

@@ -12,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 from rich.console import Console
 
-from resting_aspects_ros.api.counted_actions import wanted_mask
 from resting_aspects_ros.api.estimate import estimate
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.reorient_plan import PlanResult, plan_reorientation
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient_result import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+)
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.simulated_shapes import pieces_text
 from resting_aspects_ros.cli.console import make_console, show_table
@@ -25,7 +27,7 @@ from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.errors import analysis
 from resting_aspects_ros.core.estimators.estimate import NotDefinedError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.plan import Plan
+from resting_aspects_ros.core.reorientation.plan import Plan, wanted_mask
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of

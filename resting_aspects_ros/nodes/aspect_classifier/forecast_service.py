@@ -9,10 +9,13 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status, TransitionMatrix
 from resting_aspects_interfaces.srv import FeederForecast, GetTransitions
 
-from resting_aspects_ros.api.forecast import forecast_from
-from resting_aspects_ros.api.forecast_counts import with_live_counts
+from resting_aspects_ros.api.forecast import (
+    cycle_times,
+    forecast_from,
+    pickable_aspects,
+    with_live_counts,
+)
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.forecast_setup import cycle_times, pickable_aspects
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
