@@ -118,7 +118,7 @@ class DriftResult:
 
 
 def watch_drift(
-    expected: DropResult | str | Path,
+    expected: DropResult | CountedDrops | str | Path,
     counts: ObservedCounts | str | Path | npt.ArrayLike,
     *,
     window: int | None = None,
@@ -137,7 +137,7 @@ def watch_drift(
 
     Parameters
     ----------
-    expected : DropResult, str or Path
+    expected : DropResult, CountedDrops, str or Path
         Simulated drops: a result, or a file as in `compare`.
     counts : str, Path, (b, c) int or ObservedCounts
         Newly supplied parts, each counted once: a CSV, an array with a row for each batch and a
@@ -181,6 +181,12 @@ def watch_drift(
     """
     simulated = counted_by_class(counted_drops(expected))
     observed = _observed(counts, simulated, cumulative=cumulative)
+    counted = tuple(sorted(number for group in observed.groups for number in group))
+    if simulated.members != counted:
+        raise InvalidValueError(
+            f'invalid classes {list(simulated.members)} in {simulated.source!r}: expected those '
+            f'of the counted parts, {list(counted)} (a class that was never seen has count 0)'
+        )
     groups = common_groups(simulated.groups, observed.groups)
     simulated, observed = simulated.grouped(groups), observed.grouped(groups)
     drops = simulated.tally.counts

@@ -243,3 +243,8 @@ def test_document_has_the_numbers_of_the_result(expected):
 def test_wrong_options_are_named(expected, options, message):
     with pytest.raises(InvalidValueError, match=message):
         watch_drift(expected, [GOOD], **options)
+
+
+def test_counts_of_other_classes_are_refused(expected):
+    with pytest.raises(InvalidValueError, match=r'invalid classes \[1, 2, 3, 4, 5\] in '):
+        watch_drift(expected, counts_from_array([[1, 2, 3]], CLASSES))

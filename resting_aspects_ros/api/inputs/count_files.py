@@ -51,8 +51,10 @@ _EXPECTED = (
 _Key = tuple[int, ...] | str
 
 
-def counted_drops(given: DropResult | str | Path) -> CountedDrops:
+def counted_drops(given: DropResult | CountedDrops | str | Path) -> CountedDrops:
     """Return the counts of a result or of a file; raises InvalidValueError."""
+    if isinstance(given, CountedDrops):
+        return given
     if not isinstance(given, DropResult):
         if not isinstance(given, str | Path):
             raise InvalidValueError(

@@ -23,6 +23,7 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drift import DriftResult
     from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.inputs.counts import CountedDrops
     from resting_aspects_ros.core.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
@@ -153,7 +154,7 @@ def run(arguments: argparse.Namespace) -> int:
         make_folder('--out', arguments.out)
         for name in (DOCUMENT, PICTURE):
             check_output('--out', arguments.out / name)
-    result = watch_drift(_expected(arguments, part, classes), observed, **options)
+    result = watch_drift(_expected(arguments, part), observed, **options)
     _write(result, arguments)
     if not arguments.json:
         console = make_console()
@@ -162,10 +163,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _expected(
-    arguments: argparse.Namespace, part: 'Part', classes: list[int]
-) -> 'DropResult | Path':
-    """Return the file of simulated drops, after a check of its part, or new drops."""
+def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | CountedDrops':
+    """Return the simulated drops in a file, or new drops."""
     if arguments.expected is None:
         from resting_aspects_ros.api.drop import drop
         from resting_aspects_ros.cli.options import requested_conditions
@@ -181,8 +180,8 @@ def _expected(
                 keep_poses=False,
                 progress=True,
             )
-    from resting_aspects_ros.api.inputs.count_files import read_counts
-    from resting_aspects_ros.api.inputs.counts import check_same_part, counted_by_class
+    from resting_aspects_ros.api.inputs.count_files import counted_drops
+    from resting_aspects_ros.api.inputs.counts import check_same_part
 
     for name in SIMULATION:
         if (value := getattr(arguments, name)) not in (None, ''):
@@ -190,18 +189,12 @@ def _expected(
                 f'invalid {flag_of(name)} {shown(str(value))}: expected only without --expected, '
                 'whose drops are compared'
             )
-    path: Path = arguments.expected
-    given = counted_by_class(read_counts(path))
+    given = counted_drops(arguments.expected)
     check_same_part(
-        (f'--expected {str(path)!r}', given.part, given.part_sha256),
+        (f'--expected {str(arguments.expected)!r}', given.part, given.part_sha256),
         ('the counted part', part.name, part.part_sha256),
     )
-    if list(given.members) != classes:
-        raise InvalidValueError(
-            f'invalid classes {list(given.members)} in --expected {str(path)!r}: expected those '
-            f'of {part.name}, {classes} (a class that was never seen has count 0)'
-        )
-    return path
+    return given
 
 
 def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
