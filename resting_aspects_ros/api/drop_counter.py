@@ -35,8 +35,6 @@ class DropCounter:
     run : RunDescription
     precision : float
         Maximum half width of the intervals at which the run stops; 0: make all drops.
-    ranges : sequence of (int, int)
-        Drops [first, end) to make; by default all of the run.
     consumers : sequence of callables
         Called with each chunk of poses and the ids of their aspects.
     """
@@ -46,13 +44,11 @@ class DropCounter:
         distribution: Distribution,
         run: RunDescription,
         precision: float = 0.0,
-        ranges: Sequence[tuple[int, int]] = (),
         consumers: Sequence[Consumer] = (),
     ) -> None:
         self.distribution = distribution
         self.run = run
         self.precision = precision
-        self.ranges = ranges or [(run.first_drop, run.end)]
         self.consumers = list(consumers)
         self.history = History(distribution.aspects)
 
@@ -75,7 +71,7 @@ class DropCounter:
         count_chunks(
             job,
             self.run,
-            self.ranges,
+            [(self.run.first_drop, self.run.end)],
             workers,
             self._count,
             lambda: self.complete,
@@ -114,7 +110,7 @@ def check_in_finer_steps(
         counter.run, drops=coarse.drops, precision=0.0, time_step=fine.time_step
     )
     empty = no_drops(coarse.aspects, confidence=coarse.confidence)
-    again = DropCounter(empty, run, ranges=() if counter.precision else counter.ranges)
+    again = DropCounter(empty, run)
     again.drop(fine, workers, progress, stopped)
     if not again.complete:
         return False, None

@@ -70,7 +70,7 @@ def drop_and_show(
     log: Path | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    counter = DropCounter(planned.empty, run, stop_at, request.ranges, planned.consumers)
+    counter = DropCounter(planned.empty, run, stop_at, planned.consumers)
     by_state = _counted_by_state(request, counter)
     try:
         with ExitStack() as stack:

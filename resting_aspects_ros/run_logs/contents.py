@@ -133,12 +133,14 @@ class LoggedRun:
         return LogOutcome(len(self.seen), whole=not missing and is_described)
 
     @property
-    def ranges(self) -> list[tuple[int, int]]:
-        """The ranges [first, end) of drops in the log, ascending."""
-        run = self.run
-        if run is None or not self.outcome.whole:
-            return self.seen.ranges
-        return [(run.first_drop, run.first_drop + self.outcome.drops)]
+    def extent(self) -> tuple[int, int]:
+        """Index of the first drop in the log, and that after the last one; equal without drops."""
+        run, ranges = self.run, self.seen.ranges
+        if run is None or not ranges:
+            return 0, 0
+        if self.outcome.whole:
+            return run.first_drop, run.first_drop + self.outcome.drops
+        return ranges[0][0], self.seen.end
 
     def check_surroundings(self) -> None:
         """Make the mesh of the surroundings known; raises LogError if the log lacks it.
