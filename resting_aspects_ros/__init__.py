@@ -35,7 +35,7 @@ _MODULES = {
     'InvalidValueError': 'core.errors',
     'Kick': 'simulation.impulses',
     'KnownPart': 'core.vision.known_part',
-    'LiveCounts': 'core.statistics.live_counts',
+    'LiveCounts': 'core.statistics.counted_parts',
     'LogError': 'core.errors',
     'MachineTransitions': 'api.measured_trials',
     'NamedAction': 'simulation.actions',

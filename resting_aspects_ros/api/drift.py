@@ -20,7 +20,11 @@ from resting_aspects_ros.api.inputs.counts import (
 )
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts
+from resting_aspects_ros.core.statistics.counted_parts import (
+    PRIOR_WEIGHT,
+    LiveCounts,
+    ObservedCounts,
+)
 from resting_aspects_ros.core.statistics.drift import (
     LEVEL,
     POWER,
@@ -32,7 +36,6 @@ from resting_aspects_ros.core.statistics.drift import (
 )
 from resting_aspects_ros.core.statistics.g_test import UNIT, batch_scatter
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
-from resting_aspects_ros.core.statistics.live_counts import PRIOR_WEIGHT, LiveCounts
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
 

@@ -7,8 +7,12 @@ from typing import Any
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop_counter import (
+    Consumer,
+    Convergence,
+    DropCounter,
+    check_in_finer_steps,
+)
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file

@@ -24,8 +24,8 @@ from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.core.feeding.model import FeederModel, check_number
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.report.forecast_table import NamedForecast
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.vibration import Vibration

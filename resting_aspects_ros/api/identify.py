@@ -1,4 +1,8 @@
-"""Tell from an observed outline which part lies where and how, and locate parts."""
+"""Tell from an observed outline which part lies where and how, and locate parts.
+
+If an identification may be wrong, a hint states why: missing holes, a wrong scale, a mirrored
+image.
+"""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence

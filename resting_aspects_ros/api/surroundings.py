@@ -1,4 +1,7 @@
-"""Surroundings of drops: from their names, and what they are for the classification of poses."""
+"""Surroundings of drops: from their names, and what they are for the classification of poses.
+
+Warnings and hints state where parts wedge, and why they slide, are lost, or lean.
+"""
 
 import dataclasses
 import functools

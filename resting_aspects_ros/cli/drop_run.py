@@ -8,9 +8,8 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop import recorded
-from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop_counter import Convergence, DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.load_part import mesh_file

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.drift import POWER, Deviation, DriftTest
 from resting_aspects_ros.core.statistics.g_test import EXCEEDANCES
 from resting_aspects_ros.core.statistics.intervals import Interval, bounds
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.report.colours import COLOURS
 from resting_aspects_ros.report.document import numbers
 from resting_aspects_ros.report.figure_style import (

@@ -18,12 +18,12 @@ from resting_aspects_ros.core.reorientation.transition_matrix import TransitionM
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.counted_parts import (
     CountSessions,
+    LiveCounts,
     ObservedCounts,
     Totals,
 )
 from resting_aspects_ros.core.statistics.drift import DriftTest
 from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.report.drift_report import drift_sentence
 from resting_aspects_ros.report.rounding import points_text
 from resting_aspects_ros.ros.conversions import nanoseconds, run_msg

@@ -10,11 +10,11 @@ from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
     METHOD,
+    History,
     aspect_ids,
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.run_logs.contents import read_logged_run
 
 

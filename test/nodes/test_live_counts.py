@@ -36,9 +36,9 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
 from resting_aspects_ros.core.statistics import counted_parts
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.core.statistics.drift import parts_needed
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart

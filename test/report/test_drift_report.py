@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts, ObservedCounts
 from resting_aspects_ros.core.statistics.drift import find_drift
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.report.drift_report import (
     MAX_CLASSES,
     MAX_ROWS,

@@ -21,7 +21,7 @@ from pydantic import (
     create_model,
 )
 
-from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.drop_counter import Convergence
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.class_groups import single_groups
 from resting_aspects_ros.api.inputs.counts import MAX_BYTES, CountedDrops, check_same_part

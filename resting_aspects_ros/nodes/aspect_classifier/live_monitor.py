@@ -9,9 +9,9 @@ from resting_aspects_interfaces.msg import MachineTransitions, ObservedCounts, P
 from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
+from resting_aspects_ros.core.statistics.counted_parts import PRIOR_WEIGHT, LiveCounts
 from resting_aspects_ros.core.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
-from resting_aspects_ros.core.statistics.live_counts import PRIOR_WEIGHT, LiveCounts
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     DistributionStore,
     Known,

@@ -10,11 +10,11 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.counted_parts import (
     BatchSeries,
     CountSessions,
+    LiveCounts,
     ObservedCounts,
 )
 from resting_aspects_ros.core.statistics.drift import DriftTest, TooFewDropsError, parts_needed
 from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import Known
 from resting_aspects_ros.ros.count_conversions import time_label
 

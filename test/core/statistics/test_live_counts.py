@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import beta
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 
 
 def live(simulated, observed=None, **options):
