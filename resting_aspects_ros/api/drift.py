@@ -153,7 +153,7 @@ def watch_drift(
     level : float
         Probability of an alarm in a window without drift, 0.0001 to 0.25.
     shift : float
-        The deviation of a class that should be found, above 0, at most 0.4.
+        The deviation of a class that should be found, 0.0001 to 0.4.
     cumulative : bool
         Whether each count in the file is the total since the start.
     prior_weight : float

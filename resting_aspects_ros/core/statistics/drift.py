@@ -29,10 +29,11 @@ from resting_aspects_ros.core.statistics.intervals import (
 LEVEL = 0.01
 MIN_LEVEL, MAX_LEVEL = 1e-4, 0.25
 POWER = 0.8
+MIN_POWER, MAX_POWER = 0.01, 0.9999
 # A deviation that matters for a feeder: a class with 55 % instead of 50 %.
 SHIFT = 0.05
-# The rarest class can always deviate by this much.
-MAX_SHIFT = 0.4
+# The rarest class can always deviate by the largest one.
+MIN_SHIFT, MAX_SHIFT = 1e-4, 0.4
 MAX_PARTS = 100_000_000
 
 
@@ -290,7 +291,7 @@ def parts_needed(
     simulated : (c,) int
         Simulated drops in each of two or more classes.
     shift : float
-        Change of the share of one class; above 0, at most MAX_SHIFT.
+        Change of the share of one class; MIN_SHIFT to MAX_SHIFT.
     level, power : float
         Probability of an alarm without and with the deviation.
 
@@ -302,10 +303,9 @@ def parts_needed(
         If the simulated drops are too few to find the shift with any number of parts.
     """
     counts = check_simulated(simulated)
-    check_shift(shift)
     check_level(level)
-    if not 0 < power < 1:
-        raise InvalidValueError(f'invalid power {shown(power)}: expected more than 0, less than 1')
+    _check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
+    _check_number('power', power, MIN_POWER, MAX_POWER)
     drops = int(counts.sum())
     # Jeffreys' estimate also defines what becomes of the others if only one class was seen.
     expected = np.asarray((counts + 0.5) / (drops + len(counts) / 2), dtype=np.float64)
@@ -353,20 +353,13 @@ def check_windows(observed: ObservedCounts, window: int) -> None:
 
 def check_level(level: float) -> None:
     """Raise InvalidValueError unless the level is within the limits of the test."""
-    number = isinstance(level, int | float) and not isinstance(level, bool)
-    if not (number and MIN_LEVEL <= level <= MAX_LEVEL):
-        raise InvalidValueError(
-            f'invalid level {shown(level)}: expected {MIN_LEVEL:g} to {MAX_LEVEL:g}'
-        )
+    _check_number('level', level, MIN_LEVEL, MAX_LEVEL)
 
 
-def check_shift(shift: float) -> None:
-    """Raise InvalidValueError unless the shift of a share is above 0, at most MAX_SHIFT."""
-    number = isinstance(shift, int | float) and not isinstance(shift, bool)
-    if not (number and 0 < shift <= MAX_SHIFT):
-        raise InvalidValueError(
-            f'invalid shift {shown(shift)}: expected more than 0, at most {MAX_SHIFT:g}'
-        )
+def _check_number(name: str, value: float, low: float, high: float) -> None:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and low <= value <= high):
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {low:g} to {high:g}')
 
 
 def check_simulated(simulated: Counts) -> Counts:
