@@ -30,6 +30,8 @@ MAX_TOTAL = 100_000_000
 # Maximum number of sessions that can still be continued, and of actions.
 MAX_SESSIONS, MAX_ACTIONS = 100, 20
 MAX_NAME = 64
+# In place of an action: newly supplied parts.
+_SUPPLIED = '(supplied)'
 # Maximum number of batches of a running machine; of more, neighbours are joined.
 MAX_BATCHES = 1000
 
@@ -65,13 +67,6 @@ class Totals:
     moved: Counts
 
 
-@dataclass(frozen=True, eq=False)
-class _Session:
-    time: int
-    supplied: Counts
-    moved: dict[str, Counts]
-
-
 class CountSessions:
     """The totals of all sessions.
 
@@ -80,20 +75,27 @@ class CountSessions:
 
     Attributes
     ----------
-    supplied : (c,) int
-        Newly supplied parts by class.
-    moved : dict of str to (c, c) int
-        For each action, the parts that were followed through it.
     late : int
         Number of reports that arrived after a later one of their session; they are not needed.
     """
 
     def __init__(self, classes: int) -> None:
         self._classes = classes
-        self._sessions: dict[str, _Session] = {}
-        self.supplied: Counts = np.zeros(classes, dtype=np.int64)
-        self.moved: dict[str, Counts] = {}
+        # Time of the newest report of each session, and its totals by action; see _SUPPLIED.
+        self._sessions: dict[str, tuple[int, dict[str, Counts]]] = {}
+        self._totals = {_SUPPLIED: np.zeros(classes, dtype=np.int64)}
         self.late = 0
+
+    @property
+    def supplied(self) -> Counts:
+        """Newly supplied parts by class, (c,)."""
+        return self._totals[_SUPPLIED]
+
+    @property
+    def moved(self) -> dict[str, Counts]:
+        """For each action, the parts that were followed through it, (c, c)."""
+        c = self._classes
+        return {k: n.reshape(c, c) for k, n in self._totals.items() if k != _SUPPLIED}
 
     @property
     def parts(self) -> int:
@@ -111,54 +113,49 @@ class CountSessions:
                 'invalid time of counts: expected none in the future; it is '
                 f'{(totals.time - now) / 1e9:.1f} s ahead of the clock of this program'
             )
-        count = self._classes
-        supplied = _checked('supplied', totals.supplied, count)
-        moved = _checked('moved', totals.moved, count * count)
-        old = self._sessions.get(totals.session, _Session(0, np.zeros(count, dtype=np.int64), {}))
-        none = np.zeros(count * count, dtype=np.int64)
-        if moved.any():
+        c, time = self._classes, totals.time or now
+        newest, known = self._sessions.get(totals.session, (0, {}))
+        given = {_SUPPLIED: _checked('supplied', totals.supplied, c)}
+        moved = _checked('moved', totals.moved, c * c)
+        if moved.any() or (len(moved) and totals.action in known):
             self._check_action(totals.action)
-        before = old.moved.get(totals.action, none)
-        time = totals.time or now
-        try:
-            new_supplied = _increase('supplied', supplied, old.supplied, self._class_text)
-            new_moved = _increase('moved', moved, before, self._pair_text)
-        except InvalidValueError:
-            if time < old.time:
-                self.late += 1
-                return np.zeros(count, dtype=np.int64)
-            raise
-        actions = dict(old.moved)
-        if moved.any():
-            actions[totals.action] = before + new_moved
-            known = self.moved.get(totals.action, none.reshape(count, count))
-            self.moved[totals.action] = known + new_moved.reshape(count, count)
+            given[totals.action] = moved
+        given = {action: counts for action, counts in given.items() if len(counts)}
+        for action, counts in given.items():
+            for place in np.flatnonzero(counts < known.get(action, 0))[:1].tolist():
+                if time < newest:
+                    self.late += 1
+                    return np.zeros(c, dtype=np.int64)
+                raise self._decreased(action, place, int(counts[place]), known[action][place])
+        new = {action: counts - known.get(action, 0) for action, counts in given.items()}
+        for action, counts in new.items():
+            self._totals[action] = self._totals.get(action, 0) + counts
         self._sessions.pop(totals.session, None)
-        self._sessions[totals.session] = _Session(
-            max(time, old.time), old.supplied + new_supplied, actions
-        )
+        self._sessions[totals.session] = max(time, newest), known | given
         while len(self._sessions) > MAX_SESSIONS:
             del self._sessions[next(iter(self._sessions))]
-        self.supplied = self.supplied + new_supplied
-        return new_supplied
+        return new.get(_SUPPLIED, np.zeros(c, dtype=np.int64))
 
     def _check_action(self, name: str) -> None:
         if not name.isidentifier() or len(name) > MAX_NAME:
             raise InvalidValueError(
                 f'invalid action {shown(name)} of moved parts: expected the name of an action'
             )
-        if name not in self.moved and len(self.moved) >= MAX_ACTIONS:
+        if name not in self._totals and len(self._totals) > MAX_ACTIONS:
             raise InvalidValueError(
                 f'invalid action {shown(name)} of moved parts: expected at most {MAX_ACTIONS} '
                 'actions'
             )
 
-    def _class_text(self, place: int) -> str:
-        return f'of class {place + 1}'
-
-    def _pair_text(self, place: int) -> str:
-        before, after = divmod(place, self._classes)
-        return f'from class {before + 1} to class {after + 1}'
+    def _decreased(self, action: str, place: int, count: int, before: int) -> InvalidValueError:
+        where = f'in supplied of class {place + 1}'
+        if action != _SUPPLIED:
+            row, column = divmod(place, self._classes)
+            where = f'in moved from class {row + 1} to class {column + 1}'
+        return InvalidValueError(
+            f'invalid count {count} {where}: expected {before} or more, because a total cannot go '
+            'down; a counter that begins again at 0 must begin another session'
+        )
 
 
 class BatchSeries:
@@ -283,19 +280,6 @@ def _checked(name: str, totals: Counts, length: int) -> Counts:
             f'invalid count {int(totals.max())} in {name}: expected at most {MAX_TOTAL}'
         )
     return totals.astype(np.int64)
-
-
-def _increase(name: str, totals: Counts, before: Counts, text: Callable[[int], str]) -> Counts:
-    """Return how much totals have grown; raises InvalidValueError if one has gone down."""
-    if not len(totals):
-        return np.zeros_like(before)
-    for place in np.flatnonzero(totals < before)[:1].tolist():
-        raise InvalidValueError(
-            f'invalid count {int(totals[place])} in {name} {text(place)}: expected '
-            f'{int(before[place])} or more, because a total cannot go down; a counter that begins '
-            'again at 0 must begin another session'
-        )
-    return np.asarray(totals - before)
 
 
 @dataclass(frozen=True, eq=False)
