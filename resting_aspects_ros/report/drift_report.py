@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a fig
 MAX_ROWS = 40
 
 WIDTH, ROW, TOP, BOTTOM = 8.6, 1.25, 0.9, 0.6  # inches
-LEFT, RIGHT = 1.1, 0.25
+LEFT = 0.13
 MAX_CLASSES = 8
 TITLE_WIDTH = 105  # characters
 ALARM: dict[str, Any] = {'color': '#D55E00', 'alpha': 0.14, 'linewidth': 0}
@@ -267,61 +267,48 @@ def _deviation_fields(found: Deviation, test: DriftTest) -> dict[str, object]:
 def drift_figure(test: DriftTest) -> 'Figure':
     """Plot the share of each class in the windows, with its interval and the simulated share.
 
-    The dashed lines are the simulated shares; the bands are Wilson intervals of the share of a
-    window. Windows with an alarm are shaded. Of more than MAX_CLASSES classes, those with the
-    largest simulated shares are shown.
+    The bands are Wilson intervals of the share of a window. Windows with an alarm are shaded. Of
+    more than MAX_CLASSES classes, those with the largest simulated shares are shown.
     """
-    order = np.argsort(-test.simulated, kind='stable')[:MAX_CLASSES]
+    order = sorted(np.argsort(-test.simulated, kind='stable')[:MAX_CLASSES].tolist())
     height = TOP + BOTTOM + ROW * len(order)
     figure = new_figure(WIDTH, height)
     title = '\n'.join(textwrap.wrap(drift_sentence(test), TITLE_WIDTH)[:3])
     figure.text(0.1 / WIDTH, 1 - 0.12 / height, title, size=9, weight='bold', color=TEXT, va='top')
-    _draw_legend(figure, test, height)
+    rows = figure.subplots(len(order), sharex=True, squeeze=False)[:, 0]
+    figure.subplots_adjust(LEFT, BOTTOM / height, 0.97, 1 - TOP / height, hspace=0.25)
     sizes = np.diff(test.ends)
     lower, upper = bounds(test.windows, sizes, confidence=test.confidence)
-    share = test.windows / sizes[:, None]
-    for row, k in enumerate(sorted(order.tolist())):
-        bottom = BOTTOM + ROW * (len(order) - 1 - row)
-        place = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, 0.8 * ROW / height)
-        axes = figure.add_axes(place)
+    for axes, k in zip(rows, order, strict=True):
         plain_axes(axes, 'y')
-        axes.set_xlim(0, test.ends[-1])
         top = min(1.15 * max(float(upper[:, k].max()), 0.01), 1.0)
-        axes.set_ylim(0, top)
+        axes.set(xlim=(0, test.ends[-1]), ylim=(0, top))
         percent_axis(axes, 'y', top)
-        for alarm in test.alarms:
-            axes.axvspan(*test.ends[alarm : alarm + 2], **ALARM)
         colour = COLOURS[(test.groups[k][0] - 1) % len(COLOURS)]
-        axes.stairs(
-            upper[:, k], test.ends, baseline=lower[:, k], fill=True, color=colour, alpha=BAND
-        )
-        axes.stairs(share[:, k], test.ends, baseline=None, color=colour, linewidth=1.6)
-        axes.axhline(
-            test.simulated[k] / test.simulated.sum(), color=TEXT, linewidth=0.9, linestyle='--'
-        )
+        band = {'baseline': lower[:, k], 'fill': True, 'color': colour, 'alpha': BAND}
+        expected = test.simulated[k] / test.simulated.sum()
+        drawn = {
+            'share in a window': axes.stairs(
+                test.windows[:, k] / sizes, test.ends, baseline=None, color=colour, linewidth=1.6
+            ),
+            f'its {100 * test.confidence:.10g} % interval': axes.stairs(
+                upper[:, k], test.ends, **band
+            ),
+            'share in the simulation': axes.axhline(
+                expected, color=TEXT, linewidth=0.9, linestyle='--'
+            ),
+        }
+        for alarm in test.alarms:
+            shade = axes.axvspan(*test.ends[alarm : alarm + 2], **ALARM)
+            drawn['window with an alarm'] = shade
         axes.set_ylabel(f'class {test.names[k]}', size=8, color=TEXT)
-        last = row == len(order) - 1
-        axes.tick_params(axis='x', labelbottom=last)
-        if last:
-            axes.set_xlabel('number of counted parts', size=8, color=FAINT)
-    return figure
-
-
-def _draw_legend(figure: 'Figure', test: DriftTest, height: float) -> None:
-    """Draw the meaning of lines and areas between the title and the first class."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles = {
-        'share in a window': Line2D([], [], color=FAINT, linewidth=1.6),
-        f'its {100 * test.confidence:.10g} % interval': Patch(
-            color=FAINT, alpha=BAND, linewidth=0
-        ),
-        'share in the simulation': Line2D([], [], color=TEXT, linewidth=0.9, linestyle='--'),
-        'window with an alarm': Patch(**ALARM),
+    rows[-1].set_xlabel('number of counted parts', size=8, color=FAINT)
+    place: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (LEFT, 1 - TOP / height)}
+    style: dict[str, Any] = {
+        'ncols': len(drawn),
+        'fontsize': 8,
+        'labelcolor': FAINT,
+        'frameon': False,
     }
-    figure.legend(
-        list(handles.values()), list(handles), loc='upper left', ncols=len(handles), fontsize=8,
-        labelcolor=FAINT, frameon=False, borderaxespad=0,
-        bbox_to_anchor=(LEFT / WIDTH, 1 - 0.6 / height),
-    )  # fmt: skip
+    figure.legend(list(drawn.values()), list(drawn), **place, **style)
+    return figure
