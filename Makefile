@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PA
 
 .NOTPARALLEL:
 .PHONY: help setup dev demo test test-all test-pythons test-under-load lint bench validate \
-        estimators parts requirements upgrade clean always
+        parts requirements upgrade clean always
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
@@ -62,9 +62,6 @@ bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/be
 
 validate: setup  ## validate the simulation and write docs/explanation/validation.md
 	$(BIN)/python tools/validate.py
-
-estimators: setup  ## evaluate the analytic methods and write docs/explanation/estimators.md
-	$(BIN)/python tools/estimators.py
 
 parts: setup  ## generate the example parts in config/parts
 	$(BIN)/python tools/make_parts.py

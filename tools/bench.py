@@ -8,7 +8,6 @@ import os
 
 from bench_actions import actions
 from bench_command import command
-from bench_estimators import estimators
 from bench_geometry import geometry
 from bench_hulls import hulls
 from bench_latency import latency
@@ -42,7 +41,6 @@ def main() -> None:
         command,
         hulls,
         geometry,
-        estimators,
         vision,
         latency,
         memory,

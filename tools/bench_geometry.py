@@ -15,7 +15,7 @@ from resting_aspects_ros.core.aspects.joining import join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.rotations import Array, down_in_part, random_orientations
+from resting_aspects_ros.core.rotations import Array, random_orientations
 from resting_aspects_ros.core.statistics.distribution import no_drops
 from resting_aspects_ros.report.page import PAGE, Report, report_files
 
@@ -96,8 +96,11 @@ def _works() -> Iterator[tuple[str, str, str, Callable[[], object]]]:
         classify = partial(find_aspects(_part(mesh)).classify, poses)
         yield 'classify', name.replace(' ', '_'), f'classify {POSES} poses of {name}', classify
     tolerance = np.radians(DEFAULT_TOLERANCE_DEGREES)
-    cluster = partial(cluster_directions, down_in_part(poses), tolerance)
-    yield 'classify', 'clusters_without_a_part', f'cluster {POSES} poses without a part', cluster
+    aspects = np.concatenate([np.eye(3), -np.eye(3)])
+    resting = aspects[np.arange(POSES) % len(aspects)]
+    resting = resting + 1e-4 * np.random.default_rng(1).standard_normal(resting.shape)
+    cluster = partial(cluster_directions, resting, tolerance)
+    yield 'classify', 'clusters_without_a_part', f'cluster {POSES} poses of six aspects', cluster
 
 
 def _landscape(part: Part) -> None:

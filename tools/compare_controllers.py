@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from
-from resting_aspects_ros.api.forecast_setup import pickable_aspects
+from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from, pickable_aspects
 from resting_aspects_ros.core.feeding.baselines import (
     Controller,
     flip_and_refill,

@@ -12,14 +12,13 @@ import yaml
 from step_text import step_text
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.given_states import read_state_csv
 from resting_aspects_ros.api.grasps import check_grasps
-from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.api.inputs.counts_csv import read_observed
-from resting_aspects_ros.api.inputs.polygon_json import read_polygon
-from resting_aspects_ros.api.inputs.pose_csv import read_pose_csv
-from resting_aspects_ros.api.inputs.result_document import document_result
-from resting_aspects_ros.api.inputs.state_csv import read_state_csv
+from resting_aspects_ros.api.identify import read_polygon
+from resting_aspects_ros.api.inputs.count_files import read_counts, read_observed
+from resting_aspects_ros.api.inputs.result_json import document_result
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.simulation.actions import Actions

@@ -20,9 +20,7 @@ from rich.progress import track
 from validate_forecast import coverage, false_alarms, formulas
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import forecast_from
-from resting_aspects_ros.api.forecast_controlled import forecast_controlled
-from resting_aspects_ros.api.forecast_setup import pickable_aspects
+from resting_aspects_ros.api.forecast import forecast_controlled, forecast_from, pickable_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel, controller_model

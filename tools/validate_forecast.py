@@ -26,7 +26,7 @@ from resting_aspects_ros.core.feeding.steady_state import (
 )
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
-from resting_aspects_ros.core.statistics.drift_power import parts_needed
+from resting_aspects_ros.core.statistics.drift import parts_needed
 from resting_aspects_ros.core.statistics.g_test import p_of_window
 
 DROP = np.array([600, 300, 100])

@@ -16,7 +16,7 @@ import trimesh
 from dropper import ROOT, SEED, Dropper
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.inputs.state_csv import read_state_csv
+from resting_aspects_ros.api.given_states import read_state_csv
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.report.figure_style import FAINT, new_figure, plain_axes, png_bytes

@@ -9,16 +9,13 @@ import numpy as np
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.class_groups import common_groups
-from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.count_files import counted_drops
 from resting_aspects_ros.api.inputs.counts import (
     CountedDrops,
-    check_counts,
     check_same_part,
     counted_by_class,
-    counts_of_run,
-    grouped,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.statistics import comparison as statistics
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.report.comparison_report import ComparedResults, comparison_document
@@ -113,29 +110,14 @@ def compare(
         one, other = counted_by_class(one), counted_by_class(other)
     _check_same_aspects(one, other)
     if one.by_class:
-        into = common_groups(one.all_groups, other.all_groups)
-        one, other = grouped(one, into), grouped(other, into)
+        into = common_groups(one.groups, other.groups)
+        one, other = one.grouped(into), other.grouped(into)
     for given in (one, other):
         _warn_if_incomplete(given)
     _warn_if_dependent(one, other)
     generator = np.random.default_rng(SEED)
     found = statistics.compare(one.tally, other.tally, generator, confidence)
     return ComparisonResult(one, other, found)
-
-
-def counted_drops(given: DropResult | str | Path) -> CountedDrops:
-    """Return the counts of a result or of a file; raises InvalidValueError."""
-    if not isinstance(given, DropResult):
-        if not isinstance(given, str | Path):
-            raise InvalidValueError(
-                f'invalid result {shown(given)}: expected a result of drop, or a file'
-            )
-        return read_counts(Path(given))
-    counted = counts_of_run(
-        f'run {given.run.run_id}', given.distribution, given.run, complete=given.complete
-    )
-    check_counts(counted)
-    return counted
 
 
 def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:

@@ -1,43 +1,131 @@
 """Test whether counted parts still have the shares of the simulation."""
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.drift_options import check_options, window_level, window_size
-from resting_aspects_ros.api.drift_result import DriftResult
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.class_groups import common_groups
-from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.count_files import (
+    counted_drops,
+    counts_from_array,
+    read_observed,
+)
 from resting_aspects_ros.api.inputs.counts import (
     CountedDrops,
-    check_counts,
     counted_by_class,
-    counts_of_run,
-    grouped,
 )
-from resting_aspects_ros.api.inputs.counts_csv import read_observed
-from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, counts_from_array
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.statistics.batch_scatter import UNIT, batch_scatter
-from resting_aspects_ros.core.statistics.drift import find_drift
-from resting_aspects_ros.core.statistics.drift_power import POWER, SHIFT
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
-from resting_aspects_ros.core.statistics.live_counts import PRIOR_WEIGHT, LiveCounts
-from resting_aspects_ros.report.drift_text import DriftWindows
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.statistics.counted_parts import (
+    PRIOR_WEIGHT,
+    LiveCounts,
+    ObservedCounts,
+)
+from resting_aspects_ros.core.statistics.drift import (
+    LEVEL,
+    POWER,
+    SHIFT,
+    DriftTest,
+    TooFewDropsError,
+    find_drift,
+    parts_needed,
+)
+from resting_aspects_ros.core.statistics.g_test import UNIT, batch_scatter
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
 
 # Seed of the random tables, so that equal inputs give equal results.
 SEED = 1
 
 
+@dataclass(frozen=True, eq=False)
+class DriftResult:
+    """Counted parts beside the simulation, with the test of each window.
+
+    Attributes
+    ----------
+    expected : CountedDrops
+        The simulated drops by symmetry class.
+    source : str
+        The file of the counted parts.
+    test : DriftTest
+        The windows, their p values, and the deviation of the drifted windows.
+    live : LiveCounts
+        All counted parts with the simulation as the prior.
+    shift : float
+        A deviation of the share of a class.
+    needed : int or None
+        Number of parts in a window that finds this deviation with a probability of 80 %; None if
+        the simulated drops are too few.
+    """
+
+    expected: CountedDrops
+    source: str
+    test: DriftTest
+    live: LiveCounts
+    shift: float
+    needed: int | None
+
+    @property
+    def drift(self) -> bool:
+        """Whether any window raises an alarm."""
+        return len(self.test.drifted) > 0
+
+    @property
+    def verdict(self) -> str:
+        """A sentence: no drift, or which class deviates, by how much and since which part."""
+        return drift_sentence(self.test)
+
+    @property
+    def title(self) -> str:
+        """The counted parts and the simulated drops, in one line."""
+        return f'{self.live.parts} parts against {self.expected.title}'
+
+    def to_json(self) -> str:
+        """Return the JSON document that `resting_aspects drift --json` prints."""
+        return to_json(
+            {
+                'schema_version': SCHEMA_VERSION,
+                'file': self.source,
+                'part': self.expected.part or None,
+                'part_sha256': self.expected.part_sha256 or None,
+                'expected': {
+                    'file': self.expected.source,
+                    'run_id': self.expected.run.run_id if self.expected.run else None,
+                    'drops': self.expected.drops,
+                },
+                **drift_fields(self.test, self.live),
+                'shift': self.shift,
+                'parts_needed': self.needed,
+            }
+        )
+
+    def save_json(self, path: Path) -> None:
+        """Write the JSON document; raises OutputError."""
+        with whole_file(path) as file:
+            file.write_text(self.to_json(), encoding='utf-8')
+
+    def save_picture(self, path: Path) -> None:
+        """Write the shares in each window as PNG; raises OutputError."""
+        # These imports take about a second.
+        from resting_aspects_ros.report.drift_report import drift_figure
+        from resting_aspects_ros.report.figure_style import png_bytes
+
+        with whole_file(path) as file:
+            file.write_bytes(png_bytes(drift_figure(self.test)))
+
+
 def watch_drift(
-    expected: DropResult | str | Path,
+    expected: DropResult | CountedDrops | str | Path,
     counts: ObservedCounts | str | Path | npt.ArrayLike,
     *,
     window: int | None = None,
-    level: float | None = None,
-    run_length: int | None = None,
+    level: float = LEVEL,
     shift: float = SHIFT,
     cumulative: bool = False,
     prior_weight: float = PRIOR_WEIGHT,
@@ -52,7 +140,7 @@ def watch_drift(
 
     Parameters
     ----------
-    expected : DropResult, str or Path
+    expected : DropResult, CountedDrops, str or Path
         Simulated drops: a result, or a file as in `compare`.
     counts : str, Path, (b, c) int or ObservedCounts
         Newly supplied parts, each counted once: a CSV, an array with a row for each batch and a
@@ -62,13 +150,10 @@ def watch_drift(
         Minimum number of parts in a window; batches are not divided. By default the number with
         which a class that deviates by ``shift`` is found with a probability of 80 %. If fewer
         parts were counted, they are one window.
-    level : float, optional
-        Probability of an alarm in a window without drift, 0.0001 to 0.25; 0.01 by default.
-    run_length : int, optional
-        Mean number of parts between false alarms, instead of ``level``, which is then the
-        window divided by it.
+    level : float
+        Probability of an alarm in a window without drift, 0.0001 to 0.25.
     shift : float
-        The deviation of a class that should be found, above 0, at most 0.4.
+        The deviation of a class that should be found, 0.0001 to 0.4.
     cumulative : bool
         Whether each count in the file is the total since the start.
     prior_weight : float
@@ -97,45 +182,64 @@ def watch_drift(
     >>> ra.watch_drift(expected, [[56, 53, 50, 26, 15]], window=200).verdict
     'No drift in 1 window of 200 parts.'
     """
-    simulated = _simulated(expected)
-    if cumulative and not isinstance(counts, str | Path):
-        raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
-    if isinstance(counts, ObservedCounts):
-        observed = counts
-    elif isinstance(counts, str | Path):
-        observed = read_observed(
+    simulated = counted_by_class(counted_drops(expected))
+    observed = _observed(counts, simulated, cumulative=cumulative)
+    counted = tuple(sorted(number for group in observed.groups for number in group))
+    if simulated.members != counted:
+        raise InvalidValueError(
+            f'invalid classes {list(simulated.members)} in {simulated.source!r}: expected those '
+            f'of the counted parts, {list(counted)} (a class that was never seen has count 0)'
+        )
+    groups = common_groups(simulated.groups, observed.groups)
+    simulated, observed = simulated.grouped(groups), observed.grouped(groups)
+    drops = simulated.tally.counts
+    live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
+    needed = _needed(drops, observed, shift, level)
+    if window is None and needed is None:
+        warn(
+            f'{drops.sum()} simulated drops are too few to find a class that deviates by '
+            f'{100 * shift:g} points with a probability of {100 * POWER:g} %: a window has as '
+            'many parts as drops; simulate more drops'
+        )
+    size = min(needed or int(drops.sum()), observed.parts) if window is None else window
+    test = drift_test(observed, drops, size, level, confidence)
+    return DriftResult(simulated, observed.source, test, live, shift, needed)
+
+
+def drift_test(
+    observed: ObservedCounts,
+    simulated: Counts,
+    window: int,
+    level: float,
+    confidence: float = CONFIDENCE,
+) -> DriftTest:
+    """Return the tests of windows; equal counts give equal p values. See `find_drift`."""
+    generator = np.random.default_rng(SEED)
+    return find_drift(observed, simulated, window, generator, level, confidence)
+
+
+def _needed(drops: Counts, observed: ObservedCounts, shift: float, level: float) -> int | None:
+    """Return the number of parts that finds the shift, with the scatter of the batches."""
+    try:
+        needed = parts_needed(drops, shift, level)
+    except TooFewDropsError:
+        return None
+    scatter = batch_scatter(observed.windows(UNIT)[0])
+    return math.ceil(needed * (1.0 if scatter is None else max(scatter.factor, 1.0)))
+
+
+def _observed(
+    counts: ObservedCounts | str | Path | npt.ArrayLike,
+    simulated: CountedDrops,
+    *,
+    cumulative: bool,
+) -> ObservedCounts:
+    if isinstance(counts, str | Path):
+        return read_observed(
             Path(counts), simulated.members, cumulative=cumulative, part=simulated.part
         )
-    else:
-        observed = counts_from_array(counts, simulated.all_groups)
-    groups = common_groups(simulated.all_groups, observed.groups)
-    simulated, observed = grouped(simulated, groups), observed.grouped(groups)
-    drops = simulated.tally.counts
-    check_options(observed, window, level, run_length, shift, prior_weight, confidence)
-    scatter = batch_scatter(observed.windows(UNIT)[0])
-    size = window_size(drops, observed.parts, window, level, run_length, shift, scatter)
-    windows, ends, labels = observed.windows(size)
-    tested_level = window_level(int(ends[-1]) / len(windows), level, run_length)
-    live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
-    test = find_drift(windows, drops, np.random.default_rng(SEED), tested_level, scatter)
-    tested = DriftWindows(
-        test, live, ends, labels, confidence, POWER, simulated.all_groups, observed.unclassified
-    )
-    return DriftResult(simulated, observed.source, tested)
-
-
-def _simulated(expected: DropResult | str | Path) -> CountedDrops:
-    if isinstance(expected, DropResult):
-        given = counts_of_run(
-            f'run {expected.run.run_id}',
-            expected.distribution,
-            expected.run,
-            complete=expected.complete,
-        )
-        check_counts(given)
-        return counted_by_class(given)
-    if not isinstance(expected, str | Path):
-        raise InvalidValueError(
-            f'invalid expected {shown(expected)}: expected a result of drop, or a file'
-        )
-    return counted_by_class(read_counts(Path(expected)))
+    if cumulative:
+        raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
+    if isinstance(counts, ObservedCounts):
+        return counts
+    return counts_from_array(counts, simulated.groups)

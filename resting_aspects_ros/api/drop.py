@@ -7,15 +7,18 @@ from typing import Any
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop_counter import (
+    Consumer,
+    Convergence,
+    DropCounter,
+    check_in_finer_steps,
+)
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
+from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -220,3 +223,30 @@ def recorded(
             log.close(counter.distribution, contacts)
         raise
     log.close(counter.distribution, contacts)
+
+
+def read_log(log: str | Path) -> DropResult:
+    """Read a log of a run, and count its drops.
+
+    Imports ROS, which the rest of the Python interface does not need.
+
+    Parameters
+    ----------
+    log : str or Path
+        The folder of a run, or its .mcap file.
+
+    Returns
+    -------
+    DropResult
+        The result; ``poses`` is None if the log does not have all drops.
+
+    Raises
+    ------
+    LogError
+        The log cannot be read.
+    InvalidValueError
+        The file is not a log of a run with its part.
+    """
+    from resting_aspects_ros.run_logs.logged_result import logged_result
+
+    return logged_result(Path(log), keep_poses=True)

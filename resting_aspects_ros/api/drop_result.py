@@ -1,16 +1,114 @@
-"""The result of a run of drops, with its picture and report."""
+"""The result of a run of drops, with its JSON document, picture and report."""
 
+import dataclasses
 from pathlib import Path
 
-from resting_aspects_ros.api.counted_run import CountedRun
+from resting_aspects_ros.api.drop_counter import Convergence
+from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.simulated_shapes import simulated_shapes
+from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.contact_counts import Placements
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.report.contact_report import contact_rows
+from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.simulation.run_description import RunDescription
 
 
-class DropResult(CountedRun):
+@dataclasses.dataclass(frozen=True, eq=False)
+class DropResult:
     """The distribution of a run, with the run, its part and its poses.
 
-    Its attributes are those of `CountedRun`.
+    Attributes
+    ----------
+    distribution : Distribution
+        Counts, probabilities and intervals over the aspects.
+    run : RunDescription
+        Conditions, seed, engine and versions.
+    part : Part or None
+        None if only its name and hash are known.
+    method : str
+        'drops'.
+    complete : bool
+        Whether all drops that were requested are counted.
+    convergence : Convergence or None
+        How far the distribution moves with a finer time step, if that was checked.
+    mesh_file : Path or None
+        The file from which the part was read, if it was given as a file.
+    history : ((m,) int, (m, k) int) or None
+        Numbers of drops, ascending, and the counts of the k aspects after each number.
+    poses : RestingPoses or None
+        The resting poses, if they were kept.
+    log : Path or None
+        The folder of the log of the run, if one was written.
+    by_state : CountsByState or None
+        Counts by initial state, if the initial states were given.
+    contacts : Placements or None
+        Counts by what the parts touch, if the surroundings have walls.
     """
+
+    distribution: Distribution
+    run: RunDescription
+    part: Part | None
+    method: str
+    complete: bool
+    convergence: Convergence | None = None
+    mesh_file: Path | None = None
+    history: tuple[Counts, Counts] | None = None
+    poses: RestingPoses | None = None
+    log: Path | None = None
+    by_state: CountsByState | None = None
+    contacts: Placements | None = None
+
+    @property
+    def title(self) -> str:
+        """Part, drops, surface and seed in one line."""
+        return f'{self.run.part}, {self.subtitle}'
+
+    @property
+    def subtitle(self) -> str:
+        """Number of drops (and how many were requested, if more), surface and seed."""
+        surface = conditions_text(self.run.conditions)
+        of = '' if self.complete else f' of {self.run.drops}'
+        return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
+
+    def to_json(self) -> str:
+        """Return the JSON document that `resting_aspects drop --json` prints."""
+        fields: dict[str, object] = {
+            **self.run.document(),
+            'mesh_sha256': self.part.mesh_sha256 if self.part else None,
+            'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
+            'unit': self.part.unit if self.part else None,
+            'body': self.part.body or None if self.part else None,
+            'method': self.method,
+            'complete': self.complete,
+            'drops_asked': self.run.drops,
+            'history': self.history
+            and [
+                {'drops': n, 'counts': row}
+                for n, row in zip(*(each.tolist() for each in self.history), strict=True)
+            ],
+        }
+        if self.by_state is not None:
+            fields['initial_states'] = {
+                'columns': self.by_state.columns,
+                'counts': self.by_state.counts,
+            }
+        if shapes := simulated_shapes(self.part, self.run.conditions):
+            fields |= shapes.document()
+        if self.contacts is not None:
+            fields['contacts'] = contact_rows(self.contacts, self.distribution)
+        if self.convergence is not None:
+            fields['convergence'] = self.convergence
+        return to_json(distribution_document(self.distribution, fields, self.part))
+
+    def save_json(self, path: Path) -> None:
+        """Write the JSON document; raises OutputError."""
+        with whole_file(path) as part:
+            part.write_text(self.to_json(), encoding='utf-8')
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with pictures and charts into a folder, which is made if necessary.

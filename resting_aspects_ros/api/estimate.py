@@ -13,10 +13,11 @@ from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.estimators.estimate import (
     METHODS,
     Estimate,
+    NotDefinedError,
+    RestingShape,
     check_method,
     estimate_each,
 )
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import (
     Comparison,
@@ -61,10 +62,10 @@ class EstimateResult:
         """Return the drops of ``against`` by symmetry class or by aspect; None without them."""
         if self.against is None:
             return None
-        from resting_aspects_ros.api.inputs.counts import counted_by_class_of
+        from resting_aspects_ros.api.inputs.counts import counted_by_class
 
         if by_class or self.against.by_class:
-            return counted_by_class_of(self.against, self.aspects)
+            return counted_by_class(self.against, self.aspects).tally
         return self.against.tally
 
     def comparisons(self, *, by_class: bool) -> dict[str, Comparison]:
@@ -142,7 +143,7 @@ def estimate(
     shape = RestingShape(loaded)
     counted = None
     if against is not None:
-        from resting_aspects_ros.api.compare import counted_drops
+        from resting_aspects_ros.api.inputs.count_files import counted_drops
         from resting_aspects_ros.api.inputs.counts import check_against
 
         counted = counted_drops(against)

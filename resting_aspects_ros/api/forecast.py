@@ -1,35 +1,38 @@
-"""Forecast the parts per minute of a feeder with a camera and a robot."""
+"""Forecast the parts per minute of a feeder: its setup, the fixed cycle, and the controller."""
 
+import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.forecast_setup import (
-    check_tray,
-    cycle_times,
-    footprints_of,
-    pickable_aspects,
-    placements_of,
-)
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns, forecast_controller
+from resting_aspects_ros.core.feeding.controller_model import controller_model
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
+from resting_aspects_ros.core.feeding.density import check_fit, free_shares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast as forecast_rate
-from resting_aspects_ros.core.feeding.model import FeederModel
+from resting_aspects_ros.core.feeding.model import FeederModel, check_number
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.core.statistics.intervals import Array, Counts
 from resting_aspects_ros.report.forecast_table import NamedForecast
 from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.simulation.vibration import Vibration
 
 if TYPE_CHECKING:
     from resting_aspects_ros.core.vision.grasp import Grasp
+    from resting_aspects_ros.core.vision.location import Placement
 
 DEFAULT_ACTION = 'flip'
 # Assumed: a pick and place of a small robot, an image with its evaluation, a tray of a small
@@ -39,6 +42,101 @@ TRAY, CLEARANCE = (0.2, 0.2), 0.005
 # With this number of actions from each aspect, the interval is about +-5 % for l_bracket and
 # +-0.5 % for hex_nut, which is less than the systematic error of the simulation can be.
 PER_ASPECT = 200
+
+
+def cycle_times(
+    action: NamedAction,
+    *,
+    robot: float,
+    vibrate: float | None,
+    settle: float | None,
+    image: float,
+    supply: float,
+    overlap: bool,
+    place: float | None,
+) -> CycleTimes:
+    """Return the times of a cycle, with those of the action where none are given.
+
+    The time of a vibration is divided into its duration and the time until the parts are at rest;
+    that of any other action is all vibration time. Raises InvalidValueError.
+    """
+    if place is not None and not overlap:
+        raise InvalidValueError(f'invalid place time {place!r} s: expected only with overlap')
+    made = action.action
+    lasts = min(made.duration, action.time) if isinstance(made, Vibration) else action.time
+    times = CycleTimes(
+        robot=robot,
+        vibrate=lasts if vibrate is None else vibrate,
+        settle=action.time - lasts if settle is None else settle,
+        image=image,
+        supply=supply,
+    )
+    if not overlap:
+        return times
+    away = times.robot / 2 if place is None else place
+    return dataclasses.replace(times, place=away)
+
+
+def pickable_aspects(
+    aspects: AspectSet, ids: Sequence[int] | None, classes: Sequence[int] | None
+) -> tuple[int, ...]:
+    """Return the ids of pickable aspects, ascending, from ids or from numbers of classes.
+
+    Raises InvalidValueError if an id or a number is not known, or if there is none.
+    """
+    members = aspects.classes()
+    what, limit, given = 'aspect', len(aspects), ids
+    if given is None:
+        what, limit, given = 'symmetry class', len(members), classes or ()
+    if not given:
+        raise InvalidValueError(f'invalid pickable {what}: expected at least one')
+    for k in given:
+        if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
+            raise InvalidValueError(f'invalid pickable {what} {shown(k)}: expected 1 to {limit}')
+    if ids is not None:
+        return tuple(sorted({int(k) for k in ids}))
+    return tuple(sorted(aspect.id for k in set(given) for aspect in members[k - 1]))
+
+
+def footprints_of(
+    part: Part,
+    aspects: AspectSet,
+    rows: Sequence[tuple[Aspect, ...]],
+    grasps: Sequence['Grasp'] = (),
+) -> tuple[Footprint, ...]:
+    """Return the rectangle, or the disc, around the outline of each row, with the grips of it."""
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.api.grasps import grips_of
+
+    placements = {each.outline.symmetry_class: each for each in placements_of(part, aspects)}
+    found = []
+    for row in rows:
+        placement = placements[row[0].symmetry_class]
+        seen = placement.outline
+        grips = grips_of(grasps, placement) if grasps else ()
+        if seen.yaw_symmetry == 0:
+            found.append(Footprint(0.0, 0.0, seen.length / 2, grips))
+        else:
+            found.append(Footprint(seen.length, seen.width, 0.0, grips))
+    return tuple(found)
+
+
+def placements_of(part: Part, aspects: AspectSet) -> tuple['Placement', ...]:
+    """Return how the part lies in each symmetry class, with its outline."""
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.core.vision.location import Placement
+    from resting_aspects_ros.core.vision.outline import find_outlines
+
+    return tuple(Placement(part, aspects, each) for each in find_outlines(part, aspects))
+
+
+def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -> None:
+    """Raise InvalidValueError if the part, or the number of parts, does not fit on the tray."""
+    footprints = footprints_of(part, aspects, aspects.classes())
+    check_fit(tray, footprints)
+    if number is not None:
+        check_number('number of parts on the tray', number)
+        free_shares(tray, footprints, np.ones(len(footprints)), 1, number).at(number)
 
 
 def forecast(
@@ -203,3 +301,94 @@ def forecast_from(
     )
     named = NamedForecast(result.run.part, result.action.name, tuple(rows), model, found)
     return ForecastResult(result, tuple(sorted(ids)), named)
+
+
+def with_live_counts(
+    result: ReorientResult, live: LiveCounts, moved: Counts | None = None
+) -> ReorientResult:
+    """Return a result in which drops and transitions are combined with counted parts.
+
+    The simulation has the weight of ``live.prior_weight`` parts, for the drops and for each row of
+    the matrix with counted parts; the other rows remain as simulated. Counts are by symmetry
+    class, so they are those of the first aspect of each class: only the result by class is
+    meaningful.
+
+    Parameters
+    ----------
+    result : ReorientResult
+        Simulated, by aspect.
+    live : LiveCounts
+        Newly supplied parts by symmetry class.
+    moved : (c, c) int, optional
+        Parts that were followed through the action, from class to class.
+    """
+    by_class = result.by_class()
+    first = [members[0].id - 1 for members in result.drop.aspects.classes()]
+    count, aspects = len(first), len(result.drop.counts)
+    drops = np.zeros(aspects, dtype=np.int64)
+    drops[first] = _integers(live.concentration)
+    rows = by_class.matrix.counts.copy()
+    machine = np.zeros((count, count), dtype=np.int64) if moved is None else moved
+    for k in np.flatnonzero(machine.sum(axis=1)):
+        total = int(rows[k].sum())
+        both = rows[k] / max(total, 1) * min(live.weight, total)
+        both[:count] += machine[k]
+        rows[k] = _integers(both)
+    matrix = np.zeros_like(result.matrix.counts)
+    matrix[np.ix_(first, first)] = rows[:, :count]
+    matrix[first, aspects:] = rows[:, count:]
+    return dataclasses.replace(
+        result,
+        drop=dataclasses.replace(result.drop, counts=drops),
+        matrix=dataclasses.replace(result.matrix, counts=matrix),
+    )
+
+
+def _integers(values: Array) -> Counts:
+    """Return integers whose partial sums are those of the values, rounded."""
+    ends = np.rint(np.cumsum(values)).astype(np.int64)
+    return np.asarray(ends - np.concatenate([[0], ends[:-1]]))
+
+
+def forecast_controlled(result: ForecastResult, minutes: float | None = None) -> ControlledRuns:
+    """Forecast the parts per minute if feeder_controller decides, instead of the fixed cycle.
+
+    Runs of the controller are simulated, with the outlines of the parts on the tray, which takes
+    about 10 s. Parts with grasps, or with a gripper, are represented by rectangles.
+
+    Parameters
+    ----------
+    result : ForecastResult
+        By symmetry class: whole classes are pickable.
+    minutes : float, optional
+        Duration of a run, which begins with an empty tray; by default that of the forecast.
+
+    Raises
+    ------
+    InvalidValueError
+        ``minutes`` is out of bounds, or only a part of a class is pickable.
+    """
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
+
+    named, found = result.named, result.named.forecast
+    part, aspects = result.reorientation.part, result.reorientation.matrix.aspects
+    if len(named.rows) != len(aspects.classes()):
+        raise InvalidValueError(
+            f'invalid pickable aspects {list(result.pickable)}: expected all aspects of a '
+            'symmetry class, which a camera cannot tell apart'
+        )
+    seed = result.reorientation.run.seed
+    model = controller_model(named.model, number=found.number, seed=seed)
+    tray, footprints = named.model.tray, named.model.footprints
+    places = None
+    if tray.gripper is None and not any(each.grips for each in footprints):
+        outlines = [each.outline for each in placements_of(part, aspects)]
+        places = partial(OutlinePlaces, outlines, tray.size)
+    return forecast_controller(
+        model,
+        found.minutes if minutes is None else minutes,
+        places=places,
+        confidence=result.reorientation.matrix.confidence,
+        seed=seed,
+    )

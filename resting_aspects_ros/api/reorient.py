@@ -21,8 +21,7 @@ from resting_aspects_ros.api.plan_actions import (
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
+from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
 from resting_aspects_ros.api.transition_counter import check_in_finer_steps
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.geometry.decomposition import convex_pieces

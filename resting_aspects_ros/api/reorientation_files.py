@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts
-from resting_aspects_ros.api.counted_actions import CountedActions, wanted_mask
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
-from resting_aspects_ros.api.reorient_plan import PlanResult
 from resting_aspects_ros.api.report_files import (
     check_files,
     energy_text,
@@ -17,10 +16,10 @@ from resting_aspects_ros.api.report_files import (
     warning_notes,
     write_files,
 )
-from resting_aspects_ros.api.retention_counts import RetentionCounts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.errors import analysis
+from resting_aspects_ros.core.reorientation.plan import wanted_mask
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.reorientation_page import reorientation_files
@@ -40,6 +39,10 @@ from resting_aspects_ros.simulation.actions import TIME, NamedAction
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.quantity import quantities_of
 
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
+    from resting_aspects_ros.api.retention import RetentionResult
+
 Facts = list[tuple[str, str]]
 # Conditions that matter only for drops.
 _RELEASE = {
@@ -56,19 +59,19 @@ def check_reorientation_report(flag: str, folder: Path, actions: Sequence[str]) 
 
 
 def write_reorientation_report(
-    results: Sequence[CountedActions],
+    results: Sequence['ReorientResult'],
     folder: Path,
     *,
     wanted: Sequence[int] = (),
-    plan: PlanResult | None = None,
+    plan: 'PlanResult | None' = None,
     checks: Sequence[MeasuredComparison] = (),
-    simulated: Sequence[CountedActions] = (),
+    simulated: Sequence['ReorientResult'] = (),
 ) -> Path:
     """Write a report on one or several actions, and return the path of the page.
 
     Parameters
     ----------
-    results : sequence of CountedActions
+    results : sequence of ReorientResult
         Results of different actions on the same part under the same conditions.
     wanted : sequence of int
         Ids of wanted aspects.
@@ -76,7 +79,7 @@ def write_reorientation_report(
         The best plan, if it is to be shown.
     checks : sequence of MeasuredComparison
         Comparisons with measured trials of any of the actions.
-    simulated : sequence of CountedActions
+    simulated : sequence of ReorientResult
         Where rows of ``results`` are measured: the results in which they are simulated.
 
     Raises OutputError if a file cannot be written.
@@ -108,7 +111,7 @@ def write_reorientation_report(
     return folder / PAGE
 
 
-def write_retention_report(result: RetentionCounts, folder: Path) -> Path:
+def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
     """Write a report on retention curves, and return the path of the page. Raises OutputError."""
     run, part = result.run, result.part
     done = sum(int(curve.parts.sum()) for curve in result.curves)
@@ -137,8 +140,8 @@ def write_retention_report(result: RetentionCounts, folder: Path) -> Path:
 
 
 def _action_report(
-    result: CountedActions,
-    simulated: CountedActions,
+    result: 'ReorientResult',
+    simulated: 'ReorientResult',
     wanted: Sequence[int],
     checks: Sequence[MeasuredComparison],
 ) -> ActionReport:
@@ -179,13 +182,13 @@ def _named(aspects: tuple[Aspect, ...]) -> str:
     return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
 
 
-def _shares(result: CountedActions) -> Shares | None:
+def _shares(result: 'ReorientResult') -> Shares | None:
     if result.long_run is None:
         return None
     return Shares(result.long_run, *result.long_run_bounds, result.drop_shares)
 
 
-def _notes(result: CountedActions, simulated: CountedActions) -> Iterator[str]:
+def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[str]:
     matrix = result.matrix
     if not result.complete:
         done = int(simulated.matrix.actions.sum())
@@ -221,7 +224,7 @@ def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
     }
 
 
-def _run_facts(result: CountedActions) -> Facts:
+def _run_facts(result: 'ReorientResult') -> Facts:
     growth = energy_text(result.matrix.energy_growth, result.part)
     return [
         *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),

@@ -2,34 +2,48 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
-from resting_aspects_ros.api.contact_pages import contact_page_rows
-from resting_aspects_ros.api.counted_run import CountedRun
-from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
+from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import has_level_floor
-from resting_aspects_ros.api.surroundings_facts import surroundings_facts
-from resting_aspects_ros.api.surroundings_hints import outcome_hints
+from resting_aspects_ros.api.surroundings import has_level_floor, outcome_hints, scene_of
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.contacts import NONE, ContactPlane
 from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate_each
 from resting_aspects_ros.core.input_file import printable
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.report.aspect_pose import picture_part
+from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
 from resting_aspects_ros.report.comparison_text import ReferenceCounts
+from resting_aspects_ros.report.contact_picture import contact_image
 from resting_aspects_ros.report.page import FILES, PAGE, ContactRow, Report, report_files
-from resting_aspects_ros.report.rounding import size_text
+from resting_aspects_ros.report.rounding import interval_text, probability_text, size_text
 from resting_aspects_ros.report.table import symmetry_text
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.surroundings.description import (
+    BODY_VALUES,
+    RELEASE_VALUES,
+    Surroundings,
+)
+from resting_aspects_ros.simulation.surroundings.texts import value_text
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.drop_result import DropResult
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
 SEED = 1
+# Placements with a row of their own on the page, and the side of a picture, pixels.
+MAX_ROWS = 24
+PIXELS = 400
 
 
 def default_folder(part: str) -> Path:
@@ -49,7 +63,7 @@ def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
         check_output(flag, folder / name)
 
 
-def write_report(result: CountedRun, folder: Path, against: CountedDrops | None = None) -> Path:
+def write_report(result: 'DropResult', folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
     write_files(folder, report_files(_report(result, against)), FILES)
     return folder / PAGE
@@ -67,7 +81,7 @@ def write_files(folder: Path, files: Iterable[tuple[str, bytes]], names: Sequenc
             (folder / name).unlink(missing_ok=True)
 
 
-def _report(result: CountedRun, against: CountedDrops | None) -> Report:
+def _report(result: 'DropResult', against: CountedDrops | None) -> Report:
     distribution, part = result.distribution, result.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
@@ -102,8 +116,8 @@ def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     )
 
 
-def _measured(result: CountedRun, against: CountedDrops) -> ReferenceCounts:
-    tally = counted_by_class_of(against, result.distribution.aspects)
+def _measured(result: 'DropResult', against: CountedDrops) -> ReferenceCounts:
+    tally = counted_by_class(against, result.distribution.aspects).tally
     own = result.distribution.by_class()
     counted = DropCounts(
         own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
@@ -112,7 +126,7 @@ def _measured(result: CountedRun, against: CountedDrops) -> ReferenceCounts:
     return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
 
 
-def _notes(result: CountedRun) -> Iterator[str]:
+def _notes(result: 'DropResult') -> Iterator[str]:
     run, drops = result.run, result.distribution.drops
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
@@ -135,7 +149,7 @@ def warning_notes(part: Part) -> list[str]:
     return [f'{warning[0].upper()}{warning[1:]}.' for warning in part.warnings]
 
 
-def _facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
+def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     run, distribution = result.run, result.distribution
     return {
         'Part': part_facts(result.part, run, distribution.aspects),
@@ -154,7 +168,7 @@ def _facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def _surroundings_facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
+def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
     conditions = result.run.conditions
     if conditions.surroundings is None:
@@ -206,3 +220,87 @@ def part_facts(
         ('mesh sha256', part.mesh_sha256),
         *hashes,
     ]
+
+
+def contact_page_rows(result: 'DropResult') -> Iterator[ContactRow]:
+    """Yield a row for each of the most frequent placements; nothing without walls or part."""
+    part, contacts, distribution = result.part, result.contacts, result.distribution
+    scene = None if part is None else scene_of(part, result.run.conditions)
+    if part is None or contacts is None or scene is None:
+        return
+    planes = [
+        ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
+        for face in scene.faces
+    ]
+    drawn = picture_part(part, distribution.aspects.aspects)
+    rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
+    for placement, interval in rows[:MAX_ROWS]:
+        yield ContactRow(
+            contacts=tuple(
+                (name.replace('_', ' '), _text(value))
+                for name, value in contacts.named(placement).items()
+            ),
+            symmetry_class=placement.symmetry_class,
+            count=placement.count,
+            probability=probability_text(interval),
+            interval=interval_text(interval),
+            image=contact_image(
+                drawn,
+                placement.orientation,
+                placement.contacts,
+                planes,
+                _colour(distribution.aspects, placement.contacts),
+                PIXELS,
+            ),
+        )
+    if rest := sum(placement.count for placement, _ in rows[MAX_ROWS:]):
+        number = len(rows) - MAX_ROWS
+        yield ContactRow(contacts=(('', f'{number} other placements'),), count=rest)
+
+
+def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
+    """Return the colour of the first aspect on which the part lies, lighter than its contacts."""
+    lies = next((code for code in contacts if code > NONE), None)
+    colour = np.array(rgb(GREY if lies is None else aspect_colour(aspects.aspects[lies - 1])))
+    return np.asarray(0.65 * colour + 0.35)
+
+
+def _text(value: int | str | None) -> str:
+    if value is None:
+        return 'no contact'
+    return f'aspect {value}' if isinstance(value, int) else value
+
+
+def surroundings_facts(
+    surroundings: Surroundings, conditions: DropConditions
+) -> Iterator[tuple[str, str]]:
+    """Yield label and value: the kind, its dimensions, each body, and the release.
+
+    The friction and the other values of a body are those of the conditions unless it has its own.
+    """
+    shape = surroundings.shape
+    yield 'kind', shape.kind.replace('_', ' ')
+    for name, quantity in quantities_of(shape).items():
+        yield quantity.label, value_text(getattr(shape, name), quantity.unit)
+    for name, text in getattr(shape, 'texts', {}).items():
+        yield name.replace('_', ' '), text
+    for body in shape.body_names:
+        own = surroundings.bodies.get(body, {})
+        values = {
+            key: own.get(key, 0.0 if key == 'speed' else getattr(conditions, key))
+            for key in BODY_VALUES
+        }
+        if not values['speed']:
+            del values['speed']
+        yield (
+            body.replace('_', ' '),
+            ', '.join(
+                f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
+                for key, value in values.items()
+            ),
+        )
+    for name, value in surroundings.release.items():
+        yield RELEASE_VALUES[name].text, value_text(value, 'm')
+    if surroundings.orientation is not None:
+        x, y, z, w = surroundings.orientation
+        yield 'orientation at release', f'x {x:.4g}, y {y:.4g}, z {z:.4g}, w {w:.4g}'

@@ -1,5 +1,6 @@
 """Retention curves: how strong a disturbance must be for a part to leave its aspect."""
 
+import dataclasses
 import time
 import uuid
 from collections.abc import Callable
@@ -9,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks, given_workers
-from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.condition_text import given_conditions, surface_text
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.retention_counts import RetentionCounts
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
@@ -24,11 +24,14 @@ from resting_aspects_ros.core.reorientation.retention import RetentionCurve
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
+from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.report.transition_document import retention_fields
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.reorientation import MAX_LIFT, disturbance_starts
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription
 
 # If none of 400 parts leaves, the 95 % interval of the probability ends at 0.95 %.
 DEFAULT_PER_HEIGHT = 400
@@ -43,8 +46,49 @@ NO_BARRIER = 0.1
 MAX_HEIGHT = 2.0
 
 
-class RetentionResult(RetentionCounts):
-    """The retention curves of a part; its attributes are those of `RetentionCounts`."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class RetentionResult:
+    """The retention curves of a part.
+
+    Attributes
+    ----------
+    curves : tuple of RetentionCurve
+        A curve for each aspect that was disturbed, by id.
+    aspects : AspectSet
+    run : RunDescription
+    part : Part
+    complete : bool
+        Whether all disturbances are counted.
+    """
+
+    curves: tuple[RetentionCurve, ...]
+    aspects: AspectSet
+    run: RunDescription
+    part: Part
+    complete: bool
+
+    @property
+    def title(self) -> str:
+        """Part, surface and seed in one line."""
+        surface = surface_text(self.run.conditions)
+        return f'{self.run.part}, disturbed on {surface}, seed {self.run.seed}'
+
+    def to_json(self) -> str:
+        """Return the JSON document that `resting_aspects retention --json` prints."""
+        run = self.run.document()
+        asked = run.pop('drops')
+        del run['precision']
+        return json_text(
+            {
+                'schema_version': SCHEMA_VERSION,
+                **run,
+                'mesh_sha256': self.part.mesh_sha256,
+                'disturbances_asked': asked,
+                'complete': self.complete,
+                'aspects': [aspect_fields(each, self.part) for each in self.aspects.aspects],
+                'curves': [retention_fields(curve) for curve in self.curves],
+            }
+        )
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with the curves and all numbers into a folder, which is made if necessary.

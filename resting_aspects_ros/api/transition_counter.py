@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks
-from resting_aspects_ros.api.convergence import DETECTABLE_SHIFT, REFINEMENT
+from resting_aspects_ros.api.drop_counter import DETECTABLE_SHIFT, REFINEMENT
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.reorientation.transition_matrix import (
     TransitionMatrix,

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings_hints import outcome_hints
+from resting_aspects_ros.api.surroundings import outcome_hints
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.contact_report import contact_table

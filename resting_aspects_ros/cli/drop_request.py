@@ -1,11 +1,11 @@
 """The requested drops: described by flags, or by a log that is to be repeated."""
 
 import argparse
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts
-from resting_aspects_ros.api.inputs.state_csv import read_state_csv
+from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts, read_state_csv
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.options import (
     requested_conditions,
@@ -32,9 +32,9 @@ class DropRequest:
 
     logged : RunDescription
         The run to repeat; None for a new run.
-    ranges : tuple of (int, int)
-        The drops [first, end) in the log, if exactly these are repeated. Then ``drops`` ends the
-        run, and ``precision`` is only that of the logged run.
+    repeats : bool
+        Whether as many drops as in the log are repeated. Then ``drops`` ends the run, and
+        ``precision`` is only that of the logged run.
     given, starts : GivenStates, Starts
         Given initial states, and how the parts start from them; None for random releases.
     """
@@ -45,14 +45,14 @@ class DropRequest:
     drops: int
     precision: float
     logged: RunDescription | None = None
-    ranges: tuple[tuple[int, int], ...] = ()
+    repeats: bool = False
     given: GivenStates | None = None
     starts: Starts | None = None
 
     @property
     def stop_at(self) -> float:
         """Return the precision at which to stop, 0 to make all drops."""
-        return 0.0 if self.ranges else self.precision
+        return 0.0 if self.repeats else self.precision
 
     @property
     def first_drop(self) -> int:
@@ -174,8 +174,8 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
     if arguments.drops is not None or arguments.precision is not None:
         return DropRequest(part, run.conditions, run.seed, drops, precision, run)
     # Repeat the recorded drops: a canceled or interrupted run has fewer than requested.
-    ranges = tuple(logged.ranges)
-    drops = sum(end - first for first, end in ranges)
-    if not drops:
+    first, end = logged.extent
+    if first == end:
         raise InvalidValueError(f'invalid --from-log {str(log)!r}: expected a log with drops')
-    return DropRequest(part, run.conditions, run.seed, drops, run.precision, run, ranges)
+    run = dataclasses.replace(run, first_drop=first)
+    return DropRequest(part, run.conditions, run.seed, end - first, run.precision, run, True)

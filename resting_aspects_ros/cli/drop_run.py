@@ -8,9 +8,8 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop import recorded
-from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop_counter import Convergence, DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.load_part import mesh_file
@@ -22,7 +21,7 @@ from resting_aspects_ros.api.output_files import (
 )
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
+from resting_aspects_ros.api.surroundings import warn_of_surroundings
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.result_folder import requested_folder
@@ -70,7 +69,7 @@ def drop_and_show(
     log: Path | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    counter = DropCounter(planned.empty, run, stop_at, request.ranges, planned.consumers)
+    counter = DropCounter(planned.empty, run, stop_at, planned.consumers)
     by_state = _counted_by_state(request, counter)
     try:
         with ExitStack() as stack:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast import DEFAULT_ACTION
-from resting_aspects_ros.api.forecast_setup import check_tray, pickable_aspects
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION, check_tray, pickable_aspects
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan_actions import named_action

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_from
-from resting_aspects_ros.api.forecast_controlled import forecast_controlled
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_controlled, forecast_from
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult

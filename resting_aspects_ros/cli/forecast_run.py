@@ -10,10 +10,12 @@ from resting_aspects_ros.api.forecast import (
     DEFAULT_ACTION,
     IMAGE,
     ROBOT,
+    check_tray,
+    cycle_times,
     forecast_from,
+    pickable_aspects,
 )
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.forecast_setup import check_tray, cycle_times, pickable_aspects
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.look_alike_notes import divided_class_texts
 from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
@@ -106,7 +108,7 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
         check_tray(part, aspects, tray, arguments.parts_on_tray)
         ids = [pickable_aspects(aspects, *each) for each in sets[number]]
         if grasps:
-            from resting_aspects_ros.api.forecast_setup import placements_of
+            from resting_aspects_ros.api.forecast import placements_of
             from resting_aspects_ros.api.grasps import check_grasps
 
             for each in ids:
@@ -196,7 +198,7 @@ def make_forecasts(
                 return []
             if requested.controller:
                 # The import of shapely is only needed here.
-                from resting_aspects_ros.api.forecast_controlled import forecast_controlled
+                from resting_aspects_ros.api.forecast import forecast_controlled
 
                 results.append(dataclasses.replace(each, controlled=forecast_controlled(each)))
             else:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.counted_actions import wanted_mask
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.measured_trials import MeasuredTrials
 from resting_aspects_ros.api.output_files import check_output, make_folder
@@ -27,6 +26,7 @@ from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.reorientation.plan import wanted_mask
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import check_precision
 from resting_aspects_ros.simulation.conditions import DropConditions

@@ -12,20 +12,22 @@ import numpy as np
 import numpy.typing as npt
 from rich.console import Console
 
-from resting_aspects_ros.api.counted_actions import wanted_mask
 from resting_aspects_ros.api.estimate import estimate
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.reorient_plan import PlanResult, plan_reorientation
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient_result import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+)
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.simulated_shapes import pieces_text
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
+from resting_aspects_ros.core.estimators.estimate import NotDefinedError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.plan import Plan
+from resting_aspects_ros.core.reorientation.plan import Plan, wanted_mask
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
@@ -186,7 +188,7 @@ def save_answer(
     *,
     pictures: bool = True,
 ) -> list[Path]:
-    """Write documents, graphs and pictures, which take longest, and return their paths.
+    """Write documents and pictures, which take longest, and return their paths.
 
     The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
     With a page, which has the same pictures, none are needed here; see save_page.
@@ -196,10 +198,8 @@ def save_answer(
     for result in answer.results:
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
-        if result.long_run is not None:
-            files = {f'transitions{suffix}.graphml': result.save_graphml, **files}
-            if pictures:
-                files[f'flow{suffix}.png'] = result.save_flow
+        if pictures and result.long_run is not None:
+            files[f'flow{suffix}.png'] = result.save_flow
         saves.update(files)
     written = []
     for name, save in saves.items():

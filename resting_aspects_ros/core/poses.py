@@ -1,6 +1,6 @@
 """Resting poses of many drops as arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from itertools import pairwise
@@ -116,6 +116,25 @@ class RestingPoses:
         names = [field.name for field in fields(cls)[1:]]
         arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
         return cls(parts[0].first_drop, **arrays)
+
+    @classmethod
+    def blocks(cls, batches: Iterable['RestingPoses']) -> list['RestingPoses']:
+        """Return the drops of batches of one run, each once, as blocks of consecutive drops.
+
+        The batches may overlap and be in any order; the blocks are ascending, with missing drops
+        between them.
+        """
+        found: list[list[RestingPoses]] = []
+        end = 0
+        for batch in sorted(batches, key=lambda each: each.first_drop):
+            new = batch.between(end, batch.end)
+            if not len(new):
+                continue
+            if not found or new.first_drop > end:
+                found.append([])
+            found[-1].append(new)
+            end = new.end
+        return [cls.join(block) for block in found]
 
     @classmethod
     def none(cls, first_drop: int) -> 'RestingPoses':

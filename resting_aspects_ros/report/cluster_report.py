@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.aspects.clusters import Clusters
-from resting_aspects_ros.core.statistics.agreement import Agreement, Differences
+from resting_aspects_ros.core.aspects.clusters import Agreement, Clusters, Differences
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields

@@ -12,15 +12,19 @@ from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.inputs.class_groups import single_groups
-from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts
-from resting_aspects_ros.api.machine_transitions import MachineTransitions, machine_transitions
+from resting_aspects_ros.api.measured_trials import MachineTransitions, machine_transitions
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.count_sessions import CountSessions, Totals
+from resting_aspects_ros.core.statistics.counted_parts import (
+    CountSessions,
+    LiveCounts,
+    ObservedCounts,
+    Totals,
+)
+from resting_aspects_ros.core.statistics.drift import DriftTest
 from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
-from resting_aspects_ros.report.drift_table import DriftWindows, drift_sentence
+from resting_aspects_ros.report.drift_report import drift_sentence
 from resting_aspects_ros.report.rounding import points_text
 from resting_aspects_ros.ros.conversions import nanoseconds, run_msg
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -80,9 +84,7 @@ def observed_from(
             batches.append(new)
             labels.append(time_label(totals.time or time))
     rows = np.array(batches, dtype=np.int64).reshape(-1, len(ids))
-    batch, place = np.indices(rows.shape).reshape(2, -1)
-    groups = single_groups(ids)
-    return ObservedCounts(source, groups, batch, place, rows.ravel(), tuple(labels)), sessions
+    return ObservedCounts.of_rows(rows, source, single_groups(ids), labels), sessions
 
 
 def time_label(time: int) -> str:
@@ -126,20 +128,20 @@ def posterior_msg(
     return message
 
 
-def add_drift(message: Posterior, tested: DriftWindows) -> None:
+def add_drift(message: Posterior, test: DriftTest) -> None:
     """Add the tests of all windows to a message."""
-    test, found = tested.test, tested.deviation
-    message.message = drift_sentence(tested)
-    message.window_end = tested.ends[1:].tolist()
+    found = test.deviation
+    message.message = drift_sentence(test)
+    message.window_end = test.ends[1:].tolist()
     message.statistic = test.g.tolist()
     message.p_value = test.p_values.tolist()
     if found is None:
         return
     drifted = test.drifted
     message.drift = drifted.stop == len(test.windows)
-    message.first_part = int(tested.ends[drifted.start]) + 1
-    message.last_part = int(tested.ends[drifted.stop])
-    message.drift_class = tested.live.ids[found.index]
+    message.first_part = int(test.ends[drifted.start]) + 1
+    message.last_part = int(test.ends[drifted.stop])
+    message.drift_class = test.groups[found.index][0]
     message.share, message.expected = found.share, found.expected
     message.deviation_lower, message.deviation_upper = found.lower, found.upper
 

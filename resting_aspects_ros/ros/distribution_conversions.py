@@ -174,6 +174,6 @@ def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
     if msg.aspect_numbering != ASPECT_NUMBERING:
         raise InvalidValueError(
             f'its distribution has aspect_numbering {msg.aspect_numbering}: expected '
-            f'{ASPECT_NUMBERING} ("resting_aspects report" and "merge" count the drops again)'
+            f'{ASPECT_NUMBERING} ("resting_aspects report" counts the drops again)'
         )
     return distribution_from(msg), run_from(msg.run), msg.complete

@@ -14,8 +14,7 @@ from resting_aspects_ros.core.errors import (
     UnknownPartError,
     shown,
 )
-from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
+from resting_aspects_ros.core.estimators.estimate import METHODS, NotDefinedError
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.ros.conversions import conditions_from, status
 from resting_aspects_ros.simulation.conditions import DropConditions

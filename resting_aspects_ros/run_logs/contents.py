@@ -11,6 +11,7 @@ from resting_aspects_interfaces.msg import TransitionMatrix
 from resting_aspects_ros.core.errors import LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
     Distribution,
 )
@@ -30,7 +31,6 @@ from resting_aspects_ros.ros.distribution_conversions import serialized_distribu
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
-from resting_aspects_ros.simulation.merge_runs import RunPoses
 from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
@@ -70,7 +70,7 @@ class LoggedRun:
         self.recorded: LogOutcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
-        self.batches: list[RunPoses] = []
+        self.batches: list[tuple[RunDescription, RestingPoses]] = []
         self._keep_poses = keep_poses
         self._last: dict[str, bytes] = {}
         self._end: int | None = None  # index after the last drop, once it is known
@@ -133,12 +133,14 @@ class LoggedRun:
         return LogOutcome(len(self.seen), whole=not missing and is_described)
 
     @property
-    def ranges(self) -> list[tuple[int, int]]:
-        """The ranges [first, end) of drops in the log, ascending."""
-        run = self.run
-        if run is None or not self.outcome.whole:
-            return self.seen.ranges
-        return [(run.first_drop, run.first_drop + self.outcome.drops)]
+    def extent(self) -> tuple[int, int]:
+        """Index of the first drop in the log, and that after the last one; equal without drops."""
+        run, ranges = self.run, self.seen.ranges
+        if run is None or not ranges:
+            return 0, 0
+        if self.outcome.whole:
+            return run.first_drop, run.first_drop + self.outcome.drops
+        return ranges[0][0], self.seen.end
 
     @cached_property
     def known_run(self) -> RunDescription | None:

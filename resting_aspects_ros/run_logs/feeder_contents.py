@@ -16,9 +16,9 @@ from resting_aspects_interfaces.msg import (
     Posterior,
 )
 
-from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts as CountedParts
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import is_folder, named
+from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts as CountedParts
 from resting_aspects_ros.logs.message_reader import typed_messages
 from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label

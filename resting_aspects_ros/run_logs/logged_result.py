@@ -1,7 +1,5 @@
 """The result of a run whose drops are in a log."""
 
-from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 
 from resting_aspects_ros.api.drop_result import DropResult
@@ -12,14 +10,12 @@ from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
     METHOD,
+    History,
     aspect_ids,
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.run_logs.contents import read_logged_run
-from resting_aspects_ros.simulation.merge_runs import RunPoses, merge_drops
-from resting_aspects_ros.simulation.run_description import RunDescription
 
 
 def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
@@ -40,15 +36,16 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
     distribution = no_drops(aspects, by_precision=run.precision > 0)
     history = History(distribution.aspects)
-    chunks = list(_poses(logged.batches, run))
-    for poses in chunks:
+    sequence = run.sequence()
+    of_run = (poses for each, poses in logged.batches if each.sequence() == sequence)
+    blocks = [each.between(run.first_drop, run.end) for each in RestingPoses.blocks(of_run)]
+    for poses in blocks:
         ids = aspect_ids(distribution.aspects, poses)
         history.add(ids)
         distribution += count_poses(distribution.aspects, poses, ids)
         if contacts is not None:
             contacts.add(poses, ids)
     whole = logged.outcome.whole and logged.finished
-    gaps = any(before.end != after.first_drop for before, after in pairwise(chunks))
     return DropResult(
         distribution,
         run,
@@ -56,14 +53,6 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
         METHOD,
         whole,
         history=history.points(),
-        poses=RestingPoses.join(chunks) if keep_poses and chunks and not gaps else None,
+        poses=blocks[0] if keep_poses and len(blocks) == 1 else None,
         contacts=contacts,
     )
-
-
-def _poses(batches: list[RunPoses], run: RunDescription) -> Iterator[RestingPoses]:
-    """Yield the drops of a run without duplicates, ascending."""
-    for merged in merge_drops(batches, any_engine=True):
-        if merged.run.sequence() == run.sequence():
-            for poses in merged.poses:
-                yield poses.between(run.first_drop, run.end)

@@ -4,14 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from resting_aspects_ros.api.drift import watch_drift
-from resting_aspects_ros.api.inputs.counts_csv import read_observed
-from resting_aspects_ros.api.inputs.observed_counts import counts_from_array
+from resting_aspects_ros.api.inputs.count_files import counts_from_array, read_observed
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsWarning
-from resting_aspects_ros.core.statistics.drift_power import parts_for_run_length, parts_needed
+from resting_aspects_ros.core.statistics.drift import parts_needed
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 GOOD, BAD = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
@@ -98,26 +95,12 @@ def test_cumulative_counts_are_differences(observed):
     assert windows(observed(*lines, cumulative=True)) == [[5, 5, 0], [0, 4, 1]]
 
 
-@given(
-    st.lists(st.lists(st.integers(0, 9), min_size=3, max_size=3), min_size=1), st.integers(1, 40)
-)
-def test_windows_are_disjoint_and_large_enough(rows, size):
-    rows = [*rows, [1, 0, 0]]
-    found = counts_from_array(rows, CLASSES)
-    counts, ends, _ = found.windows(size)
-    assert (counts.sum(axis=1) == np.diff(ends)).all()
-    assert (np.diff(ends) >= size).all()
-    assert 0 <= found.parts - ends[-1] < size
-    largest = max(sum(row) for row in rows)
-    assert (np.diff(ends) < size + max(largest, 1)).all()
-
-
 @pytest.mark.parametrize(
     ('lines', 'message'),
     [
-        (('',), 'invalid column names .* expected a column class and'),
-        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column class and'),
-        (('aspect,count', '1,2'), 'invalid column names .* expected a column class and'),
+        (('',), 'invalid column names .* expected a column aspect or class and'),
+        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column aspect or class'),
+        (('aspect,count', '1,2'), 'invalid column names .* expected a column aspect or class and'),
         (('class,count,count', '1,2,3'), 'invalid column names'),
         (('class,count,batch,time', '1,2,3,4'), 'invalid column names'),
         (('{"drops": 5}',), 'invalid column names'),
@@ -193,39 +176,31 @@ def test_past_drift_is_a_window(expected):
 
 def test_default_window_finds_the_shift(expected):
     needed = parts_needed(SIMULATED, 0.1)
-    result = watch_drift(expected, np.eye(5, dtype=int)[np.arange(2 * needed) % 5], shift=0.1)
-    assert np.diff(result.tested.ends).tolist() == [needed, needed]
-    assert result.tested.detectable == pytest.approx(0.1, abs=0.001)
-    assert result.tested.run_length == 100 * needed
-
-
-def test_run_length_is_the_window_over_the_level(expected):
-    result = watch_drift(expected, [GOOD] * 20, run_length=50_000, shift=0.1)
-    size = parts_for_run_length(SIMULATED, 50_000, 0.1)
+    result = watch_drift(expected, [GOOD] * 20, shift=0.1)
+    assert result.needed == needed * max(result.test.scatter.factor, 1)
     # A batch has 200 parts.
-    assert result.tested.parts == 200 * -(-size // 200)
-    assert result.tested.run_length == 50_000
+    assert set(np.diff(result.test.ends)) == {200 * -(-needed // 200)}
 
 
 def test_few_parts_are_one_window(expected):
     result = watch_drift(expected, [GOOD, [1, 1, 1, 1, 1]])
-    assert result.tested.ends.tolist() == [0, 205]
+    assert result.test.ends.tolist() == [0, 205]
 
 
 def test_grouped_classes_are_compared_with_the_sum(expected, tmp_path):
     (tmp_path / 'c.csv').write_text('class,count\n1,54\n2+3,104\n4,26\n5,16\nunclassified,2\n')
     result = watch_drift(expected, tmp_path / 'c.csv')
     assert result.live.simulated.tolist() == [2700, 5200, 1300, 800]
-    assert (result.drift, result.tested.names) == (False, ['1', '2+3', '4', '5'])
+    assert (result.drift, result.test.names) == (False, ['1', '2+3', '4', '5'])
     document = json.loads(result.to_json())
     assert (document['unclassified'], document['untested']) == (2, 0)
     assert document['classes'][1]['symmetry_classes'] == [2, 3]
     # Counts that a camera made while the machine ran well have groups of their own.
     (tmp_path / 'e.csv').write_text('class,count\n1,2700\n2,2800\n3+4,3700\n5,800\n')
     result = watch_drift(tmp_path / 'e.csv', tmp_path / 'c.csv')
-    assert result.tested.names == ['1', '2+3+4', '5']
+    assert result.test.names == ['1', '2+3+4', '5']
     (tmp_path / 'all.csv').write_text('class,count\n1+2+3+4+5,54\n')
-    with pytest.raises(InvalidValueError, match='all classes are counted together'):
+    with pytest.raises(InvalidValueError, match='two or more classes'):
         watch_drift(expected, tmp_path / 'all.csv')
 
 
@@ -234,14 +209,15 @@ def test_few_drops_give_a_warning(tmp_path):
     path.write_text('class,count\n1,60\n2,40\n')
     with pytest.warns(RestingAspectsWarning, match='100 simulated drops are too few'):
         result = watch_drift(path, [[6, 4]] * 30)
-    assert result.tested.ends.tolist() == [0, 100, 200, 300]
+    assert result.test.ends.tolist() == [0, 100, 200, 300]
 
 
 def test_document_has_the_numbers_of_the_result(expected):
     result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200, prior_weight=100)
     document = json.loads(result.to_json())
     assert document['message'] == result.verdict
-    assert (document['level'], document['run_length'], document['parts']) == (0.01, 20_000, 1200)
+    assert (document['level'], document['shift'], document['parts']) == (0.01, 0.05, 1200)
+    assert document['parts_needed'] == result.needed
     drift = document['drift']
     assert (drift['symmetry_class'], drift['first_part'], drift['last_part']) == (2, 601, 1200)
     assert drift['lower'] < drift['difference'] < drift['upper']
@@ -255,12 +231,9 @@ def test_document_has_the_numbers_of_the_result(expected):
     ('options', 'message'),
     [
         ({'window': 0}, 'invalid window 0: expected an integer'),
-        ({'window': 201}, 'invalid window 201: expected at most 200'),
+        ({'window': 201}, 'invalid window 201: expected an integer from 1 to 200'),
         ({'window': 10.5}, 'invalid window 10.5'),
         ({'level': 0.5}, 'invalid level 0.5'),
-        ({'level': 0.01, 'run_length': 9000}, 'invalid run length 9000: expected only without'),
-        ({'run_length': 3}, 'invalid run length 3: expected 4 to 2000000 parts'),
-        ({'run_length': 300, 'window': 90}, 'expected 800 to 2000000 parts for windows of 200'),
         ({'shift': 0}, 'invalid shift 0'),
         ({'prior_weight': 0}, 'invalid prior weight 0'),
         ({'confidence': 1}, 'invalid confidence 1'),
@@ -270,3 +243,8 @@ def test_document_has_the_numbers_of_the_result(expected):
 def test_wrong_options_are_named(expected, options, message):
     with pytest.raises(InvalidValueError, match=message):
         watch_drift(expected, [GOOD], **options)
+
+
+def test_counts_of_other_classes_are_refused(expected):
+    with pytest.raises(InvalidValueError, match=r'invalid classes \[1, 2, 3, 4, 5\] in '):
+        watch_drift(expected, counts_from_array([[1, 2, 3]], CLASSES))

@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import forecast, forecast_from
-from resting_aspects_ros.api.forecast_setup import cycle_times
+from resting_aspects_ros.api.forecast import cycle_times, forecast, forecast_from
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.footprint import Tray

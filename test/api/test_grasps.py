@@ -8,7 +8,7 @@ import shapely
 import yaml
 from shapely import affinity
 
-from resting_aspects_ros.api.forecast_setup import footprints_of
+from resting_aspects_ros.api.forecast import footprints_of
 from resting_aspects_ros.api.grasps import check_grasps, grips_of, load_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.errors import InvalidValueError

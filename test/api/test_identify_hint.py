@@ -5,8 +5,7 @@ import pytest
 import shapely
 from shapely import affinity
 
-from resting_aspects_ros.api.identify import identify_part, known_part
-from resting_aspects_ros.api.identify_hint import identification_hint
+from resting_aspects_ros.api.identify import identification_hint, identify_part, known_part
 from resting_aspects_ros.core.vision.observation import observed_polygon
 
 

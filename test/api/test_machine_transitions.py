@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.machine_transitions import machine_transitions
+from resting_aspects_ros.api.measured_trials import machine_transitions
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions

@@ -21,8 +21,7 @@ from resting_aspects_ros.api.roadmap import read_roadmap, roadmap_document
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.contacts import CORNER, EDGE, NONE
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import estimate
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
 from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops

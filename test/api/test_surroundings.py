@@ -13,9 +13,9 @@ from resting_aspects_ros.api.surroundings import (
     has_level_floor,
     surroundings,
     surroundings_text,
+    warn_of_surroundings,
     with_surroundings,
 )
-from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.core.errors import RestingAspectsWarning
 from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface

@@ -27,7 +27,7 @@ COMMANDS = {
         'figure',
         ['transitions.json', 'reorientation.html', 'transitions.png'],
     ),
-    'api.counted_actions:long_run': (
+    'api.reorient_result:long_run': (
         (*REORIENT, *FEW),
         'long-run shares',
         ['transitions.json', 'reorientation.html'],

@@ -445,7 +445,7 @@ def test_error_names_line_and_value_of_a_wrong_count(refusal, row, says):
     [
         (
             '',
-            "invalid column names '' in f line 1: expected one aspect or class and one count",
+            "invalid column names '' in f line 1: expected a column aspect or class and",
         ),
         ('1,5\n', "invalid column names '1, 5' in f line 1: expected"),
         ('aspect,counts\n1,5\n', "column names 'aspect, counts' in f line 1: expected"),
@@ -501,8 +501,26 @@ def test_classes_counted_together_are_compared_together(tmp_path):
     document = json.loads(result.to_json())
     assert [row['name'] for row in document['aspects']] == ['1', '2+3', '4']
     (tmp_path / 'c.csv').write_text('class,count\n1,30\n2+3,50\n3,20\n')
-    with pytest.raises(InvalidValueError, match='expected each class once'):
+    with pytest.raises(InvalidValueError, match=r'the file counts 2\+3 together'):
         compare(tmp_path / 'a.csv', tmp_path / 'c.csv')
     (tmp_path / 'd.csv').write_text('class,count\n1,30\n2,50\n3,20\n')
     with pytest.raises(InvalidValueError, match='missing: 4'):
         compare(tmp_path / 'a.csv', tmp_path / 'd.csv')
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'batch,class,count\na,1,3\na,2,1\nb,1,2\nb,2,4\n',
+        'class\n1\n1\n2\n1\n1\n1\n2\n2\n2\n2\n',
+        'time;class_1;class_2\n8:00;3;1\n8:10;2;4\n',
+    ],
+)
+def test_counts_in_batches_are_compared_together(tmp_path, text):
+    write_csv(tmp_path, text)
+    given = read_counts(tmp_path / 'm.csv')
+    assert (given.groups, given.tally.counts.tolist()) == (((1,), (2,)), [5, 5])
+
+
+def test_numbers_without_a_header_are_not_taken_for_classes(refusal):
+    assert "invalid column names '1, 5' in f line 1: expected" in refusal('1,5\n2,7\n')

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.convergence import check_convergence
+from resting_aspects_ros.api.drop_counter import check_convergence
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.inputs.pose_csv import read_pose_csv
+from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.errors import InvalidValueError
 

@@ -11,8 +11,8 @@ import pytest
 from doc_pages import PAGES, code, first_cells, section
 
 from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
 from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.api.inputs.state_csv import NEEDED, OPTIONAL
 from resting_aspects_ros.cli import main, verbs
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.simulation.actions import KINDS

@@ -34,7 +34,6 @@ def test_default_folder_has_page_figures_and_documents(compared):
         f'{name}_{action}' for name in ('transitions', 'flow') for action in ('tap', 'toss')
     ]
     expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
-    expected += [f'transitions_{action}.graphml' for action in ('tap', 'toss')]
     expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
     assert {file.name for file in path.parent.iterdir()} == set(expected)
 
@@ -107,7 +106,7 @@ def test_retention_writes_a_page(run, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'kept'),
     [
-        (REORIENT, {'transitions.json', 'transitions.graphml', 'roadmap.json'}),
+        (REORIENT, {'transitions.json', 'roadmap.json'}),
         (('retention', 'tetrahedron', *QUICK, '--per-height', 2), {'retention.json'}),
     ],
 )

@@ -94,7 +94,7 @@ def test_the_classifier_reads_counts_and_contacts_of_a_log(chute_log):
     assert sum(p.count for p in distribution.contacts.placements) == DROPS - 3
 
 
-def test_info_and_merge_show_surroundings_and_contacts(chute_log, capsys):
+def test_info_shows_surroundings_and_contacts(chute_log, capsys):
     code, text = run_main(capsys, 'info', chute_log[0])
     assert code == 0
     assert 'chute' in text
@@ -104,8 +104,6 @@ def test_info_and_merge_show_surroundings_and_contacts(chute_log, capsys):
     assert (document['lost'], document['sliding']) == (1, 1)
     assert [row['count'] for row in document['contacts']] == [DROPS - 3]
     assert document['log']['whole']
-    code, text = run_main(capsys, 'merge', chute_log[0], '--json')
-    assert json.loads(text)['contacts'] == document['contacts']
 
 
 def test_other_commands_name_the_surroundings_of_a_log(chute_log, block_log, capsys):
@@ -131,13 +129,6 @@ def test_poses_in_a_chute_are_classified_by_their_side_on_the_belt(chute_log, pa
     assert not level.by_part.distribution.counts.any()
     with pytest.raises(ra.InvalidValueError, match='surroundings: expected only with a part'):
         ra.classify(poses, surroundings='l_chute')
-
-
-def test_logs_of_different_surroundings_are_not_merged(chute_log, block_log, capsys):
-    code = main(['merge', str(chute_log[0]), str(block_log[0])])
-    assert code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith('error: invalid surroundings ')
 
 
 @pytest.mark.slow

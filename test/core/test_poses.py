@@ -1,6 +1,7 @@
 """Resting poses as arrays: cut and joined without loss."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -62,3 +63,14 @@ def test_between_returns_only_the_available_drops(assert_same_poses, low, high):
 def test_joining_over_a_gap_names_the_missing_drops():
     with pytest.raises(ValueError, match=r'^drops 5 to 6 are missing$'):
         RestingPoses.join([numbered(0, 5), numbered(7, 2)])
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), max_size=12))
+def test_blocks_have_each_drop_once(assert_same_poses, spans):
+    blocks = RestingPoses.blocks(numbered(first, n) for first, n in spans)
+    found = [drop for block in blocks for drop in range(block.first_drop, block.end)]
+    assert found == sorted({drop for first, n in spans for drop in range(first, first + n)})
+    for block in blocks:
+        assert_same_poses(block, numbered(block.first_drop, len(block)))
+    # Drops are missing between two blocks.
+    assert all(a.end < b.first_drop for a, b in pairwise(blocks))

@@ -29,8 +29,7 @@ from resting_aspects_ros.client import (
 )
 from resting_aspects_ros.client import client as nodes_client
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.estimators.estimate import estimate
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
 from resting_aspects_ros.ros.conversions import run_from
 
 DEADLINE = 600.0

@@ -7,8 +7,7 @@ import pytest
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate
 
 
 @pytest.mark.quick_cases(2)

@@ -18,7 +18,7 @@ from resting_aspects_interfaces.msg import (
 )
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.api.inputs.counts_csv import read_observed
+from resting_aspects_ros.api.inputs.count_files import read_observed
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import messages

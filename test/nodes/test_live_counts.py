@@ -24,11 +24,9 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.srv import FeederForecast
 from std_msgs.msg import Header
 
-from resting_aspects_ros.api.drift import watch_drift
+from resting_aspects_ros.api.drift import drift_test, watch_drift
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.forecast import forecast_from
-from resting_aspects_ros.api.forecast_counts import with_live_counts
-from resting_aspects_ros.api.forecast_setup import cycle_times
+from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.client.client import RestingAspectsClient
@@ -37,13 +35,13 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
-from resting_aspects_ros.core.statistics import count_sessions
+from resting_aspects_ros.core.statistics import counted_parts
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
-from resting_aspects_ros.core.statistics.drift_power import parts_needed
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.core.statistics.drift import parts_needed
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart, drift_test
+from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart
 from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -179,15 +177,15 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
     found = machine.posterior(lambda each: each.drift and each.parts == 304)
     dropped = DropResult(simulated.drop, simulated.run, simulated.part, METHOD, complete=True)
     expected = watch_drift(dropped, [[1, 0], *batches], window=WINDOW)
-    test = expected.tested.test
+    test = expected.test
     assert list(found.concentration) == expected.live.concentration.tolist()
-    assert list(found.window_end) == expected.tested.ends[1:].tolist() == [101, 201, 301]
+    assert list(found.window_end) == test.ends[1:].tolist() == [101, 201, 301]
     assert list(found.statistic) == test.g.tolist()
     assert list(found.p_value) == test.p_values.tolist()
-    deviation = expected.tested.deviation
+    deviation = test.deviation
     assert (found.drift_class, found.share) == (deviation.index + 1, deviation.share)
     assert (found.deviation_lower, found.deviation_upper) == (deviation.lower, deviation.upper)
-    assert found.first_part == expected.tested.ends[test.drifted.start] + 1
+    assert found.first_part == test.ends[test.drifted.start] + 1
     # In words, with the time of the first part, also as a warning.
     words, _ = expected.verdict.split(' since')
     assert found.message.startswith(f'{words} since part {found.first_part} (1970-01-01 00:01')
@@ -400,7 +398,7 @@ def follow(simulated):
 def live(simulated):
     live = LivePart.of(simulated.part, simulated.drop.aspects)
     for k in range(40):
-        live.windows.add(np.array([40, 20]), k)
+        live.batches.add(np.array([40, 20]), k)
     return live
 
 
@@ -430,25 +428,22 @@ def test_default_window_grows_with_the_drops(live, follow, simulated):
 
     few = dataclasses.replace(simulated.drop, counts=simulated.drop.counts // 100)
     follow(live, call, few)
-    assert live.windows.ends.tolist() == [0, *range(120, 2401, 120)]
+    assert (live.window, live.tested.ends.tolist()) == (100, [0, *range(120, 2401, 120)])
     follow(live, call)
-    size = parts_needed(simulated.drop.by_class().counts)
-    assert np.diff(live.windows.ends).min() >= size
-    assert live.tested.ends.tolist() == live.windows.ends.tolist()
+    assert live.window == parts_needed(simulated.drop.by_class().counts)
+    assert np.diff(live.tested.ends).min() >= live.window
 
 
-def test_windows_that_are_joined_during_a_test_do_not_change_it(live, follow, monkeypatch):
-    monkeypatch.setattr(count_sessions, 'MAX_BATCHES', 4)
+def test_batches_that_are_joined_during_a_test_do_not_change_it(live, follow, monkeypatch):
+    monkeypatch.setattr(counted_parts, 'MAX_BATCHES', 4)
 
     def join(function, *arguments):
         if function is not drift_test:
             return 600
-        assert len(arguments[0]) == 4
-        live.windows.add(np.array([400, 200]), 40)
-        assert len(live.windows.windows) == 4
+        live.batches.add(np.array([400, 200]), 40)
         return drift_test(*arguments)
 
     follow(live, join)
     assert live.tested.ends.tolist() == [0, 600, 1200, 1800, 2400]
-    assert len(live.tested.labels) == len(live.tested.test.windows) == 4
+    assert len(live.tested.labels) == len(live.tested.windows) == 4
     assert not live.is_tested

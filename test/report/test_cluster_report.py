@@ -8,8 +8,12 @@ from rich.console import Console
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.clusters import Clusters, find_clusters
-from resting_aspects_ros.core.statistics.agreement import find_agreement, find_differences
+from resting_aspects_ros.core.aspects.clusters import (
+    Clusters,
+    find_agreement,
+    find_clusters,
+    find_differences,
+)
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.cluster_report import (
     agreement_line,

@@ -3,8 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
-# The numbers of the symmetry classes of each group, ascending.
-Groups = tuple[tuple[int, ...], ...]
+from resting_aspects_ros.core.statistics.counted_parts import Groups
 
 _NUMBER = r'(?:class(?:es)?[_ ]?)?0*[1-9]\d{0,8}'
 _GROUP = re.compile(rf'{_NUMBER}(?:\s*\+\s*{_NUMBER})*', re.IGNORECASE)
@@ -39,8 +38,3 @@ def common_groups(one: Groups, other: Groups) -> Groups:
         found = [each for each in found if each.isdisjoint(group)]
         found.append(set(group).union(*touched))
     return tuple(sorted(tuple(sorted(each)) for each in found))
-
-
-def group_places(groups: Groups, into: Groups) -> list[int]:
-    """Return for each group the index of the larger group that contains it."""
-    return [next(k for k, each in enumerate(into) if group[0] in each) for group in groups]

@@ -6,19 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.class_groups import (
-    Groups,
-    group_name,
-    group_places,
-    single_groups,
-)
+from resting_aspects_ros.api.inputs.class_groups import group_name, single_groups
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.schema import MAX_COUNTED
 from resting_aspects_ros.core.statistics.comparison import DropCounts
+from resting_aspects_ros.core.statistics.counted_parts import Groups, group_places
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import RunDescription
+
+# Maximum size of a file of counts.
+MAX_BYTES = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +26,11 @@ class CountedDrops:
 
     source : str
         The file, or another name of the drops for messages.
-    ids : tuple of int
-        Ids of the k aspects of ``tally``, ascending; numbers of symmetry classes with
-        ``by_class``.
+    groups : tuple of tuples of int
+        The k groups of ``tally``, ascending: each has the id of an aspect, or with ``by_class``
+        the numbers of the symmetry classes that were counted together.
+    by_class : bool
+        Whether the drops are counted by symmetry class.
     down : (k, 3) float
         Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
     part, part_sha256 : str
@@ -40,39 +41,33 @@ class CountedDrops:
         The symmetry class of each aspect; None if not known.
     complete : bool
         False if more drops were requested than are counted.
-    by_class : bool
-        Whether the drops are counted by symmetry class.
-    groups : tuple of tuples of int
-        With ``by_class``, the classes that were counted together, in the order of ``ids``, each of
-        which is the first class of its group. Empty if each class was counted alone.
     """
 
     source: str
-    ids: tuple[int, ...]
+    groups: Groups
     tally: DropCounts
+    by_class: bool = False
     down: npt.NDArray[np.float64] | None = None
     part: str = ''
     part_sha256: str = ''
     run: RunDescription | None = None
     complete: bool = True
     classes: tuple[int, ...] | None = None
-    by_class: bool = False
-    groups: Groups = ()
 
     @property
-    def all_groups(self) -> Groups:
-        """The groups of ``ids``, including those of a single class."""
-        return self.groups or single_groups(self.ids)
+    def ids(self) -> tuple[int, ...]:
+        """The first aspect or class of each group."""
+        return tuple(group[0] for group in self.groups)
 
     @property
     def members(self) -> tuple[int, ...]:
-        """The ids of all aspects or classes, also of those that were counted together."""
-        return tuple(sorted(number for group in self.all_groups for number in group))
+        """The ids of all aspects or classes, including those that were counted together."""
+        return tuple(sorted(number for group in self.groups for number in group))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of ``ids``, such as '3+4' for classes that were counted together."""
-        return tuple(map(group_name, self.all_groups))
+        """The names of the groups, such as '3+4' for classes that were counted together."""
+        return tuple(map(group_name, self.groups))
 
     @property
     def drops(self) -> int:
@@ -88,6 +83,16 @@ class CountedDrops:
         where = conditions_text(self.run.conditions)
         return ', '.join([*words, f'{self.drops} drops on {where}', f'seed {self.run.seed}'])
 
+    def grouped(self, into: Groups) -> 'CountedDrops':
+        """Return the drops with larger groups, each of which contains whole groups."""
+        if into == self.groups:
+            return self
+        counts = np.zeros(len(into), dtype=np.int64)
+        np.add.at(counts, group_places(self.groups, into), self.tally.counts)
+        tally = dataclasses.replace(self.tally, counts=counts)
+        # The aspects of several classes have no common direction.
+        return dataclasses.replace(self, groups=into, tally=tally, down=None)
+
 
 def counts_of_run(
     source: str, distribution: Distribution, run: RunDescription, *, complete: bool
@@ -96,63 +101,47 @@ def counts_of_run(
     aspects = distribution.aspects.aspects
     return CountedDrops(
         source,
-        tuple(aspect.id for aspect in aspects),
+        single_groups(aspect.id for aspect in aspects),
         DropCounts(
             distribution.counts,
             distribution.unclassified,
             distribution.unsettled + distribution.lost + distribution.sliding,
             distribution.failed,
         ),
-        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
-        run.part,
-        run.part_sha256,
-        run,
-        complete,
-        tuple(aspect.symmetry_class for aspect in aspects),
+        down=np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
+        part=run.part,
+        part_sha256=run.part_sha256,
+        run=run,
+        complete=complete,
+        classes=tuple(aspect.symmetry_class for aspect in aspects),
     )
 
 
-def counted_by_class(given: CountedDrops) -> CountedDrops:
+def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> CountedDrops:
     """Return the same drops counted by symmetry class, with the direction of its first aspect.
 
-    Raises InvalidValueError if the symmetry classes are not known.
+    The classes are those of ``aspects``, if these are given. Raises InvalidValueError if they are
+    not known.
     """
     if given.by_class:
         return given
-    if given.classes is None:
+    classes = given.classes
+    if aspects is not None:
+        classes = tuple(aspect.symmetry_class for aspect in aspects.aspects)
+    if classes is None:
         raise InvalidValueError(
             f'{given.source!r} counts by aspect and has no symmetry classes: expected a log, a '
             'JSON document, or a CSV with the column class'
         )
-    numbers, first, which = np.unique(given.classes, return_index=True, return_inverse=True)
+    numbers, first, which = np.unique(classes, return_index=True, return_inverse=True)
     of_class = np.bincount(which, weights=given.tally.counts).astype(np.int64)
     return dataclasses.replace(
         given,
-        ids=tuple(numbers.tolist()),
+        groups=single_groups(numbers.tolist()),
         tally=dataclasses.replace(given.tally, counts=of_class),
+        by_class=True,
         down=None if given.down is None else given.down[first],
         classes=None,
-        by_class=True,
-    )
-
-
-def grouped(given: CountedDrops, into: Groups) -> CountedDrops:
-    """Return drops by class with more classes counted together.
-
-    into : tuple of tuples of int
-        All groups; each group of ``given`` is in one of them.
-    """
-    if into == given.all_groups:
-        return given
-    counts = np.zeros(len(into), dtype=np.int64)
-    np.add.at(counts, group_places(given.all_groups, into), given.tally.counts)
-    return dataclasses.replace(
-        given,
-        ids=tuple(group[0] for group in into),
-        tally=dataclasses.replace(given.tally, counts=counts),
-        # The aspects of several classes have no common direction.
-        down=None,
-        groups=into,
     )
 
 
@@ -203,17 +192,8 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
     else:
         what, many = 'an aspect', 'aspects'
         ids = tuple(aspect.id for aspect in aspects.aspects)
-    if given.ids != ids or given.groups:
+    if given.groups != single_groups(ids):
         raise InvalidValueError(
             f'invalid {many} [{", ".join(given.names)}] in --against {path!r}: expected those of '
             f'{part}, {list(ids)} ({what} that was never seen has count 0)'
         )
-
-
-def counted_by_class_of(given: CountedDrops, aspects: AspectSet) -> DropCounts:
-    """Return the drops by symmetry class; for counts that check_against has accepted."""
-    if given.by_class:
-        return given.tally
-    classes = [aspect.symmetry_class for aspect in aspects.aspects]
-    counts = np.bincount(classes, weights=given.tally.counts)[1:].astype(np.int64)
-    return dataclasses.replace(given.tally, counts=counts)

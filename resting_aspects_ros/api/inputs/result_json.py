@@ -1,4 +1,7 @@
-"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed."""
+"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed.
+
+`drop` and `request` describe the run, too, so that their result is read back for a report.
+"""
 
 import json
 import math
@@ -18,19 +21,25 @@ from pydantic import (
     create_model,
 )
 
-from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.inputs.counts import CountedDrops
+from resting_aspects_ros.api.drop_counter import Convergence
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.inputs.class_groups import single_groups
+from resting_aspects_ros.api.inputs.counts import MAX_BYTES, CountedDrops, check_same_part
+from resting_aspects_ros.api.inputs.csv_table import open_text
 from resting_aspects_ros.api.inputs.json_document import (
     file_text,
     invalid_field,
     parse_json,
 )
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet, Sweep
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown, warn
+from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.core.schema import MAX_COUNTED, Count, Number, validated
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
-from resting_aspects_ros.core.statistics.distribution import METHOD
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
@@ -149,10 +158,9 @@ def read_document(path: Path, text: str) -> CountsDocument:
     """Return the checked document; raises InvalidValueError with file and field."""
     document = parse_json(path, text)
     method = document.get('method', METHOD)
-    if 'runs' in document or method != METHOD:
-        kind = 'merged runs' if 'runs' in document else f'method {shown(method)}'
+    if method != METHOD:
         raise InvalidValueError(
-            f'{file_text(path)} is of {kind}: expected a JSON document of one run of drops'
+            f'{file_text(path)} is of method {shown(method)}: expected a JSON document of drops'
         )
     model = RunDocument if 'run_id' in document else CountsDocument
     return validated(model, document, file_text(path))
@@ -177,15 +185,150 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
         raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
     given = CountedDrops(
         str(path),
-        ids,
+        single_groups(ids),
         DropCounts(counts, *(getattr(document, name) for name in REST)),
-        np.array(down, dtype=np.float64).reshape(-1, 3),
-        document.part,
-        document.part_sha256,
-        run,
-        document.complete,
-        tuple(each for each in classes if each is not None) if None not in classes else None,
+        down=np.array(down, dtype=np.float64).reshape(-1, 3),
+        part=document.part,
+        part_sha256=document.part_sha256,
+        run=run,
+        complete=document.complete,
+        classes=tuple(each for each in classes if each) if None not in classes else None,
     )
     if document.drops != given.drops:
         raise invalid_field(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
     return given
+
+
+def document_result(
+    path: Path,
+    part_text: str | None,
+    unit: str | None,
+    parts: Path | None,
+    body: int | str | None,
+) -> DropResult:
+    """Read a result; the part is ``part_text``, else that of the document if it is found.
+
+    Raises InvalidValueError with file, field, value and what was expected.
+    """
+    with open_text(path, 'result file', MAX_BYTES) as file:
+        document = read_document(path, file.read())
+    given = counts_of(path, document)
+    if given.run is None or not isinstance(document, RunDocument):
+        raise InvalidValueError(
+            f'{str(path)!r} has no run: expected a log (the folder of a run, or its '
+            '.mcap file), or a JSON document of drop or request'
+        )
+    part = _part(path, document, part_text, unit, parts, body)
+    ordered = sorted(document.aspects, key=lambda each: each.id)
+    _check_aspects(path, ordered)
+    aspects = AspectSet(given.part_sha256, tuple(map(_aspect, ordered)))
+    if part is not None:
+        found = find_aspects(part)
+        aspects = found if found.matches(aspects) else aspects
+    try:
+        distribution = Distribution(
+            aspects,
+            given.tally.counts,
+            given.tally.unclassified,
+            given.tally.unsettled,
+            given.tally.failed,
+            document.interval,
+            document.confidence,
+            document.precision > 0,
+            document.energy_growth,
+        )
+        distribution.intervals()
+        history = _history(document, distribution)
+    except ValueError as error:
+        raise InvalidValueError(f'{str(path)!r}: {error}') from None
+    return DropResult(
+        distribution,
+        given.run,
+        part,
+        METHOD,
+        given.complete,
+        document.convergence,
+        history=history,
+    )
+
+
+def _part(
+    path: Path,
+    document: RunDocument,
+    text: str | None,
+    unit: str | None,
+    parts: Path | None,
+    body: int | str | None,
+) -> Part | None:
+    """Return the part of the document; raises RestingAspectsError if ``text`` is another part."""
+    if text is not None:
+        part = load_part(text, unit, parts, body)
+        check_same_part(
+            (f'--part {text!r}', part.name, part.part_sha256),
+            (repr(str(path)), document.part, document.part_sha256),
+        )
+        return part
+    try:
+        if document.mesh_file is None:
+            part = load_part(document.part, unit, parts, body)
+        else:
+            unit, body = unit or document.unit, body or document.body
+            part = load_part(document.mesh_file, unit, None, body)
+    except RestingAspectsError as error:
+        why = str(error)
+    else:
+        if part.part_sha256 == document.part_sha256:
+            return part
+        why = f'{part.name!r} has changed since it was dropped'
+    warn(f'the report has no pictures: {why}; name the part with --part')
+    return None
+
+
+def _check_aspects(path: Path, aspects: Sequence[ReportAspect]) -> None:
+    """Raise InvalidValueError for aspects that a report cannot show."""
+    ids = {each.id for each in aspects}
+    for each in aspects:
+        x, y = np.array(each.support, dtype=np.float64).reshape(-1, 2).T
+        with np.errstate(over='ignore', invalid='ignore'):
+            area = abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+        if each.sweep == 'POINT' and not 0 < area < math.inf:
+            raise InvalidValueError(
+                f'invalid support of aspect {each.id} in {str(path)!r}: expected a polygon'
+            )
+        if each.neighbour and each.neighbour not in ids:
+            raise InvalidValueError(
+                f'invalid neighbour {each.neighbour} of aspect {each.id} in {str(path)!r}: '
+                'expected an aspect'
+            )
+
+
+def _aspect(given: ReportAspect) -> Aspect:
+    fields = {name: _with_arrays(getattr(given, name)) for name in PUBLISHED_FIELDS}
+    if given.min_barrier is None:
+        fields['min_barrier'] = math.inf
+    fields['sweep'] = Sweep[given.sweep]
+    fields['support'] = fields['support'].reshape(-1, 2)
+    down = fields['down_in_part']
+    return Aspect(**fields, directions=down[None], links=np.zeros((0, 2), dtype=np.int64))
+
+
+def _with_arrays(value: Any) -> Any:
+    return np.array(value, dtype=np.float64) if isinstance(value, list | tuple) else value
+
+
+def _history(document: RunDocument, distribution: Distribution) -> tuple[Counts, Counts] | None:
+    """Return counts after ascending numbers of drops; raises ValueError if they are invalid."""
+    rows = document.history
+    if not rows:
+        return None
+    drops = np.array([row.drops for row in rows], dtype=np.int64)
+    if any(len(row.counts) != len(distribution.aspects) for row in rows):
+        raise ValueError('invalid history: expected a count of each aspect in each row')
+    counts = np.array([row.counts for row in rows], dtype=np.int64).reshape(len(rows), -1)
+    if not (np.diff(drops, prepend=0) > 0).all() or (counts.sum(axis=1) > drops).any():
+        raise ValueError(
+            'invalid history: expected ascending drops, each at least the sum of its counts'
+        )
+    if drops[-1] != distribution.drops or (counts[-1] != distribution.counts).any():
+        raise ValueError('invalid history: expected the counts of the document in its last row')
+    return drops, counts

@@ -27,6 +27,5 @@ COMMANDS = {
     'feeder_demo': 'run a vision feeder without hardware over ROS, beside its forecast',
     'info': 'show what is in a log',
     'replay': 'publish a log again on the same topics',
-    'merge': 'count the drops of several logs together',
     'recover': 'close logs that a crash left unfinished',
 }

@@ -23,6 +23,7 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drift import DriftResult
     from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.inputs.counts import CountedDrops
     from resting_aspects_ros.core.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
@@ -39,7 +40,7 @@ EXAMPLES = """examples:
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
   resting_aspects drift l_bracket out/logs
   resting_aspects drift l_bracket counted.csv --window 200 --level 0.05
-  resting_aspects drift l_bracket counted.csv --run-length 1e6 --json
+  resting_aspects drift l_bracket counted.csv --shift 10% --json
 """
 DEFAULT_DROPS = 10_000
 DOCUMENT, PICTURE = 'drift.json', 'drift.png'
@@ -94,12 +95,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--level', metavar='A', help='probability of a false alarm in each window (0.01)'
     )
     parser.add_argument(
-        '--run-length',
-        metavar='N',
-        type=parse_integer,
-        help='mean number of parts between false alarms: window / level. Instead of --level',
-    )
-    parser.add_argument(
         '--prior-weight',
         metavar='N',
         type=parse_integer,
@@ -134,44 +129,42 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ('confidence', 'shift', 'level')
         if (text := getattr(arguments, name)) is not None
     }
-    if arguments.prior_weight is not None:
-        options['prior_weight'] = arguments.prior_weight
+    for name in ('window', 'prior_weight'):
+        if (value := getattr(arguments, name)) is not None:
+            options[name] = value
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.drift import watch_drift
-    from resting_aspects_ros.api.drift_options import check_options
-    from resting_aspects_ros.api.inputs.counts_csv import read_observed
+    from resting_aspects_ros.api.inputs.count_files import read_observed
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
     from resting_aspects_ros.api.output_files import check_output, make_folder
     from resting_aspects_ros.cli.console import make_console
     from resting_aspects_ros.core.aspects.aspect import find_aspects
+    from resting_aspects_ros.core.statistics.drift import check_windows
 
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     aspects = find_aspects(part)
     classes = [members[0].symmetry_class for members in aspects.classes()]
-    # Wrong input is found before the drops, which take time.
     observed = read_observed(
         arguments.counts, classes, cumulative=arguments.cumulative, part=part.name
     )
-    options |= {'window': arguments.window, 'run_length': arguments.run_length}
-    check_options(observed, **options)
+    # Before the drops, which can take time.
+    check_windows(observed, options.get('window', 1))
     if arguments.out is not None:
         make_folder('--out', arguments.out)
         for name in (DOCUMENT, PICTURE):
             check_output('--out', arguments.out / name)
-    result = watch_drift(_expected(arguments, part, classes), observed, **options)
+    result = watch_drift(_expected(arguments, part), observed, **options)
     _write(result, arguments)
     if not arguments.json:
         console = make_console()
-        for text in counted_apart_texts(part, aspects, result.tested.classes):
+        for text in counted_apart_texts(part, aspects, result.test.groups):
             console.print(text, markup=False, highlight=False)
     return 0
 
 
-def _expected(
-    arguments: argparse.Namespace, part: 'Part', classes: list[int]
-) -> 'DropResult | Path':
-    """Return the file of simulated drops, after a check of its part, or new drops."""
+def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | CountedDrops':
+    """Return the simulated drops in a file, or new drops."""
     if arguments.expected is None:
         from resting_aspects_ros.api.drop import drop
         from resting_aspects_ros.cli.options import requested_conditions
@@ -187,8 +180,8 @@ def _expected(
                 keep_poses=False,
                 progress=True,
             )
-    from resting_aspects_ros.api.inputs.count_files import read_counts
-    from resting_aspects_ros.api.inputs.counts import check_same_part, counted_by_class
+    from resting_aspects_ros.api.inputs.count_files import counted_drops
+    from resting_aspects_ros.api.inputs.counts import check_same_part
 
     for name in SIMULATION:
         if (value := getattr(arguments, name)) not in (None, ''):
@@ -196,25 +189,18 @@ def _expected(
                 f'invalid {flag_of(name)} {shown(str(value))}: expected only without --expected, '
                 'whose drops are compared'
             )
-    path: Path = arguments.expected
-    given = counted_by_class(read_counts(path))
+    given = counted_drops(arguments.expected)
     check_same_part(
-        (f'--expected {str(path)!r}', given.part, given.part_sha256),
+        (f'--expected {str(arguments.expected)!r}', given.part, given.part_sha256),
         ('the counted part', part.name, part.part_sha256),
     )
-    if list(given.members) != classes:
-        raise InvalidValueError(
-            f'invalid classes {list(given.members)} in --expected {str(path)!r}: expected those '
-            f'of {part.name}, {classes} (a class that was never seen has count 0)'
-        )
-    return path
+    return given
 
 
 def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
     """Save and print the result, even if saving fails."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.drift_table import live_table, window_table
-    from resting_aspects_ros.report.drift_text import power_sentences, unclassified_text
+    from resting_aspects_ros.report.drift_report import drift_notes, live_table, window_table
 
     try:
         if arguments.out is not None:
@@ -226,11 +212,11 @@ def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
         else:
             console = make_console()
             console.print(result.verdict, markup=False, highlight=False)
-            notes = f'{power_sentences(result.tested)} {unclassified_text(result.tested)}'.strip()
+            notes = drift_notes(result.test, result.shift, result.needed)
             console.print(notes, markup=False, highlight=False)
             console.print()
-            show_table(console, window_table(result.tested, result.title))
+            show_table(console, window_table(result.test, result.title))
             console.print()
-            show_table(console, live_table(result.tested))
+            show_table(console, live_table(result.test, result.live))
     if arguments.out is not None and not arguments.json:
         print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')

@@ -14,9 +14,8 @@ from resting_aspects_ros.report.estimate_report import estimate_table, legend
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
 literature. They use only the shape, and assume an infinite level plane; the
-command `drop` simulates the conditions. The errors of the methods are in
-docs/explanation/estimators.md. With --against the methods are compared with
-drops: a log, a JSON document of drop or request, or a CSV of counts, as in
+command `drop` simulates the conditions. With --against the methods are compared
+with drops: a log, a JSON document of drop or request, or a CSV of counts, as in
 compare."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket

@@ -65,9 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     # These imports are slow because of NumPy and shapely.
-    from resting_aspects_ros.api.identify import identification_document, identify_part, known_part
-    from resting_aspects_ros.api.identify_hint import identification_hint
-    from resting_aspects_ros.api.inputs.polygon_json import read_polygon
+    from resting_aspects_ros.api.identify import (
+        identification_document,
+        identification_hint,
+        identify_part,
+        known_part,
+        read_polygon,
+    )
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.core.vision.likelihood import OutlineNoise
     from resting_aspects_ros.report.document import to_json

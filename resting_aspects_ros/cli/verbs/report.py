@@ -6,7 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import check_against
-from resting_aspects_ros.api.inputs.result_document import document_result
+from resting_aspects_ros.api.inputs.result_json import document_result
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.cli.options import (
     add_part_place,

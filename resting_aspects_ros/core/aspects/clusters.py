@@ -6,18 +6,16 @@ are compared by their down directions and the yaw is ignored.
 
 A cluster contains all directions connected by chains of steps up to the tolerance (single
 linkage). The result does not depend on the order of the poses, and the ring of a rolling part is
-one cluster. The result is exact: the grid only avoids comparisons whose outcome is certain.
+one cluster. If the part is known, they are compared with its aspects.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import angle_between
 
@@ -107,16 +105,14 @@ def cluster_directions(down: Array, tolerance: float) -> Labels:
     """
     check_tolerance(tolerance)
     down = np.asarray(down, dtype=np.float64).reshape(-1, 3)
-    order = _sorted_order(down)
-    component = _components(down[order], float(2 * np.sin(tolerance / 2)))
-    _, first, which, counts = np.unique(
-        component, return_index=True, return_inverse=True, return_counts=True
-    )
+    # Equal directions are searched once: a KD-tree of equal points would compare all pairs.
+    points, which = np.unique(down, axis=0, return_inverse=True)
+    component = _components(points, float(2 * np.sin(tolerance / 2)))
+    which = component[which.reshape(-1)]
+    counts, (_, first) = np.bincount(which), np.unique(component, return_index=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.lexsort((first, -counts))] = np.arange(1, len(first) + 1)
-    labels = np.empty(len(down), dtype=np.int64)
-    labels[order] = rank[which]
-    return labels
+    return rank[which]
 
 
 def check_tolerance(tolerance: float) -> None:
@@ -134,62 +130,84 @@ def _sorted_order(points: Array) -> npt.NDArray[np.intp]:
     return np.lexsort((z, y, x))
 
 
-def _components(points: Array, reach: float) -> npt.NDArray[np.int64]:
+def _components(points: Array, reach: float) -> Labels:
     """Return the component (n,) of each point, where points at most ``reach`` apart are linked.
 
-    All points in a cube of diagonal ``reach`` are in one component. So cubes are linked instead of
-    points; their number is limited by the size of the sphere. Cubes are linked first if their
-    first points are within reach; remaining pairs are compared by all their points.
+    Breadth-first search: a component grows by all points within reach of those that were added
+    last, so chains are as long as the component is wide, however many points it has.
     """
-    cubes, which = _cubes(points, reach / np.sqrt(3))
-    order = np.argsort(which, kind='stable')
-    starts = np.searchsorted(which[order], np.arange(len(cubes) + 1))
-    pairs = _neighbours(cubes)
-    first = points[order[starts[:-1]]]
-    near = np.linalg.norm(first[pairs[:, 0]] - first[pairs[:, 1]], axis=1) <= reach
-    number = _linked(len(cubes), pairs[near])
-    members = [points[order[start:end]] for start, end in pairwise(starts)]
-    doubtful = np.flatnonzero(number[pairs[:, 0]] != number[pairs[:, 1]])
-    near[doubtful] = [_in_reach(members[a], members[b], reach) for a, b in pairs[doubtful]]
-    return _linked(len(cubes), pairs[near])[which]
-
-
-def _linked(n: int, pairs: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
-    """Return the component (n,) of each element, linked by pairs."""
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
-
-
-def _cubes(points: Array, side: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Return the occupied cubes (k, 3) of a grid, and the index (n,) of the cube of each point."""
-    cubes = np.floor(points / side).astype(np.int64)
-    width = 2 * int(np.ceil(1 / side)) + 3
-    key = ((cubes[:, 0] * width) + cubes[:, 1]) * width + cubes[:, 2]
-    _, first, which = np.unique(key, return_index=True, return_inverse=True)
-    return cubes[first], which
-
-
-def _neighbours(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
-    """Return the pairs (m, 2) of cubes whose points may be within a diagonal of each other."""
-    pairs: npt.NDArray[np.intp] = cKDTree(cubes).query_pairs(3.5, output_type='ndarray')
-    gap = np.abs(cubes[pairs[:, 0]] - cubes[pairs[:, 1]]) - 1
-    squared = (np.maximum(gap, 0) ** 2).sum(axis=1)
-    return np.asarray(pairs[squared <= 3])
-
-
-def _in_reach(one: Array, other: Array, reach: float) -> bool:
-    """Return whether any point of one set is at most ``reach`` from a point of the other."""
-    one = one[_distance_to_box(one, other) <= reach]
-    if not len(one):
-        return False
-    other = other[_distance_to_box(other, one) <= reach]
-    if not len(other):
-        return False
     bound = np.nextafter(reach, np.inf)  # the bound is exclusive
-    distance, _ = cKDTree(other).query(one, distance_upper_bound=bound)
-    return bool(np.isfinite(distance).any())
+    component = np.full(len(points), -1)
+    left = np.arange(len(points))
+    while len(left):
+        added, number = left[len(left) // 2 :][:1], int(component.max()) + 1
+        while len(added):
+            component[added] = number
+            left = left[component[left] < 0]
+            distance, _ = cKDTree(points[added]).query(points[left], distance_upper_bound=bound)
+            added = left[np.isfinite(distance)]
+    return component
 
 
-def _distance_to_box(points: Array, of: Array) -> Array:
-    nearest = np.clip(points, of.min(axis=0), of.max(axis=0))
-    return np.asarray(np.linalg.norm(points - nearest, axis=1))
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """The poses on which two classifications agree: by aspects and by clusters.
+
+    An aspect and a cluster match if each contains more poses of the other than of any third. The
+    classifications agree on a pose if it is in an aspect and in the matching cluster. They never
+    agree on a pose in no aspect, because every pose is in a cluster.
+
+    aspect : (n,) int
+        Id of each pose's aspect; 0 for none.
+    cluster : (n,) int
+        Label of each pose's cluster.
+    cluster_of : (a,) int
+        For each aspect, by id from 1, the cluster with most of its poses; 0 if it has no poses.
+    shared : (a,) int
+        Number of poses of each aspect in that cluster.
+    agree : (n,) bool
+    """
+
+    aspect: Labels
+    cluster: Labels
+    cluster_of: Labels
+    shared: Labels
+    agree: npt.NDArray[np.bool_]
+
+
+def find_agreement(ids: Labels, aspects: int, clusters: Clusters) -> Agreement:
+    """Return the agreement of aspect ids (n,), of ``aspects`` different ones, with clusters."""
+    shape = (aspects + 1, len(clusters) + 1)
+    cells = np.bincount(ids * shape[1] + clusters.labels, minlength=shape[0] * shape[1])
+    table = cells.reshape(shape)
+    table[0] = 0  # in no aspect
+    cluster_of = table.argmax(axis=1)  # of equal ones the larger cluster and the lower id
+    aspect_of = table.argmax(axis=0)
+    agree = (ids > 0) & (cluster_of[ids] == clusters.labels) & (aspect_of[clusters.labels] == ids)
+    return Agreement(ids, clusters.labels, cluster_of[1:], table.max(axis=1)[1:], agree)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """The poses on which the two classifications differ, in order; each field is (m,).
+
+    pose : int, index of the pose, from 0.
+    nearest, angle : the nearest aspect, 0 if the part has none, and the angle to it, rad.
+    aspect, cluster : int, the two classifications; aspect 0 means none.
+    """
+
+    pose: Labels
+    nearest: Labels
+    angle: Array
+    aspect: Labels
+    cluster: Labels
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def find_differences(agreement: Agreement, aspects: AspectSet, down: Array) -> Differences:
+    """Return the poses without agreement; ``down`` are the down directions (n, 3) of all poses."""
+    pose = np.flatnonzero(~agreement.agree)
+    nearest, angle = aspects.locate(down[pose])
+    return Differences(pose, nearest, angle, agreement.aspect[pose], agreement.cluster[pose])

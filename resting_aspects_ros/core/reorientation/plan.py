@@ -4,6 +4,7 @@ This is a stochastic shortest path problem (Bertsekas and Tsitsiklis 1991, Mathe
 Operations Research 16:580). It is solved exactly, by policy iteration.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,3 +116,15 @@ def _certain(steps: Mask, wanted: Mask) -> tuple[Indices, Mask]:
         if (reached == within).all():
             return action, allowed
         within = reached
+
+
+def wanted_mask(
+    wanted: Sequence[int], aspects: int, what: str = 'aspect'
+) -> npt.NDArray[np.bool_]:
+    """Return a mask (k,) of wanted aspects; raises InvalidValueError if an id is not known."""
+    if not wanted:
+        raise InvalidValueError(f'invalid wanted {what}: expected at least one')
+    for k in wanted:
+        if not isinstance(k, int) or not 1 <= k <= aspects:
+            raise InvalidValueError(f'invalid wanted {what} {k!r}: expected 1 to {aspects}')
+    return np.isin(np.arange(1, aspects + 1), list(wanted))

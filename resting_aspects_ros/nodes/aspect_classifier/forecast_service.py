@@ -9,17 +9,20 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status, TransitionMatrix
 from resting_aspects_interfaces.srv import FeederForecast, GetTransitions
 
-from resting_aspects_ros.api.forecast import forecast_from
-from resting_aspects_ros.api.forecast_counts import with_live_counts
+from resting_aspects_ros.api.forecast import (
+    cycle_times,
+    forecast_from,
+    pickable_aspects,
+    with_live_counts,
+)
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.forecast_setup import cycle_times, pickable_aspects
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore

@@ -9,8 +9,7 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.estimators.estimate import estimate
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import max_drops

@@ -2,29 +2,25 @@
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import MachineTransitions, ObservedCounts, Posterior
 
+from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
+from resting_aspects_ros.core.statistics.counted_parts import PRIOR_WEIGHT, LiveCounts
 from resting_aspects_ros.core.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
-from resting_aspects_ros.core.statistics.live_counts import PRIOR_WEIGHT, LiveCounts
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     DistributionStore,
     Known,
 )
-from resting_aspects_ros.nodes.aspect_classifier.live_part import (
-    LivePart,
-    default_window,
-    drift_test,
-)
+from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart, default_window
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
-from resting_aspects_ros.report.drift_table import drift_sentence
+from resting_aspects_ros.report.drift_report import drift_sentence
 from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
 from resting_aspects_ros.ros.count_conversions import (
     add_drift,
@@ -162,7 +158,7 @@ class LiveMonitor:
             live.problem = str(error)
             return
         live.problem = ''
-        live.windows.add(new, totals.time or now)
+        live.batches.add(new, totals.time or now)
         live.changed = True
 
     def _start_update(self) -> None:
@@ -195,15 +191,12 @@ class LiveMonitor:
                 size = self._window
                 if live.can_drift and not size:
                     size = await self._worker.run(default_window, live.simulated, self._level)
-                live.windows.resize(size)
+                live.window = size
             if live.can_drift and not live.is_tested:
-                windows = live.windows_to_test()
-                counts = np.array([each.counts for each in windows])
-                units = list(live.windows.units.counts)
                 test = await self._worker.run(
-                    drift_test, counts, live.simulated, self._level, units
+                    drift_test, live.observed(), live.simulated, live.window, self._level
                 )
-                live.add_test(test, windows, self._weight)
+                live.add_test(test)
         except RestingAspectsError as error:  # the posterior is published in any case
             live.test_problem = f'drift is not tested: {error}'
             self._node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
@@ -228,7 +221,7 @@ class LiveMonitor:
             self._node.get_clock().now().to_msg(),
         )
         message.level = self._level
-        message.window = live.windows.size if live.can_drift else 0
+        message.window = live.window if live.can_drift else 0
         if live.tested is not None:
             add_drift(message, live.tested)
         message.transitions = list(self._moved(live))

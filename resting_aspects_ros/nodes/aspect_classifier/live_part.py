@@ -1,34 +1,22 @@
 """What is known of a part that a machine supplies: its counts, the simulation, and drift."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from resting_aspects_ros.api.inputs.class_groups import single_groups
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.batch_scatter import batch_scatter
-from resting_aspects_ros.core.statistics.count_sessions import (
-    Batch,
+from resting_aspects_ros.core.statistics.counted_parts import (
+    BatchSeries,
     CountSessions,
-    CountWindows,
-    window_ends,
+    LiveCounts,
+    ObservedCounts,
 )
-from resting_aspects_ros.core.statistics.drift import DriftTest, find_drift
-from resting_aspects_ros.core.statistics.drift_power import (
-    POWER,
-    SHIFT,
-    TooFewDropsError,
-    parts_needed,
-)
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.core.statistics.drift import DriftTest, TooFewDropsError, parts_needed
+from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import Known
-from resting_aspects_ros.report.drift_table import DriftWindows
 from resting_aspects_ros.ros.count_conversions import time_label
-
-# Seed of the random tables of a drift test, as in api.drift: equal counts give equal p values.
-SEED = 1
 
 
 @dataclass(eq=False)
@@ -36,7 +24,8 @@ class LivePart:
     """A version of a part, and what has been counted of it.
 
     known : the run of the simulated drops and their distribution; None: no drops are known
-    tested : the windows with their tests; None before the first full window
+    window : minimum number of parts in a window; 0 while it is not known
+    tested : the test of the windows; None before the first full window
     problem : why the last message was refused; empty if it was not
     test_problem : why drift is not tested; empty if it is
     changed : whether there is something new to be published
@@ -45,9 +34,10 @@ class LivePart:
     part: Part
     aspects: AspectSet
     sessions: CountSessions
-    windows: CountWindows = field(default_factory=CountWindows)
+    batches: BatchSeries = field(default_factory=BatchSeries)
+    window: int = 0
     known: Known | None = None
-    tested: DriftWindows | None = None
+    tested: DriftTest | None = None
     problem: str = ''
     test_problem: str = ''
     changed: bool = False
@@ -71,22 +61,22 @@ class LivePart:
         return self.known[1].by_class().counts
 
     @property
-    def is_tested(self) -> bool:
-        """Whether all full windows have been tested; a test that failed is not repeated."""
-        return self._attempted == self.windows.ends[-1]
-
-    @property
     def can_drift(self) -> bool:
         """Whether there are drops to compare with, and more than one class."""
         return self.known is not None and len(self.ids) > 1 and bool(self.simulated.any())
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether all full windows have been tested; a test that failed is not repeated."""
+        return self.batches.parts - self._attempted < max(self.window, 1)
 
     @property
     def is_drifting(self) -> bool:
         """Whether the newest parts deviate from the simulation."""
         if self.tested is None:
             return False
-        drifted = self.tested.test.drifted
-        return len(drifted) > 0 and drifted.stop == len(self.tested.test.windows)
+        drifted = self.tested.drifted
+        return len(drifted) > 0 and drifted.stop == len(self.tested.windows)
 
     def live(self, weight: float) -> LiveCounts:
         """Return the counts with the simulation as the prior of a weight, in parts."""
@@ -100,17 +90,15 @@ class LivePart:
         self.known, self.tested, self.test_problem, self.changed = known, None, '', True
         self._attempted = 0
 
-    def windows_to_test(self) -> list[Batch]:
-        """Return all full windows, which do not change while they are tested."""
-        self._attempted = int(self.windows.ends[-1])
-        return list(self.windows.windows)
+    def observed(self) -> ObservedCounts:
+        """Return the batches to be tested now, which do not change meanwhile."""
+        found = self.batches.observed(single_groups(self.ids), time_label)
+        self._attempted = int(found.windows(self.window)[1][-1])
+        return found
 
-    def add_test(self, test: DriftTest, windows: Sequence[Batch], weight: float) -> None:
-        """Take the test of windows; others may have become full, or been joined, since then."""
-        labels = [time_label(each.time) for each in windows]
-        ends = window_ends(windows)
-        self.tested = DriftWindows(test, self.live(weight), ends, labels, CONFIDENCE, POWER)
-        self.test_problem, self.changed = '', True
+    def add_test(self, test: DriftTest) -> None:
+        """Take a test; further windows may have become full since it began."""
+        self.tested, self.test_problem, self.changed = test, '', True
 
 
 def default_window(simulated: Counts, level: float) -> int:
@@ -120,18 +108,6 @@ def default_window(simulated: Counts, level: float) -> int:
     FileWorker.
     """
     try:
-        return parts_needed(simulated, SHIFT, level)
+        return parts_needed(simulated, level=level)
     except TooFewDropsError:
         return int(simulated.sum())
-
-
-def drift_test(
-    windows: Counts, simulated: Counts, level: float, units: Sequence[Counts] = ()
-) -> DriftTest:
-    """Return the tests of windows (w, c) against simulated drops (c,); runs in a FileWorker.
-
-    units : (c,) int
-        Successive batches, from which their scatter is estimated.
-    """
-    scatter = batch_scatter(np.array(units, dtype=np.int64).reshape(-1, len(simulated)))
-    return find_drift(windows, simulated, np.random.default_rng(SEED), level, scatter)

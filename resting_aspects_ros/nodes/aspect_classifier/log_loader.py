@@ -13,6 +13,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.core.input_file import is_folder, printable
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
@@ -35,7 +36,6 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
-from resting_aspects_ros.simulation.merge_runs import merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Limits for reading: number of logs (1000 take about 10 s), and total time, s.
@@ -109,15 +109,16 @@ def _count_first_drops(log: Path) -> LoggedRun:
     They are a run that ended there. Raises RestingAspectsError if the log lacks the first drop or
     the part.
     """
-    merged = merge_drops(serialized_poses(data)[:2] for data in messages(log, POSES_TYPE))
-    if not merged:
+    batches = [serialized_poses(data)[:2] for data in messages(log, POSES_TYPE)]
+    if not batches:
         raise LogError('it contains no drops')
-    run = merged[0].run
+    run = batches[0][0]
     parts = (serialized_part(data) for data in messages(log, PART_TYPE))
     part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
     if part is None:
         raise LogError('it does not describe its part')
-    for poses in merged[0].poses:
+    sequence = run.sequence()
+    for poses in RestingPoses.blocks(each for of, each in batches if of.sequence() == sequence):
         if poses.first_drop <= run.first_drop < poses.end:
             counts = RunCounts(run, pending=[poses.between(run.first_drop, run.end)])
             counts.count(part, find_aspects(part))

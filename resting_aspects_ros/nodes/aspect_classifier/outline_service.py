@@ -11,8 +11,7 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
-from resting_aspects_ros.api.identify import identify_part, locate_part
-from resting_aspects_ros.api.identify_hint import mirror_text
+from resting_aspects_ros.api.identify import identify_part, locate_part, mirror_text
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
 from resting_aspects_ros.core.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.core.vision.identification import Identification

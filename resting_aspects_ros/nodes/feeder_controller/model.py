@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
-from resting_aspects_ros.api.forecast_setup import footprints_of, pickable_aspects
+from resting_aspects_ros.api.forecast import footprints_of, pickable_aspects
 from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING

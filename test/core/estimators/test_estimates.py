@@ -6,8 +6,12 @@ import trimesh
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.estimators.estimate import (
+    METHODS,
+    NotDefinedError,
+    RestingShape,
+    estimate,
+)
 
 # The coordinates in an STL are float32.
 FLOAT32 = 1e-5

@@ -4,26 +4,41 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import chi2, ncx2
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
-from resting_aspects_ros.core.statistics.drift import find_drift, largest_deviation
-from resting_aspects_ros.core.statistics.drift_power import (
+from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts
+from resting_aspects_ros.core.statistics.drift import (
     MAX_SHIFT,
     TooFewDropsError,
-    detectable_shift,
-    parts_for_run_length,
+    drifted_windows,
+    find_drift,
+    largest_deviation,
     parts_needed,
-    power_of,
 )
-from resting_aspects_ros.core.statistics.g_test import p_of_window
+from resting_aspects_ros.core.statistics.g_test import UNIT, batch_scatter, p_of_window
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
-REPETITIONS = 1000
+TWO = np.array([0.7, 0.3])
 
 
-def found_in(*windows, level=0.01):
-    return find_drift(np.array(windows), SIMULATED, np.random.default_rng(1), level)
+def observed(rows):
+    rows = np.array(rows)
+    groups = tuple((k,) for k in range(1, rows.shape[1] + 1))
+    return ObservedCounts.of_rows(rows, 'counts', groups)
+
+
+def found_in(*rows, window=100, level=0.01, simulated=SIMULATED):
+    return find_drift(observed(rows), simulated, window, np.random.default_rng(1), level)
+
+
+def batches(rng, shares, number, size, deviation=0.0):
+    """Return counts of batches whose true shares have this standard deviation (Dirichlet)."""
+    if deviation:
+        within = deviation**2 / np.mean(shares * (1 - shares))
+        shares = rng.dirichlet(shares * (1 / within - 1), size=number)
+    return rng.multinomial(size, shares, size=number)
 
 
 @pytest.mark.quick_cases(1)
@@ -37,72 +52,119 @@ def found_in(*windows, level=0.01):
     ],
 )
 def test_power_is_reached_with_the_stated_number_of_parts(shares, drops, level, drifted):
-    simulated = np.round(drops * np.array(shares)).astype(np.int64)
-    parts = parts_needed(simulated, 0.05, level)
-    rng = np.random.default_rng(6)
+    repetitions, rng = 1000, np.random.default_rng(6)
+    parts = parts_needed(np.round(drops * np.array(shares)).astype(np.int64), 0.05, level)
     drifted = np.array(drifted) / sum(drifted)
-    rows = zip(
-        rng.multinomial(parts, drifted, size=REPETITIONS),
-        rng.multinomial(drops, shares, size=REPETITIONS),
-        strict=True,
-    )
-    alarms = sum(p_of_window(*row, rng, level) <= level for row in rows)
+    alarms = 0
+    for _ in range(repetitions):
+        window, simulated = rng.multinomial(parts, drifted), rng.multinomial(drops, shares)
+        alarms += bool(find_drift(observed([window]), simulated, parts, rng, level).drifted)
     # The second term is the error of the approximation.
-    tolerance = 3 * np.sqrt(0.8 * 0.2 / REPETITIONS) + 0.01
-    assert abs(alarms / REPETITIONS - 0.8) <= tolerance
+    tolerance = 3 * np.sqrt(0.8 * 0.2 / repetitions) + 0.015
+    assert abs(alarms / repetitions - 0.8) <= tolerance
 
 
-@given(st.lists(st.integers(1, 5000), min_size=2, max_size=8), st.floats(0.02, 0.3))
-def test_parts_needed_is_the_smallest_number(counts, shift):
+@pytest.mark.slow
+@pytest.mark.parametrize('deviation', [0.0, 0.08])
+def test_power_is_reached_if_batches_scatter(deviation):
+    # With a variance that is larger by a factor, that many times as many parts are needed.
+    rng, repetitions, level = np.random.default_rng(7), 400, 0.05
+    factor = 1 + (UNIT - 1) * deviation**2 / np.mean(TWO * (1 - TWO))
+    parts = factor * parts_needed(np.array([7000, 3000]), 0.1, level)
+    last, alarms = round(parts / UNIT), 0
+    for _ in range(repetitions):
+        before = batches(rng, TWO, 200, UNIT, deviation)
+        after = batches(rng, np.array([0.6, 0.4]), last, UNIT, deviation)
+        rows = np.concatenate([before[: 200 // last * last], after])
+        simulated = rng.multinomial(10_000, TWO)
+        found = find_drift(observed(rows), simulated, last * UNIT, rng, level)
+        alarms += found.p_values[-1] <= level
+    # The second term is for the estimated scatter, and for whole batches.
+    tolerance = 3 * np.sqrt(0.8 * 0.2 / repetitions) + 0.03
+    assert abs(alarms / repetitions - 0.8) <= tolerance
+
+
+def test_parts_needed_is_that_of_noncentral_chi_square():
+    # Exact shares of two classes: the noncentrality of n parts is n times that of one.
+    drifted, expected = np.array([0.55, 0.45]), np.array([0.5, 0.5])
+    of_one = 2 * (drifted * np.log(drifted / expected)).sum()
+    n = parts_needed(np.array([10**8, 10**8]) // 2, 0.05, 0.01)
+    power = ncx2.sf(chi2.isf(0.01, 1), 1, np.array([n - 1, n]) * of_one)
+    assert power[0] < 0.8 <= power[1]
+
+
+@given(st.lists(st.integers(1, 5000), min_size=2, max_size=8), st.floats(0.02, 0.2))
+def test_parts_needed_increases_with_power_and_decreases_with_shift(counts, shift):
     simulated = 10_000 * np.array(counts)
     parts = parts_needed(simulated, shift)
-    assert power_of(simulated, parts, shift) >= 0.8
-    assert parts == 1 or power_of(simulated, parts - 1, shift) < 0.8
-    assert detectable_shift(simulated, parts) <= shift + 1e-5
+    assert parts >= parts_needed(simulated, shift + 0.01)
+    assert parts >= parts_needed(simulated, shift, level=0.05)
+    assert parts <= parts_needed(simulated, shift, power=0.9)
 
 
 def test_few_drops_cannot_find_a_small_shift():
     with pytest.raises(TooFewDropsError, match='invalid number of simulated drops 100: expected'):
         parts_needed(SIMULATED // 100, 0.05)
-    assert np.isnan(detectable_shift(SIMULATED // 1000, 3))
-
-
-def test_window_of_a_run_length_has_its_level():
-    parts = parts_for_run_length(SIMULATED, 200_000)
-    assert parts == parts_needed(SIMULATED, 0.05, parts / 200_000)
 
 
 def test_windows_without_drift_have_no_alarm():
     found = found_in([27, 28, 24, 13, 8], [54, 56, 48, 26, 16])
     assert list(found.alarms) == []
-    assert len(found.drifted) == 0
+    assert (len(found.drifted), found.deviation) == (0, None)
 
 
 def test_drift_lasts_from_the_change_to_the_end():
     good, bad = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
     found = found_in(good, good, bad, bad, bad)
     assert found.drifted == range(2, 5)
-    deviation = found.deviation(found.drifted)
+    deviation = found.deviation
     assert (deviation.index, deviation.share, deviation.expected) == (1, 0.45, 0.28)
     assert deviation.lower < 0.17 < deviation.upper
     assert deviation.difference == pytest.approx(0.17)
 
 
+def drifted(*windows):
+    """Return the drifted windows, if only chance scatters the parts."""
+    rows, rng = np.array(windows), np.random.default_rng(1)
+    p_values = np.array([p_of_window(row, SIMULATED, rng, 0.01) for row in rows])
+    return drifted_windows(rows, SIMULATED, p_values, 0.01)
+
+
 def test_passing_drift_is_a_single_window():
     good, bad = [540, 560, 480, 260, 160], [14, 28, 24, 13, 21]
-    found = found_in(good, bad, *[good] * 6)
-    assert found.drifted == range(1, 2)
-    assert list(found.alarms) == [1]
+    assert drifted(good, bad, *[good] * 6) == range(1, 2)
 
 
 def test_drift_begins_and_ends_with_the_shares():
     good, bad = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
-    assert found_in(good, bad, bad, good, good).drifted == range(1, 3)
-    # The last run counts, and the windows between two of them belong to neither.
-    assert found_in(bad, bad, bad, good, good, good, bad).drifted == range(6, 7)
-    assert found_in(bad).drifted == range(1)
+    assert drifted(good, bad, bad, good, good) == range(1, 3)
+    # Windows without drift separate the last alarm from earlier ones.
+    assert drifted(bad, bad, bad, good, good, good, bad) == range(6, 7)
+    assert drifted(bad) == range(1)
     # A single window that is nearer to the simulation is no recovery.
-    assert found_in(good, bad, bad, [48, 72, 44, 23, 13]).drifted == range(1, 4)
+    assert drifted(good, bad, bad, [48, 72, 44, 23, 13]) == range(1, 4)
+
+
+@pytest.mark.parametrize('begin', [1, 5, 20])
+def test_begin_of_a_drift_is_found_within_two_windows(begin):
+    # A window finds a shift of 10 points in about 80 % of cases.
+    rng, repetitions, size = np.random.default_rng(8), 1000, 260
+    near = 0
+    for _ in range(repetitions):
+        before, after = batches(rng, TWO, begin, size), batches(rng, TWO - [0.1, -0.1], 10, size)
+        p_values = np.array([1.0] * begin + [0.001] * 10)
+        rows = np.concatenate([before, after])
+        found = drifted_windows(rows, np.array([7000, 3000]), p_values, 0.01)
+        near += abs(found.start - begin) <= 2
+    assert near / repetitions > 0.95 - 3 * np.sqrt(0.95 * 0.05 / repetitions)
+
+
+def test_strong_drift_is_found_beside_scattering_batches():
+    rng = np.random.default_rng(4)
+    good, bad = batches(rng, TWO, 60, 30, 0.05), batches(rng, np.array([0.4, 0.6]), 20, 30, 0.05)
+    found = found_in(*good, *bad, window=300, simulated=np.array([7000, 3000]))
+    assert found.drifted == range(6, 8)
+    assert found.scatter.factor > 1
 
 
 def test_bounds_are_those_of_a_comparison():
@@ -119,27 +181,38 @@ def test_bounds_are_those_of_a_comparison():
     )
 
 
+def test_scatter_widens_the_interval():
+    simulated, parts = np.array([7000, 3000]), np.array([600, 400])
+    scatter = batch_scatter(batches(np.random.default_rng(3), TWO, 400, 30, 0.1))
+    plain, wide = (largest_deviation(parts, simulated, 0.95, each) for each in (None, scatter))
+    factor = np.sqrt(scatter.inflation(1000, 10_000))
+    assert factor > 1.1
+    assert wide.difference - wide.lower == pytest.approx(factor * (plain.difference - plain.lower))
+    assert wide.lower <= wide.difference <= wide.upper
+
+
 def test_of_two_classes_the_first_is_named():
     found = largest_deviation(np.array([30, 70]), np.array([500, 500]))
     assert (found.index, found.difference) == (0, pytest.approx(-0.2))
 
 
 @pytest.mark.parametrize(
-    ('windows', 'simulated', 'level', 'message'),
+    ('rows', 'simulated', 'options', 'message'),
     [
-        ([[1, 2]], [1, 2, 3], 0.01, 'expected counts of 3 classes'),
-        ([[1, -2, 4]], [1, 2, 3], 0.01, 'expected counts of 3 classes, 0 or more'),
-        ([[0, 0, 0]], [1, 2, 3], 0.01, 'at least one part in each window'),
-        ([[5]], [10], 0.01, 'expected those of two or more classes'),
-        ([[5, 5]], [0, 0], 0.01, 'not all 0'),
-        ([[5, 5]], [5, 5], 0.3, 'invalid level 0.3: expected 0.0001 to 0.25'),
-        ([[5, 5]], [5, 5], float('nan'), 'invalid level nan'),
+        ([[1, 2]], [1, 2, 3], {}, 'number of classes 2 of the counted parts: expected 3'),
+        ([[5]], [10], {}, 'expected those of two or more classes'),
+        ([[1, 2]], [3], {}, 'expected those of two or more classes'),
+        ([[5, 5]], [0, 0], {}, 'not all 0'),
+        ([[5, 5]], [5, 5], {'level': 0.3}, 'invalid level 0.3: expected 0.0001 to 0.25'),
+        ([[5, 5]], [5, 5], {'level': float('nan')}, 'invalid level nan'),
+        ([[5, 5]], [5, 5], {'window': 0}, 'invalid window 0: expected an integer from 1 to 10'),
+        ([[5, 5]], [5, 5], {'window': 11}, 'invalid window 11'),
+        ([[5, 5]], [5, 5], {'window': 2.5}, 'invalid window 2.5'),
     ],
 )
-def test_wrong_arguments_are_named(windows, simulated, level, message):
-    rng = np.random.default_rng(1)
+def test_wrong_arguments_are_named(rows, simulated, options, message):
     with pytest.raises(InvalidValueError, match=message):
-        find_drift(np.array(windows), np.array(simulated), rng, level)
+        found_in(*rows, simulated=np.array(simulated), **{'window': 1, **options})
 
 
 @pytest.mark.parametrize('shift', [0, -0.1, MAX_SHIFT + 0.01, float('nan')])
@@ -149,5 +222,5 @@ def test_wrong_shift_is_refused(shift):
 
 
 def test_wrong_power_is_refused():
-    with pytest.raises(InvalidValueError, match='invalid power 1: expected more than 0'):
+    with pytest.raises(InvalidValueError, match='invalid power 1: expected'):
         parts_needed(SIMULATED, power=1)

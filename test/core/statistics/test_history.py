@@ -10,8 +10,12 @@ from hypothesis import strategies as st
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
-from resting_aspects_ros.core.statistics.distribution import aspect_ids, count_poses
-from resting_aspects_ros.core.statistics.history import FIRST_SAMPLE, History
+from resting_aspects_ros.core.statistics.distribution import (
+    FIRST_SAMPLE,
+    History,
+    aspect_ids,
+    count_poses,
+)
 
 
 @pytest.fixture(scope='module')

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from resting_aspects_ros.core.reorientation.markov import long_run, long_run_bounds
 from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare, compare_with_exact
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.core.statistics.drift import largest_deviation
 from resting_aspects_ros.core.statistics.intervals import METHODS, bounds, containing
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 
 # Counts at the border of what is possible, and anything between.
 count = st.one_of(st.sampled_from([0, 0, 1, 2, 10**12]), st.integers(0, 300))

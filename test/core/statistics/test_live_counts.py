@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import beta
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
 
 
 def live(simulated, observed=None, **options):
@@ -63,29 +63,6 @@ def test_intervals_cover_shares_that_the_prior_describes():
         first = live(simulated, rng.multinomial(150, shares)).intervals()[0]
         covered += first.lower <= shares[0] <= first.upper
     assert abs(covered / repetitions - 0.95) <= 3.3 * math.sqrt(0.95 * 0.05 / repetitions)
-
-
-def test_new_totals_replace_the_counts():
-    found = live([5, 5], [2, 3]).counted({2: 4})
-    assert found.observed.tolist() == [2, 4]
-    assert found.parts == 6
-
-
-@pytest.mark.parametrize(
-    ('totals', 'message'),
-    [
-        ({1: 1}, 'invalid count 1 of class 1: expected an integer, 2 or more, because the total'),
-        ({3: 1}, 'invalid class 3: expected one of 1, 2'),
-        ({1: 2.5}, 'invalid count 2.5 of class 1'),
-        ({1: float('nan')}, 'invalid count nan of class 1'),
-        ({1: -1}, 'invalid count -1 of class 1'),
-    ],
-)  # fmt: skip
-def test_wrong_totals_are_named(totals, message):
-    before = live([5, 5], [2, 3])
-    with pytest.raises(InvalidValueError, match=message):
-        before.counted(totals)
-    assert before.observed.tolist() == [2, 3]
 
 
 @pytest.mark.parametrize('weight', [0, -1, float('nan'), float('inf'), True, '60'])

@@ -1,11 +1,18 @@
-"""Totals of counters: lost, repeated, late and invalid reports, and restarts."""
+"""Totals of counters (lost, repeated, late and invalid reports, restarts), batches and windows."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.statistics import count_sessions
-from resting_aspects_ros.core.statistics.count_sessions import CountSessions, CountWindows, Totals
+from resting_aspects_ros.core.statistics import counted_parts
+from resting_aspects_ros.core.statistics.counted_parts import (
+    BatchSeries,
+    CountSessions,
+    ObservedCounts,
+    Totals,
+)
 
 SECOND = 10**9
 
@@ -73,45 +80,40 @@ def test_invalid_report_changes_nothing(sessions, wrong, message):
 
 def test_memory_is_bounded(sessions, monkeypatch):
     for name in ('MAX_SESSIONS', 'MAX_ACTIONS', 'MAX_BATCHES'):
-        monkeypatch.setattr(count_sessions, name, 4)
-    windows = CountWindows()
+        monkeypatch.setattr(counted_parts, name, 4)
+    series = BatchSeries()
     for k in range(20):
         (new,) = add(sessions, report([1, 2], session=str(k)))
-        windows.add(np.array(new), k)
+        series.add(np.array(new), k)
     assert sessions.supplied.tolist() == [20, 40]
     for k in range(4):
         add(sessions, report(action=f'a{k}', moved=[1, 0, 0, 0]))
     with pytest.raises(InvalidValueError, match='expected at most 4 actions'):
         add(sessions, report(action='more', moved=[1, 0, 0, 0]))
-    windows.resize(3)  # the batches were joined before the size was known
-    assert windows.ends[-1] == 60
-    assert len(windows.windows) <= 4
-    assert np.sum([each.counts for each in windows.windows], axis=0).tolist() == [20, 40]
-    for k in range(20, 40):
-        windows.add(np.array([3, 0]), k)
-    assert windows.ends[-1] == 120
-    assert len(windows.windows) <= 4
-    assert windows.windows[-1].counts.tolist() == [3, 0]
+    found = series.observed(((1,), (2,)), str)
+    assert (series.parts, found.parts, found.totals.tolist()) == (60, 60, [20, 40])
+    assert len(found.labels) <= 4
+    # The oldest are joined, and the newest are as they were.
+    assert (found.labels[0], found.labels[-1]) == ('0', '19')
+    assert found.windows(1)[0][-1].tolist() == [1, 2]
 
 
-def test_windows_have_whole_batches():
-    windows = CountWindows()
-    windows.resize(5)
-    for time, counts in enumerate([[3, 0], [1, 0], [0, 4], [9, 0], [0, 2], [0, 0]]):
-        windows.add(np.array(counts), time)
-    found = [(each.counts.tolist(), each.time) for each in windows.windows]
-    assert found == [([4, 4], 0), ([9, 0], 3)]
-    assert windows.ends.tolist() == [0, 8, 17]
+def test_series_has_the_batches_that_are_not_empty():
+    series = BatchSeries()
+    for time, counts in enumerate([[3, 0], [0, 0], [0, 4]]):
+        series.add(np.array(counts), time)
+    counts, ends, labels = series.observed(((1,), (2,)), str).windows(1)
+    assert (counts.tolist(), ends.tolist(), labels) == ([[3, 0], [0, 4]], [0, 3, 7], ['0', '2'])
 
 
-def test_windows_that_became_too_small_are_joined():
-    windows = CountWindows()
-    windows.resize(2)
-    for time in range(6):
-        windows.add(np.array([1, 1]), time)
-    assert windows.ends.tolist() == [0, 2, 4, 6, 8, 10, 12]
-    windows.resize(5)
-    assert windows.ends.tolist() == [0, 6, 12]
-    assert [each.time for each in windows.windows] == [0, 3]
-    windows.resize(4)  # large enough
-    assert windows.ends.tolist() == [0, 6, 12]
+@given(
+    st.lists(st.lists(st.integers(0, 9), min_size=3, max_size=3), min_size=1), st.integers(1, 40)
+)
+def test_windows_are_disjoint_and_large_enough(rows, size):
+    rows = np.array([*rows, [1, 0, 0]])
+    found = ObservedCounts.of_rows(rows, 'counts', ((1,), (2,), (3,)))
+    counts, ends, _ = found.windows(size)
+    assert (counts.sum(axis=1) == np.diff(ends)).all()
+    assert (np.diff(ends) >= size).all()
+    assert 0 <= found.parts - ends[-1] < size
+    assert (np.diff(ends) < size + max(int(rows.sum(axis=1).max()), 1)).all()
