@@ -44,7 +44,7 @@ test-pythons:  ## run tests with each installed Python of 3.10, 3.11 and 3.12
 	    fi; \
 	    $(MAKE) --no-print-directory PYTHON=python$$version VENV=.venv-$$version dev; \
 	    echo "Python $$version:"; \
-	    .venv-$$version/bin/python -m pytest $(DISTRIBUTE) --quiet -m 'not slow' test/core \
+	    .venv-$$version/bin/python -m pytest $(DISTRIBUTE) --quiet -m 'not slow' test/part test/aspects test/statistics \
 	        test/simulation test/cli test/nodes/test_get_distribution.py; \
 	done
 
@@ -52,10 +52,11 @@ test-under-load: dev  ## run the tests twice, concurrently with six busy process
 	@+for n in 1 2 3 4 5 6; do while kill -0 $$$$ 2> /dev/null; do :; done & done; \
 	    $(MAKE) test && $(MAKE) test
 
-lint: dev  ## set up and run ruff and mypy
+lint: dev  ## set up and run ruff, mypy and import-linter
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/bench.md
 	$(BIN)/python tools/bench.py

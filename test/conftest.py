@@ -13,11 +13,12 @@ import domain_coordinator
 import hypothesis
 import numpy as np
 import pytest
+from solids import solids  # noqa: F401  # a fixture
 
-from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.part_library import PartLibrary
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.simulation.conditions import Surfaces
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 ROOT = Path(__file__).resolve().parents[1]
 

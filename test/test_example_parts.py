@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.loading import part_from_bytes
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / 'config' / 'parts'

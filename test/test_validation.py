@@ -10,11 +10,11 @@ from dropper import Dropper
 from measured import cases
 from sensitivity import fit
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.statistics.distribution import aspect_ids
 
 
 @pytest.fixture(scope='module')

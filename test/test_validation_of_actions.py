@@ -17,8 +17,8 @@ from scipy.stats import chi2
 from validate_reorientation import farthest
 
 from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.simulation.workers import LocalWorkers
 
 
 def test_shift_and_error_are_those_of_paired_shares():

@@ -19,7 +19,7 @@ from bench_ways import ways
 from dropper import ROOT
 from rich.console import Console
 
-from resting_aspects_ros.simulation.local_workers import default_workers
+from resting_aspects_ros.simulation.workers import default_workers
 
 FIGURES = ROOT / 'out' / 'bench.json'
 DOCUMENT = ROOT / 'docs' / 'explanation' / 'bench.md'

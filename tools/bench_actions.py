@@ -8,12 +8,10 @@ from dropper import SEED
 from rich.progress import track
 
 from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import action_starts
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.action_starts import action_starts
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
 
 PARTS = ('l_bracket', 'box_10x20x30')
 

@@ -7,23 +7,21 @@ import numpy as np
 from dropper import ROOT, SEED
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, down_in_part
-from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import (
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.release import (
     InitialState,
     depth_of,
     initial_states,
     part_from_body,
 )
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.part_library import PartLibrary
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 EXAMPLE = 'l_bracket'
 SETTLED = RestStatus.SETTLED

@@ -9,15 +9,15 @@ import trimesh
 from bench_report import Section, Table
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
-from resting_aspects_ros.core.aspects.joining import join_minima
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.rotations import Array, random_orientations
-from resting_aspects_ros.core.statistics.distribution import no_drops
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
+from resting_aspects_ros.aspects.find import find_aspects, join_minima
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.page import PAGE, Report, report_files
+from resting_aspects_ros.rotations import random_orientations
+from resting_aspects_ros.statistics.distribution import no_drops
 
 REPEATS = 3
 POSES = 1_000_000

@@ -8,12 +8,12 @@ from bench_geometry import EGG, egg
 from bench_report import Section, Table
 from rich.progress import track
 
-from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.simulation.compiled_kernel import simulate
-from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
+from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
+from resting_aspects_ros.statistics.poses import RestStatus
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000, 3000)
 DROPS = 2000

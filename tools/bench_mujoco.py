@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from bench_case import Trial, contacts_of, ended, released
 
-from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.rotations import rotate, wxyz_from_xyzw, xyzw_from_wxyz
 from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
-from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_MOTION,

@@ -11,9 +11,8 @@ import numpy as np
 from bench_case import Trial, contacts_of, ended, released
 
 from resting_aspects_ros.simulation import bullet_world
-from resting_aspects_ros.simulation.bullet_client import empty_client, pybullet
-from resting_aspects_ros.simulation.bullet_scene import RESIDUAL
-from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.bullet_world import RESIDUAL, empty_client, pybullet
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT
 
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.simulation.local_workers import default_workers
+from resting_aspects_ros.simulation.workers import default_workers
 
 PACKAGES = ('numba', 'pybullet', 'numpy', 'scipy', 'mujoco')
 CPUINFO = Path('/proc/cpuinfo')

@@ -19,10 +19,8 @@ from rich.progress import track
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.surroundings import Surroundings
 
 # Drops of each other engine.
 OTHER_DROPS = 125

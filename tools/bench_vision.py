@@ -15,13 +15,11 @@ from shapely import affinity
 from validate_identification import GRAINY, PIXEL, SHARP, Camera, rendered
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.vision.identification import identify
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.look_alikes import look_alikes
-from resting_aspects_ros.core.vision.observation import observed_polygon
-from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.vision.identification import identify, observed_polygon
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.outline import Outline, look_alikes
 
 PARTS = ('angle_45x30x8', 'l_bracket')  # 5 classes each
 IMAGES = 20  # of each class and camera

@@ -14,11 +14,11 @@ from bench_report import Section, Table
 from numba import cuda
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.run_description import BULLET, CUDA
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.simulation.job import BULLET, CUDA
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
+from resting_aspects_ros.simulation.workers import LocalWorkers
 
 # All methods take turns in each round, so that other load on the machine affects all of them.
 ROUNDS = 3

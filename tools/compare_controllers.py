@@ -16,21 +16,21 @@ import numpy.typing as npt
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from, pickable_aspects
-from resting_aspects_ros.core.feeding.baselines import (
+from resting_aspects_ros.feeding.control import (
+    Advice,
     Controller,
+    ControllerModel,
+    PartValues,
+    SeenPart,
+    advise,
+    controller_model,
     flip_and_refill,
     hopper_rule,
     supply_below,
 )
-from resting_aspects_ros.core.feeding.controller_model import (
-    ControllerModel,
-    PartValues,
-    controller_model,
-)
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.decision import Advice, SeenPart, advise
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.feeding.tray_simulation import simulate
+from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.feeding.tray_simulation import simulate
 
 # Pickable classes of each part.
 PARTS = {'l_bracket': [3], 't_prism': [1]}

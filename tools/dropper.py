@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops
-from resting_aspects_ros.simulation.chunks import Workers, submit_drops
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.part_library import PartLibrary
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import Surfaces
+from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.workers import Workers, submit_drops
+from resting_aspects_ros.statistics.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = 1

@@ -4,8 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import simpy
 
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.steady_state import Moves
+from resting_aspects_ros.feeding.steady_state import CycleTimes, Moves
 
 Array = npt.NDArray[np.float64]
 

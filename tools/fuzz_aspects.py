@@ -14,10 +14,10 @@ import trimesh
 from part_families import CERTAIN, FAMILIES, NOISE, Array, Landscape, Shape
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import Part
 
 # Errors of heights, as a share of the radius: facets are merged within 1e-5.
 TOLERANCE = 3e-5

@@ -22,7 +22,7 @@ from typing import Any
 import yaml
 from input_kinds import Kind, made_kinds
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 
 LIMIT = 20  # s of processor time for one file; most take milliseconds
 MEMORY = 8 << 30  # bytes of address space

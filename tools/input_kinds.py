@@ -14,17 +14,16 @@ from step_text import step_text
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.count_files import read_counts, read_observed
 from resting_aspects_ros.api.given_states import read_state_csv
 from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import read_polygon
-from resting_aspects_ros.api.inputs.count_files import read_counts, read_observed
-from resting_aspects_ros.api.inputs.result_json import document_result
+from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.api.roadmap import read_roadmap
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.simulation.actions import Actions
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces
+from resting_aspects_ros.simulation.surroundings import named_surroundings
+from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.points import PointStore
 from resting_aspects_ros.studies.propagate import uncertain_surface

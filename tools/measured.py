@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import Part
 
 Array = npt.NDArray[np.float64]
 

@@ -11,16 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from dropper import SEED, Dropper
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.action_starts import action_starts
 from resting_aspects_ros.simulation.actions import Action
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import action_starts
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 Counts = npt.NDArray[np.int64]
 Array = npt.NDArray[np.float64]

@@ -9,19 +9,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import BodyStates
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.release import BodyStates
+from resting_aspects_ros.simulation.scene import depth_along
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import Kind
-from resting_aspects_ros.simulation.surroundings.release import depth_along
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import Kind
 
 Vectors = Array | Sequence[float]
 

@@ -9,13 +9,14 @@ import trimesh
 from placed_bodies import flat_on, groove_height, in_groove, job_in, point_path
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
-from resting_aspects_ros.simulation.surroundings.kinds import Corner, Slope, VGroove, X
+from resting_aspects_ros.simulation.job import CONTACT_STEPS
+from resting_aspects_ros.simulation.surroundings_kinds import Corner, Slope, VGroove, X
+from resting_aspects_ros.statistics.poses import RestStatus
 
 Row = tuple[str, int, str, str]
 

@@ -9,22 +9,25 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.bullet_scene import SceneWorld
+from resting_aspects_ros.simulation.bullet_world import SceneWorld
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.ends import resting_poses
-from resting_aspects_ros.simulation.initial_state import initial_states
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import VGroove, X, Y, tray_from_scene
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
-from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, PairValues, Scene
+from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
+from resting_aspects_ros.simulation.release import initial_states
+from resting_aspects_ros.simulation.scene import HalfSpace, PairValues, Scene
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import (
+    MeshSurface,
+    VGroove,
+    X,
+    Y,
+    tray_from_scene,
+)
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Corners of a chiral part, mm: those of no two of its sides are alike.
 CHIRAL = np.array([[0, 0, 0], [30, 0, 0], [8, 22, 0], [5, 6, 18.0]])

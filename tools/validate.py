@@ -24,9 +24,8 @@ from validate_surroundings_steps import surroundings_steps
 from validate_tosses import tosses
 from validate_world import world
 
-from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
-from resting_aspects_ros.simulation.plan import engine_version
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
+from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {

@@ -7,10 +7,9 @@ from dropper import SEED, Dropper
 from paired import REFINEMENT, TWO_SIDED, paired_counts, shifts
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import KERNEL
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.simulation.job import KERNEL, make_job
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 # The standard error of a shift is then 0.0005 if 1.5 % of the drops leave or reach an aspect.
 DROPS = 50_000

@@ -14,12 +14,10 @@ from validate_impacts import KINDS, compared
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.surroundings import aspects_in, with_surroundings
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET
-from resting_aspects_ros.simulation.surroundings.library import surroundings_names
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
+from resting_aspects_ros.simulation.surroundings import surroundings_names
 
 # Drops of each part on each surface; drops in each of the surroundings, and of each action.
 DROPS, FEW = 10_000, 2000

@@ -21,20 +21,21 @@ from validate_forecast import coverage, false_alarms, formulas
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import forecast_controlled, forecast_from, pickable_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
-from resting_aspects_ros.core.feeding.controller_model import ControllerModel, controller_model
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.decision import Choice, SeenPart, advise
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
-from resting_aspects_ros.core.vision.candidate import Candidate
-from resting_aspects_ros.core.vision.identification import identify
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.observation import observed_polygon
-from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
-from resting_aspects_ros.core.vision.tray_image import TrayCamera, render_tray
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.control import (
+    Choice,
+    ControllerModel,
+    SeenPart,
+    advise,
+    controller_model,
+)
+from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, VirtualFeeder
 from resting_aspects_ros.nodes.vision_example.contours import clearances, find_blobs
+from resting_aspects_ros.vision.identification import identify, observed_polygon
+from resting_aspects_ros.vision.known_part import Candidate, KnownPart
+from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 # Pickable classes of each part.
 PARTS = {'l_bracket': (1,), 't_prism': (1,)}

@@ -11,23 +11,25 @@ from feeder_events import simulated_picks
 from rich.console import Console
 from rich.progress import track
 
-from resting_aspects_ros.core.feeding.controlled_runs import forecast_controller
-from resting_aspects_ros.core.feeding.controller_model import controller_model
-from resting_aspects_ros.core.feeding.cycle import CycleTimes, parts_per_minute
-from resting_aspects_ros.core.feeding.decision import advise
-from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.core.feeding.model import FeederModel
-from resting_aspects_ros.core.feeding.steady_state import (
+from resting_aspects_ros.feeding.control import advise, controller_model
+from resting_aspects_ros.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.feeding.forecast import FeederModel
+from resting_aspects_ros.feeding.steady_state import (
+    CycleTimes,
     Moves,
     drawn_moves,
     moves_of,
+    parts_per_minute,
     run_spread,
     steady_state,
 )
-from resting_aspects_ros.core.feeding.tray_places import DensityPlaces
-from resting_aspects_ros.core.feeding.tray_simulation import simulate
-from resting_aspects_ros.core.statistics.drift import parts_needed
-from resting_aspects_ros.core.statistics.g_test import p_of_window
+from resting_aspects_ros.feeding.tray_simulation import (
+    DensityPlaces,
+    forecast_controller,
+    simulate,
+)
+from resting_aspects_ros.statistics.drift import parts_needed
+from resting_aspects_ros.statistics.g_test import p_of_window
 
 DROP = np.array([600, 300, 100])
 ACTIONS = np.array(

@@ -23,16 +23,13 @@ from shapely.geometry.polygon import orient
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.vision.fitting import shape_of
-from resting_aspects_ros.core.vision.identification import Identification, identify
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.likelihood import OutlineNoise
-from resting_aspects_ros.core.vision.location import Pose, camera_pose
-from resting_aspects_ros.core.vision.look_alikes import look_alikes
-from resting_aspects_ros.core.vision.observation import observed_polygon
-from resting_aspects_ros.core.vision.outline import Outline, _yaw_symmetry, seen_outline
-from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.statistics.poses import RestStatus
+from resting_aspects_ros.vision.fitting import OutlineNoise, shape_of
+from resting_aspects_ros.vision.identification import Identification, identify, observed_polygon
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.location import Pose, camera_pose
+from resting_aspects_ros.vision.outline import Outline, _yaw_symmetry, look_alikes, seen_outline
 
 Array = npt.NDArray[np.float64]
 

@@ -6,17 +6,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, random_orientations
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel
-from resting_aspects_ros.simulation.bullet_client import pybullet
-from resting_aspects_ros.simulation.bullet_world import World
+from resting_aspects_ros.simulation.bullet_world import World, pybullet
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.kernel_data import work_of
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
 
 # Factor by which Bullet's time step is finer than in a drop, so that gravity adds little.
 REFINEMENT = 64

@@ -18,10 +18,10 @@ from paired import (
 
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.reorient import drop_for_start
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.actions import Kick
+from resting_aspects_ros.simulation.job import BULLET, KERNEL
 
 STRONGEST = 'toss'
 # Actions from each symmetry class in each simulation. A step, which Bullet simulates, takes most

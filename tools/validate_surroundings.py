@@ -21,10 +21,10 @@ from surroundings_symmetry import (
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import count_poses
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.statistics.distribution import count_poses
 
 SYMMETRY_DROPS = 20_000
 # Only Bullet simulates drops on a mesh, which takes much longer.

@@ -20,10 +20,9 @@ from scipy.stats import chi2
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import aspects_in, with_surroundings
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import KERNEL
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.job import KERNEL, make_job
 
 # About 10 minutes of processor time.
 DROPS = 20_000

@@ -9,12 +9,11 @@ from measured import Case, cases
 from rich.progress import track
 from sensitivity import fit
 
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.core.statistics.intervals import intervals
+from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.statistics.intervals import intervals
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # Number of drops of each case, and of each case at each end of a slope.
 CASE_DROPS = {KERNEL: 20_000, BULLET: 6000}

@@ -5,12 +5,15 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
 from contextlib import closing, contextmanager
 
-from resting_aspects_ros.core.errors import warn
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.chunks import Workers, drop_chunks
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.errors import warn
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import (
+    LocalWorkers,
+    Workers,
+    default_workers,
+    drop_chunks,
+)
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # How often progress is reported while a chunk is simulated, s.
 PROGRESS_PERIOD = 0.1

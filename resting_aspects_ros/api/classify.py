@@ -15,12 +15,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.surroundings import on_level_floor
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.clusters import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     Agreement,
     Clusters,
@@ -30,14 +28,16 @@ from resting_aspects_ros.core.aspects.clusters import (
     find_clusters,
     find_differences,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical, down_in_part
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.input_files import CsvTable, open_text
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.cluster_report import agreement_fields, cluster_document
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, down_in_part
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # A cluster needs two poses that can be alike.
 MIN_POSES, MIN_POSES_WITH_PART = 2, 1

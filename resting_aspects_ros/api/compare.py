@@ -7,20 +7,20 @@ from typing import Literal
 
 import numpy as np
 
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.class_groups import common_groups
-from resting_aspects_ros.api.inputs.count_files import counted_drops
-from resting_aspects_ros.api.inputs.counts import (
+from resting_aspects_ros.api.count_files import counted_drops
+from resting_aspects_ros.api.counts import (
     CountedDrops,
     check_same_part,
+    common_groups,
     counted_by_class,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.statistics import comparison as statistics
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.report.comparison_report import ComparedResults, comparison_document
 from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.statistics import comparison as statistics
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1

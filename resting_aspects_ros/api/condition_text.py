@@ -6,10 +6,14 @@ from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, one_line, shown
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.config_files import actions_file
-from resting_aspects_ros.simulation.surfaces import Surfaces, all_surfaces
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    DropConditions,
+    Surfaces,
+    actions_file,
+    all_surfaces,
+)
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Actions

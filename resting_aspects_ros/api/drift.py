@@ -7,25 +7,20 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
+from resting_aspects_ros.api.counts import CountedDrops, common_groups, counted_by_class
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.class_groups import common_groups
-from resting_aspects_ros.api.inputs.count_files import (
-    counted_drops,
-    counts_from_array,
-    read_observed,
-)
-from resting_aspects_ros.api.inputs.counts import (
-    CountedDrops,
-    counted_by_class,
-)
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.statistics.counted_parts import (
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
+from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
     LiveCounts,
     ObservedCounts,
 )
-from resting_aspects_ros.core.statistics.drift import (
+from resting_aspects_ros.statistics.drift import (
     LEVEL,
     POWER,
     SHIFT,
@@ -34,10 +29,8 @@ from resting_aspects_ros.core.statistics.drift import (
     find_drift,
     parts_needed,
 )
-from resting_aspects_ros.core.statistics.g_test import UNIT, batch_scatter
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
-from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
-from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
+from resting_aspects_ros.statistics.g_test import UNIT, batch_scatter
+from resting_aspects_ros.statistics.intervals import CONFIDENCE
 
 # Seed of the random tables, so that equal inputs give equal results.
 SEED = 1

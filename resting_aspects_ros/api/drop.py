@@ -19,24 +19,22 @@ from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
-from resting_aspects_ros.core.errors import InvalidValueError, LogError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.core.statistics.distribution import METHOD
-from resting_aspects_ros.core.statistics.intervals import (
-    CONFIDENCE,
-    INTERVAL,
-)
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.errors import InvalidValueError, LogError
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
-from resting_aspects_ros.simulation.starts import GivenStates, Starts
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.starts import GivenStates, Noise, Starts
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import METHOD, ContactCounts
+from resting_aspects_ros.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+)
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 NO_NOISE = Noise()
 

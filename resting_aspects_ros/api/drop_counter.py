@@ -9,18 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.chunk_loop import count_chunks
-from resting_aspects_ros.core.errors import warn
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import (
+from resting_aspects_ros.errors import warn
+from resting_aspects_ros.simulation.job import MAX_DROPS, DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import (
     Distribution,
     History,
     aspect_ids,
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Number of time steps of the check for each time step of the run.
 REFINEMENT = 2
@@ -95,7 +94,7 @@ def check_convergence(
     if not (coarse.counts.any() and fine.counts.any()):
         return None
     # This import is slow, and only needed for the check.
-    from resting_aspects_ros.core.statistics.comparison import compare
+    from resting_aspects_ros.statistics.comparison import compare
 
     found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
     lower, upper = found.largest_bounds

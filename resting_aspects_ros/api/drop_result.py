@@ -8,14 +8,13 @@ from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.contact_counts import Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.contact_report import contact_rows
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution, Placements
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import warn
-from resting_aspects_ros.core.estimators.estimate import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import (
     METHODS,
     Estimate,
     NotDefinedError,
@@ -18,18 +17,19 @@ from resting_aspects_ros.core.estimators.estimate import (
     check_method,
     estimate_each,
 )
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.comparison import (
+from resting_aspects_ros.errors import warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
+from resting_aspects_ros.statistics.comparison import (
     Comparison,
     DropCounts,
     compare_with_exact,
 )
-from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
 
 if TYPE_CHECKING:  # imported when there is something to compare with
+    from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.api.drop_result import DropResult
-    from resting_aspects_ros.api.inputs.counts import CountedDrops
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1
@@ -62,7 +62,7 @@ class EstimateResult:
         """Return the drops of ``against`` by symmetry class or by aspect; None without them."""
         if self.against is None:
             return None
-        from resting_aspects_ros.api.inputs.counts import counted_by_class
+        from resting_aspects_ros.api.counts import counted_by_class
 
         if by_class or self.against.by_class:
             return counted_by_class(self.against, self.aspects).tally
@@ -143,8 +143,8 @@ def estimate(
     shape = RestingShape(loaded)
     counted = None
     if against is not None:
-        from resting_aspects_ros.api.inputs.count_files import counted_drops
-        from resting_aspects_ros.api.inputs.counts import check_against
+        from resting_aspects_ros.api.count_files import counted_drops
+        from resting_aspects_ros.api.counts import check_against
 
         counted = counted_drops(against)
         check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)

@@ -13,26 +13,24 @@ from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns, forecast_controller
-from resting_aspects_ros.core.feeding.controller_model import controller_model
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.density import check_fit, free_shares
-from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.core.feeding.forecast import forecast as forecast_rate
-from resting_aspects_ros.core.feeding.model import FeederModel, check_number
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.core.statistics.intervals import Array, Counts
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.control import controller_model
+from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
+from resting_aspects_ros.feeding.forecast import FeederModel, check_number
+from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, forecast_controller
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast_table import NamedForecast
-from resting_aspects_ros.simulation.actions import Action, NamedAction
-from resting_aspects_ros.simulation.vibration import Vibration
+from resting_aspects_ros.simulation.actions import Action, NamedAction, Vibration
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.core.vision.grasp import Grasp
-    from resting_aspects_ros.core.vision.location import Placement
+    from resting_aspects_ros.vision.grasp import Grasp
+    from resting_aspects_ros.vision.location import Placement
 
 DEFAULT_ACTION = 'flip'
 # Assumed: a pick and place of a small robot, an image with its evaluation, a tray of a small
@@ -124,8 +122,8 @@ def footprints_of(
 def placements_of(part: Part, aspects: AspectSet) -> tuple['Placement', ...]:
     """Return how the part lies in each symmetry class, with its outline."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.location import Placement
-    from resting_aspects_ros.core.vision.outline import find_outlines
+    from resting_aspects_ros.vision.location import Placement
+    from resting_aspects_ros.vision.outline import find_outlines
 
     return tuple(Placement(part, aspects, each) for each in find_outlines(part, aspects))
 
@@ -369,7 +367,7 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
         ``minutes`` is out of bounds, or only a part of a class is pickable.
     """
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
+    from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
     named, found = result.named, result.named.forecast
     part, aspects = result.reorientation.part, result.reorientation.matrix.aspects

@@ -9,7 +9,7 @@ from resting_aspects_ros.api.condition_text import condition_facts, surface_text
 from resting_aspects_ros.api.look_alike_notes import look_alike_texts
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.controlled_forecast import controlled_fields
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast_document import forecast_fields

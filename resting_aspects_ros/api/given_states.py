@@ -8,19 +8,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.api.surroundings import scene_of
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, columns_of
-from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import CsvTable, open_text
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.run_description import MAX_DROPS
-from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates
-from resting_aspects_ros.simulation.surroundings.release import depth_along, in_scene_axes
-from resting_aspects_ros.simulation.surroundings.scene import Scene
+from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.scene import Scene, depth_along, in_scene_axes
+from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise
+from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import OUTCOMES, columns_of
 
 DEFAULT_REPLICATES = 1
 # A part may reach into a plane of surroundings by this, R; the engine moves it out.

@@ -8,20 +8,18 @@ from typing import Any
 import numpy as np
 import shapely
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.feeding.footprint import Footprint, Grip
-from resting_aspects_ros.core.geometry.hull import smallest_rectangle
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.schema import FileModel, FromOne, Number, validated
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, Unit
-from resting_aspects_ros.core.vision.grasp import (
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.footprint import Footprint, Grip
+from resting_aspects_ros.input_files import FileModel, FromOne, Number, named, read_yaml, validated
+from resting_aspects_ros.part.hull import smallest_rectangle
+from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Unit
+from resting_aspects_ros.vision.grasp import (
     Grasp,
     approach_angle,
     gripper_place,
     gripper_poses,
 )
-from resting_aspects_ros.core.vision.location import Placement
-from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.vision.location import Placement
 
 # Largest angle between the approach direction of a gripper and the vertical, rad.
 MAX_INCLINATION = math.radians(60)

@@ -16,23 +16,26 @@ import shapely
 
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.json_document import file_text, parse_json
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, located, shown, warn
-from resting_aspects_ros.core.input_file import read_input
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.vision.camera import Telecentric
-from resting_aspects_ros.core.vision.identification import Identification, identify
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.likelihood import OutlineNoise
-from resting_aspects_ros.core.vision.location import Pose
-from resting_aspects_ros.core.vision.observation import Polygonal, observed_polygon
-from resting_aspects_ros.core.vision.outline import Outline, find_outlines
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, located, shown, warn
+from resting_aspects_ros.input_files import file_text, parse_json, read_input
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.vision.camera import Telecentric
+from resting_aspects_ros.vision.fitting import OutlineNoise
+from resting_aspects_ros.vision.identification import (
+    Identification,
+    Polygonal,
+    identify,
+    observed_polygon,
+)
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.outline import Outline, find_outlines
 
 # Added to each count of a distribution, so that an aspect that was never seen remains possible.
 PSEUDO_COUNT = 0.5

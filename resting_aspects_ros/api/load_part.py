@@ -5,13 +5,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import FILE_FORMATS, body_number
-from resting_aspects_ros.core.part_loading import load_part as load_mesh
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
-from resting_aspects_ros.simulation.config_files import parts_folder
-from resting_aspects_ros.simulation.part_library import PartLibrary, read_part_yaml
+from resting_aspects_ros.errors import InvalidValueError, UnknownPartError, shown, warn
+from resting_aspects_ros.part.library import PartLibrary, read_part_yaml
+from resting_aspects_ros.part.loading import FILE_FORMATS, body_number
+from resting_aspects_ros.part.loading import load_part as load_mesh
+from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Part
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 
 def load_part(

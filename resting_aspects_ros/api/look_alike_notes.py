@@ -3,8 +3,8 @@
 from collections.abc import Collection, Sequence
 from itertools import combinations
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.rows import ids_text, numbers_text
 
 
@@ -88,8 +88,7 @@ def _groups(
 ) -> tuple[list[tuple[int, ...]], list[tuple[tuple[int, ...], tuple[int, ...]]]]:
     """Return the groups of classes with one outline, and the pairs of groups that are mirrored."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.look_alikes import look_alikes, same_groups
-    from resting_aspects_ros.core.vision.outline import find_outlines
+    from resting_aspects_ros.vision.outline import find_outlines, look_alikes, same_groups
 
     found = look_alikes(find_outlines(part, aspects))
     groups = same_groups(found)

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix, no_actions
-from resting_aspects_ros.core.statistics.comparison import square_and_add
-from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
-
-Array = npt.NDArray[np.float64]
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import CsvTable, open_text
+from resting_aspects_ros.statistics.comparison import square_and_add
+from resting_aspects_ros.statistics.intervals import INTERVAL, Interval, intervals
+from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
 
 # Columns of a file of transitions.
 COLUMNS = ('from', 'to', 'count')

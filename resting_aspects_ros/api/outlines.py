@@ -6,12 +6,10 @@ from pathlib import Path
 
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.vision.look_alikes import LookAlike, look_alikes
-from resting_aspects_ros.core.vision.outline import Outline, find_outlines
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.outline_document import outlines_document
 from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
@@ -25,6 +23,7 @@ from resting_aspects_ros.report.outline_images import (
     png_file,
     template_name,
 )
+from resting_aspects_ros.vision.outline import LookAlike, Outline, find_outlines, look_alikes
 
 DOCUMENT, COCO = 'outlines.json', 'coco.json'
 

@@ -14,8 +14,8 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError, OutputError
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.errors import InvalidValueError, OutputError
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 POSES_HEADER = (
     'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',

@@ -10,37 +10,45 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.surroundings import aspects_in, scene_of
 from resting_aspects_ros.api.transition_counter import TransitionCounter
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, no_actions
-from resting_aspects_ros.core.statistics.intervals import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.action_starts import (
+    action_starts,
+    body_of,
+    check_step,
+    step_starts,
+)
+from resting_aspects_ros.simulation.actions import (
+    KINDS,
+    Action,
+    NamedAction,
+    Nozzle,
+    Step,
+    Vibration,
+)
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.job import (
+    DEFAULT_SEED,
+    MAX_DROPS,
+    DropJob,
+    RunDescription,
+    plan_run,
+)
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.starts import FoundStarts, Starts, found_starts
+from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     check_confidence,
     check_interval_method,
+    check_precision,
+    drops_for,
 )
-from resting_aspects_ros.core.statistics.stopping import check_precision, drops_for
-from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.nozzle import Nozzle
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.reorientation import action_starts, body_of
-from resting_aspects_ros.simulation.run_description import (
-    DEFAULT_SEED,
-    MAX_DROPS,
-    RunDescription,
-)
-from resting_aspects_ros.simulation.starts import Starts
-from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.simulation.surroundings.floor_step import check_step, step_starts
-from resting_aspects_ros.simulation.surroundings.rest_starts import FoundStarts, found_starts
-from resting_aspects_ros.simulation.surroundings.scene import Scene
-from resting_aspects_ros.simulation.vibration import Vibration
+from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import OUTCOMES, no_actions
 
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.

@@ -6,23 +6,20 @@ from dataclasses import dataclass
 
 from resting_aspects_ros.api.drop_counter import Consumer
 from resting_aspects_ros.api.surroundings import aspects_in, contacts_in, scene_of
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
-from resting_aspects_ros.core.statistics.intervals import (
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.job import MAX_DROPS, DropJob, RunDescription, plan_run
+from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution, no_drops
+from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     check_confidence,
     check_interval_method,
+    max_drops,
 )
-from resting_aspects_ros.core.statistics.stopping import max_drops
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription
-from resting_aspects_ros.simulation.starts import Starts
 
 
 @dataclass(frozen=True)

@@ -23,24 +23,23 @@ from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
 from resting_aspects_ros.api.transition_counter import check_in_finer_steps
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.geometry.decomposition import convex_pieces
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import (
-    CONFIDENCE,
-    INTERVAL,
-)
-from resting_aspects_ros.simulation.actions import Action, NamedAction
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import convex_pieces
+from resting_aspects_ros.simulation.actions import Action, NamedAction, Step
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
-from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+)
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 def reorient(

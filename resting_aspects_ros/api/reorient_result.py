@@ -10,25 +10,27 @@ import numpy as np
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
-from resting_aspects_ros.core.errors import InvalidValueError, analysis
-from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.markov import (
-    LongRun,
-    long_run,
-    long_run_bounds,
-    reach,
-    with_replacement,
-)
-from resting_aspects_ros.core.reorientation.plan import Plan, best_plan, wanted_mask
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.distribution import OUTSIDE, Distribution
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, analysis
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import ConvexPieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.transition_document import long_run_fields, matrix_fields
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import OUTSIDE, Distribution
+from resting_aspects_ros.statistics.markov import (
+    LongRun,
+    Plan,
+    best_plan,
+    long_run,
+    long_run_bounds,
+    reach,
+    wanted_mask,
+    with_replacement,
+)
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -17,11 +17,8 @@ from resting_aspects_ros.api.report_files import (
     write_files,
 )
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.reorientation.plan import wanted_mask
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.reorientation_page import reorientation_files
 from resting_aspects_ros.report.reorientation_report import (
     PAGE,
@@ -36,8 +33,10 @@ from resting_aspects_ros.report.rounding import interval_text, points_text, prob
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.quantity import quantities_of
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.markov import wanted_mask
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
-from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class
+from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor, outcome_hints, scene_of
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.contacts import NONE, ContactPlane
-from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate_each
-from resting_aspects_ros.core.input_file import printable
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
+from resting_aspects_ros.aspects.support import NONE, ContactPlane
+from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.input_files import printable
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
 from resting_aspects_ros.report.comparison_text import ReferenceCounts
@@ -26,15 +25,15 @@ from resting_aspects_ros.report.contact_picture import contact_image
 from resting_aspects_ros.report.page import FILES, PAGE, ContactRow, Report, report_files
 from resting_aspects_ros.report.rounding import interval_text, probability_text, size_text
 from resting_aspects_ros.report.table import symmetry_text
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.description import (
+from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
     RELEASE_VALUES,
     Surroundings,
+    value_text,
 )
-from resting_aspects_ros.simulation.surroundings.texts import value_text
+from resting_aspects_ros.statistics.comparison import DropCounts, compare
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult

@@ -14,24 +14,23 @@ from resting_aspects_ros.api.condition_text import given_conditions, surface_tex
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.transition_document import retention_fields
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.action_starts import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.reorientation import MAX_LIFT, disturbance_starts
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import RetentionCurve
 
 # If none of 400 parts leaves, the 95 % interval of the probability ends at 0.95 %.
 DEFAULT_PER_HEIGHT = 400

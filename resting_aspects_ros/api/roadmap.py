@@ -12,21 +12,22 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, StrictStr
 
-from resting_aspects_ros.api.inputs.csv_table import open_text
-from resting_aspects_ros.api.inputs.json_document import (
+from resting_aspects_ros.api.measured_trials import MeasuredPair, MeasuredTrials
+from resting_aspects_ros.aspects.support import NONE
+from resting_aspects_ros.input_files import (
+    Count,
+    Number,
     file_text,
     invalid_field,
+    open_text,
     parse_json,
+    validated,
 )
-from resting_aspects_ros.api.measured_trials import MeasuredPair, MeasuredTrials
-from resting_aspects_ros.core.aspects.contacts import NONE
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
-from resting_aspects_ros.core.schema import Count, Number, validated
-from resting_aspects_ros.core.statistics.contact_counts import Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import numbers, plain
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical
+from resting_aspects_ros.statistics.distribution import Distribution, Placements
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 FORMAT = 'bibazu_pose_roadmap_handover'
 SCHEMA_VERSION = 1

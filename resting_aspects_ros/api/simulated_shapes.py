@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from resting_aspects_ros.api.surroundings import scene_of
-from resting_aspects_ros.core.errors import PartError
-from resting_aspects_ros.core.geometry.decomposition import ConvexPieces, convex_pieces
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.errors import PartError
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
 from resting_aspects_ros.report.rounding import number_text
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.surroundings.scene import MeshBody
+from resting_aspects_ros.simulation.scene import MeshBody
 
 # Shorter distances, m, are rounding errors.
 ROUNDING = 1e-9

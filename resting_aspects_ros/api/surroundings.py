@@ -14,28 +14,26 @@ import numpy as np
 from scipy.optimize import nnls
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces, surface_text
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.contacts import ContactFinder, ContactPlane
-from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import (
-    Array,
-    canonical,
-    orientation_with_down,
-    product,
-    rotate,
-)
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
+from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import canonical, orientation_with_down, product, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import NO_CONTACT, VGroove, tray_from_scene
-from resting_aspects_ros.simulation.surroundings.library import (
+from resting_aspects_ros.simulation.scene import Block, HalfSpace, Scene
+from resting_aspects_ros.simulation.surroundings import (
+    Surroundings,
     named_surroundings,
     surroundings_names,
 )
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
-from resting_aspects_ros.simulation.surroundings.scene import Block, HalfSpace, Scene
+from resting_aspects_ros.simulation.surroundings_kinds import (
+    NO_CONTACT,
+    MeshSurface,
+    VGroove,
+    tray_from_scene,
+)
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
 
 # Where a part is, by the kind of the surroundings.
 PLACES = {

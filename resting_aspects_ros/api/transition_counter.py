@@ -7,19 +7,17 @@ import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks
 from resting_aspects_ros.api.drop_counter import DETECTABLE_SHIFT, REFINEMENT
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import (
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.comparison import square_and_add
+from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.statistics.intervals import SIMULTANEOUS, bounds, checkpoints, is_precise
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+from resting_aspects_ros.statistics.transitions import (
     TransitionMatrix,
     columns_of,
     no_actions,
 )
-from resting_aspects_ros.core.statistics.comparison import square_and_add
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
-from resting_aspects_ros.core.statistics.intervals import SIMULTANEOUS, bounds
-from resting_aspects_ros.core.statistics.stopping import checkpoints, is_precise
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.run_description import RunDescription
 
 
 class TransitionCounter:

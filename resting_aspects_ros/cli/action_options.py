@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.options import (
     flag_of,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,
     KINDS,
@@ -18,7 +18,7 @@ from resting_aspects_ros.simulation.actions import (
     NamedAction,
     make_action,
 )
-from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.conditions import Quantity, quantities_of
 
 DEFAULT_ACTION = 'tap'
 # Values that several kinds of action have are listed with the first of them.

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import flag_of, requested_conditions, requested_number
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.rows import class_rows
-from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.batch import INDEX, BatchEntry, drop_batch
 from resting_aspects_ros.studies.pages import TOP
 

@@ -9,11 +9,11 @@ from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import changed_conditions, flag_of, requested_conditions
 from resting_aspects_ros.cli.result_folder import make_result_folder
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, analysis, warn
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.errors import EngineError, InvalidValueError, analysis, warn
+from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
-from resting_aspects_ros.simulation.surfaces import all_surfaces
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.propagate import (
     DROPS,
     PAGE,

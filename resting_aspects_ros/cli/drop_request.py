@@ -12,13 +12,11 @@ from resting_aspects_ros.cli.options import (
     requested_number,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription, check_seed
-from resting_aspects_ros.simulation.starts import GivenStates, Starts
+from resting_aspects_ros.errors import InvalidValueError, LogError, warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, check_seed
+from resting_aspects_ros.simulation.starts import GivenStates, Noise, Starts
 
 # In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
 MAX_HEIGHT = 500

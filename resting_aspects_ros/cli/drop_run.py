@@ -25,10 +25,10 @@ from resting_aspects_ros.api.surroundings import warn_of_surroundings
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.result_folder import requested_folder
-from resting_aspects_ros.core.errors import EngineError, LogError, OutputError, analysis, warn
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.errors import EngineError, LogError, OutputError, analysis, warn
 from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'

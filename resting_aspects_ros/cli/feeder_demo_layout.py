@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.simulation.config_files import config_folder
+from resting_aspects_ros.simulation.conditions import config_folder
 
 # The part and the topics of the shipped layout; topics outside the namespace remain.
 SHIPPED_PART, GLOBAL = 'l_bracket', ('/diagnostics',)

@@ -14,11 +14,11 @@ from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.cli.forecast_options import parse_numbers, parse_tray
 from resting_aspects_ros.cli.forecast_run import requested_times
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.tray_image import TrayCamera
 
 # Of the camera.
 PX_PER_MM = 5.0

@@ -17,13 +17,13 @@ from resting_aspects_ros.cli.console import make_console
 from resting_aspects_ros.cli.feeder_demo_layout import save_layout
 from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, SUITE, PlannedDemo
 from resting_aspects_ros.cli.node_processes import NodeProcesses
-from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
-from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.controlled_forecast import controlled_fields, controlled_text
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.feeder_table import FeederView, feeder_sentence
 from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
+from resting_aspects_ros.vision.tray_image import TrayCamera
 
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment

@@ -5,10 +5,10 @@ import re
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.cli.values import parse_integer, parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, shown
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.core.feeding.footprint import Footprint
+    from resting_aspects_ros.feeding.footprint import Footprint
 
 # Longer sides are probably mistakes of the unit.
 MAX_SIDE = 5.0
@@ -118,7 +118,7 @@ def parse_tray(text: str) -> tuple[float, float]:
 
 def parse_gripper(text: str) -> 'Footprint':
     """Return the footprint '40x10mm', a rectangle, or '20mm', a disc; raises InvalidValueError."""
-    from resting_aspects_ros.core.feeding.footprint import Footprint
+    from resting_aspects_ros.feeding.footprint import Footprint
 
     expected = 'length and width, or a diameter, with a unit, such as 40x10mm or 20mm'
     sides = _sides('--gripper', text, expected)

@@ -20,6 +20,7 @@ from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.look_alike_notes import divided_class_texts
 from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
 from resting_aspects_ros.api.reorient import drop_for_start, make_actions
+from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.cli.action_options import requested_actions
 from resting_aspects_ros.cli.forecast_options import (
     parse_gripper,
@@ -29,20 +30,18 @@ from resting_aspects_ros.cli.forecast_options import (
 )
 from resting_aspects_ros.cli.options import requested_conditions
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.feeding.forecast import check_minutes
-from resting_aspects_ros.core.feeding.model import check_number
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.forecast import check_minutes, check_number
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import check_drops
+from resting_aspects_ros.simulation.job import check_drops
+from resting_aspects_ros.simulation.workers import Workers
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.core.vision.grasp import Grasp
+    from resting_aspects_ros.vision.grasp import Grasp
 
 
 @dataclass(frozen=True)

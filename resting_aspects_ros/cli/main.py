@@ -22,7 +22,7 @@ from typing import Any, NoReturn, TextIO
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli.verbs import COMMANDS
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.errors import (
     InvalidValueError,
     NoLogError,
     PartError,
@@ -32,7 +32,7 @@ from resting_aspects_ros.core.errors import (
     one_line,
     shown,
 )
-from resting_aspects_ros.core.input_file import MAX_PATH
+from resting_aspects_ros.input_files import MAX_PATH
 from resting_aspects_ros.simulation.interruption import SIGNALS, catch
 
 MAX_LINE = 2000

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 
 # Time for a node to start, s: they import for 10 s and more on a busy machine.
 START_TIMEOUT, START_PERIOD = 600.0, 0.1

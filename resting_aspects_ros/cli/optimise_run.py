@@ -11,16 +11,16 @@ from resting_aspects_ros.api.surroundings import requested_surroundings
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.forecast_options import parse_numbers
 from resting_aspects_ros.cli.options import changed_conditions
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.errors import (
     InvalidValueError,
     RestingAspectsError,
     analysis,
     warn,
 )
 from resting_aspects_ros.simulation.actions import Actions, NamedAction
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.surfaces import all_surfaces
+from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.design import parse_ranges
 from resting_aspects_ros.studies.optimise import optimise
 from resting_aspects_ros.studies.optimum import PAGE, OptimiseResult

@@ -10,9 +10,9 @@ from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     DropConditions,
     HeightOf,
+    Quantity,
 )
-from resting_aspects_ros.simulation.quantity import Quantity
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import (
     BULLET,
     CUDA,
     DEFAULT_DROPS,
@@ -193,7 +193,7 @@ def requested_conditions(
     """
     # These imports are slow because of pydantic and NumPy, which --help does not need.
     from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
-    from resting_aspects_ros.simulation.surfaces import all_surfaces
+    from resting_aspects_ros.simulation.conditions import all_surfaces
 
     if base is None:
         base = all_surfaces(arguments.surfaces).get(arguments.surface)
@@ -255,7 +255,7 @@ def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
     if arguments.precision is None:
         return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
     # This import is slow, and --help does not need it.
-    from resting_aspects_ros.core.statistics.stopping import check_precision
+    from resting_aspects_ros.statistics.intervals import check_precision
 
     precision = parse_share('--precision', arguments.precision)
     check_precision(precision)

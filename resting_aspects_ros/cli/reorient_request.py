@@ -16,20 +16,20 @@ from resting_aspects_ros.api.plan_actions import (
     plan_actions,
 )
 from resting_aspects_ros.api.roadmap import read_roadmap
+from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.cli.action_options import requested_actions
 from resting_aspects_ros.cli.options import (
     requested_conditions,
 )
 from resting_aspects_ros.cli.result_folder import requested_folder
 from resting_aspects_ros.cli.values import parse_share
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.reorientation.plan import wanted_mask
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.stopping import check_precision
+from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import check_precision
+from resting_aspects_ros.statistics.markov import wanted_mask
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Drops a part under conditions, and returns the distribution and the poses.
 MakeDrops = Callable[[Part, DropConditions], tuple[Distribution, RestingPoses]]

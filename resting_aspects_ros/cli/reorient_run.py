@@ -13,13 +13,13 @@ from resting_aspects_ros.api.reorient import counted_result, drop_for_start, mak
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
 from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
-from resting_aspects_ros.core.errors import EngineError, analysis, warn
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.errors import EngineError, analysis, warn
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 INTERRUPTED = 130
 # Rows with at least this number of measured trials replace the simulated ones.

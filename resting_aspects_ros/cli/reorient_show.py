@@ -22,13 +22,11 @@ from resting_aspects_ros.api.reorient_result import (
 )
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.simulated_shapes import pieces_text
+from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
-from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.estimate import NotDefinedError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.plan import Plan, wanted_mask
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
+from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
 from resting_aspects_ros.report.reorientation_table import (
@@ -40,6 +38,8 @@ from resting_aspects_ros.report.reorientation_table import (
 )
 from resting_aspects_ros.report.transition_table import Rows, table_rows, transition_table
 from resting_aspects_ros.simulation.interruption import catch
+from resting_aspects_ros.statistics.markov import Plan, wanted_mask
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.chunks import Workers
+    from resting_aspects_ros.simulation.workers import Workers
 
 
 def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
@@ -15,12 +15,12 @@ def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
     """
     # These imports are slow because of NumPy.
     if arguments.scheduler is not None:
-        from resting_aspects_ros.simulation.dask_workers import ClusterWorkers
+        from resting_aspects_ros.simulation.workers import ClusterWorkers
 
         cluster = ClusterWorkers(arguments.scheduler)
         stack.callback(cluster.stop)
         return cluster
-    from resting_aspects_ros.simulation.local_workers import LocalWorkers, default_workers
+    from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
 
     count = default_workers() if arguments.workers is None else arguments.workers
     workers = LocalWorkers(count)

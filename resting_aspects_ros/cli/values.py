@@ -3,8 +3,8 @@
 import argparse
 from decimal import Decimal, InvalidOperation
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.quantity_text import NUMBER, parse_quantity
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import NUMBER, parse_quantity
 
 __all__ = ['parse_integer', 'parse_quantity', 'parse_share']
 

@@ -11,16 +11,16 @@ This package exports the public names. It sends requests to the nodes of the sui
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.client.private_node import ClientUseError
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.errors import (
     InvalidValueError,
     RestingAspectsError,
     UnknownPartError,
 )
-from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.ros.distribution_conversions import probability_of
 from resting_aspects_ros.ros.status import BusyError, CanceledError, NotAvailableError
 from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.statistics.intervals import Interval
 
 __all__ = [
     'AnswerTimeoutError',

@@ -36,7 +36,7 @@ from resting_aspects_ros.ros.interface import (
     REORIENT_PART,
 )
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 # Time within which all drops of a run must be counted after the result of its goal arrived, s.
 COUNT_TIMEOUT = 120.0

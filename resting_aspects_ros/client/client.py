@@ -17,13 +17,13 @@ from resting_aspects_ros.api.plan_actions import DEFAULT_ACTION
 from resting_aspects_ros.client.forecast_client import ForecastClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.client.request_messages import check_name, missing_part_error
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import METHOD
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import conditions_from, part_from
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, PARTS
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.statistics.distribution import METHOD
 
 # Timeout for a latched message, s.
 PART_TIMEOUT = 5.0

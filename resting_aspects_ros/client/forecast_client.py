@@ -11,7 +11,7 @@ from resting_aspects_ros.client.async_client import check_ok
 from resting_aspects_ros.client.pending_request import PendingRequest
 from resting_aspects_ros.client.request_messages import check_name
 from resting_aspects_ros.client.vision_client import VisionClient, finite_numbers
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.ros.interface import FORECAST
 
 LENGTHS = {'tray': 2, 'gripper': None}

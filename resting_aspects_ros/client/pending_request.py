@@ -10,7 +10,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for, steady_timer, wait_for
 from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import (

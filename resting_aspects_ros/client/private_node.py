@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.ros.callbacks import steady_timer
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.ros.spin import check_domain, not_utf8

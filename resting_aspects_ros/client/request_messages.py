@@ -12,17 +12,15 @@ from resting_aspects_interfaces.msg import FeederAction, PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
 from resting_aspects_ros.api.plan_actions import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
+from resting_aspects_ros.aspects.aspect_set import unit_orientation
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.core.aspects.pose_query import unit_orientation
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.errors import (
     InvalidValueError,
     RestingAspectsError,
     UnknownPartError,
     shown,
 )
-from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
-from resting_aspects_ros.core.statistics.distribution import METHOD
-from resting_aspects_ros.core.statistics.stopping import check_precision, max_drops
+from resting_aspects_ros.part.part import MAX_NAME, is_valid_name
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, PARTS
 from resting_aspects_ros.ros.status import requested_estimator, unknown_part
@@ -30,13 +28,15 @@ from resting_aspects_ros.ros.topic_discovery import published_parts
 from resting_aspects_ros.ros.transition_conversions import action_msg
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
     MAX_DROPS,
     check_drops,
     check_seed,
 )
+from resting_aspects_ros.statistics.distribution import METHOD
+from resting_aspects_ros.statistics.intervals import check_precision, max_drops
 
 
 def distribution_request(

@@ -12,10 +12,10 @@ from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 from resting_aspects_ros.client.async_client import AsyncClient, check_ok
 from resting_aspects_ros.client.pending_request import PendingRequest
 from resting_aspects_ros.client.request_messages import check_name
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.vision.observation import Polygonal, observed_polygon
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.ros.interface import IDENTIFY_PART, LOCATE_PART
 from resting_aspects_ros.ros.outline_conversions import polygon_msgs
+from resting_aspects_ros.vision.identification import Polygonal, observed_polygon
 
 
 class VisionClient(AsyncClient):

@@ -7,8 +7,8 @@ from typing import BinaryIO
 
 import zstandard
 
-from resting_aspects_ros.core.errors import LogError, NoLogError, one_line
-from resting_aspects_ros.core.input_file import is_file, is_folder, named
+from resting_aspects_ros.errors import LogError, NoLogError, one_line
+from resting_aspects_ros.input_files import is_file, is_folder, named
 from resting_aspects_ros.logs.bag_metadata import FILE_NAME, read_information
 
 EXPECTED = 'expected the folder of a run, or an .mcap file'

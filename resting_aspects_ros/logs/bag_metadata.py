@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import read_yaml
 from resting_aspects_ros.logs.topic_metadata import yaml_text
 
 _VERSION = 9

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag_files import log_files
 from resting_aspects_ros.logs.message_reader import check_definition, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile

@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 
 _BUILT_IN = re.compile(r'bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string')
 _SEPARATOR = '=' * 80

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mcap.records import Channel, Message
 
-from resting_aspects_ros.core.errors import LogError, shown
-from resting_aspects_ros.core.input_file import is_file, is_folder, named
+from resting_aspects_ros.errors import LogError, shown
+from resting_aspects_ros.input_files import is_file, is_folder, named
 from resting_aspects_ros.logs.bag_files import is_mcap
 from resting_aspects_ros.logs.bag_metadata import FILE_NAME
 from resting_aspects_ros.logs.mcap_format import MAGIC

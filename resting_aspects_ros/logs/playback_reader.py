@@ -7,8 +7,8 @@ from pathlib import Path
 
 from mcap.records import Channel, Message
 
-from resting_aspects_ros.core.errors import LogError, one_line
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.errors import LogError, one_line
+from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.message_reader import written_hash
 from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.logs.topic_metadata import Qos, recorded_qos

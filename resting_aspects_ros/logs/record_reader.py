@@ -26,8 +26,8 @@ from mcap.records import (
 )
 from mcap.summary import Summary
 
-from resting_aspects_ros.core.errors import LogError, NoLogError, one_line
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.errors import LogError, NoLogError, one_line
+from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag_files import EXPECTED, open_unpacked
 from resting_aspects_ros.logs.mcap_format import FOOTER_SIZE, MAGIC, is_locked
 from resting_aspects_ros.logs.record_format import (

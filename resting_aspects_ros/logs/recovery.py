@@ -14,9 +14,8 @@ from typing import Any
 from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.writer import Writer
 
-from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.core.input_file import is_printable, named
-from resting_aspects_ros.core.yaml_file import parse_yaml
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import is_printable, named, parse_yaml
 from resting_aspects_ros.logs.bag_files import is_compressed, log_files
 from resting_aspects_ros.logs.bag_metadata import (
     BagMetadata,

@@ -16,7 +16,7 @@ from typing import BinaryIO, final
 
 from mcap.writer import Writer
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
 from resting_aspects_ros.logs.mcap_format import (
     finish_file,

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from resting_aspects_ros.core.errors import LogError, shown
-from resting_aspects_ros.core.yaml_file import parse_yaml
+from resting_aspects_ros.errors import LogError, shown
+from resting_aspects_ros.input_files import parse_yaml
 
 # The message types in the log of a run.
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'

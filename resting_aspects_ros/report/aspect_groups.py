@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
 from resting_aspects_ros.report.posed_part import Image, draw_parts, pose_parts

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
-from resting_aspects_ros.report.coarse_mesh import Indices, coarse_faces
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.coarse_mesh import coarse_faces
+from resting_aspects_ros.rotations import down_in_part, rotate
 
 # Distance between neighbouring centres of mass, hull radii R: no point of a part is further than
 # R from its centre of mass.

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.aspects.clusters import Agreement, Clusters, Differences
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.aspects.clusters import Agreement, Clusters, Differences
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.rounding import direction_text, interval_of, outside_aspects
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
 
 # Maximum number of poses in the table of differences; the JSON document has all.
 MAX_DIFFERENCES = 20

@@ -1,12 +1,9 @@
 """Reduce the number of triangles of a mesh, for pictures and for messages."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from resting_aspects_ros.core.rotations import Array
-
-Indices = npt.NDArray[np.int64]
+from resting_aspects_ros.arrays import Array, Indices
 
 # Minimum number of cells along the longest side: even the coarsest mesh is still a rough body.
 MIN_CELLS = 3

@@ -1,6 +1,6 @@
 """The colour of each symmetry class, the same in every picture."""
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.aspects.aspect_set import Aspect
 
 # The first seven are from Okabe and Ito (2008). Any two of these colours, and the grey, differ by
 # more than 10 in CIELAB, also for viewers with red or green colour blindness.

@@ -8,9 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.statistics.comparison import REST, Comparison, DropCounts
-from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
-from resting_aspects_ros.core.statistics.pearson import TABLES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
 from resting_aspects_ros.report.rounding import (
     decimals_of,
@@ -19,6 +16,9 @@ from resting_aspects_ros.report.rounding import (
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table
+from resting_aspects_ros.statistics.comparison import REST, Comparison, DropCounts
+from resting_aspects_ros.statistics.intervals import INTERVAL, Interval, intervals
+from resting_aspects_ros.statistics.pearson import TABLES
 
 # A million drops justify more decimals, but the table would not fit 80 columns.
 MAX_DECIMALS = 2

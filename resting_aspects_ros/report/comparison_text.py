@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.statistics.comparison import REST, Comparison, DropCounts
-from resting_aspects_ros.core.statistics.intervals import Interval, intervals
 from resting_aspects_ros.report.rounding import (
     chance_text,
     decimals_of,
@@ -15,6 +13,8 @@ from resting_aspects_ros.report.rounding import (
     shown_difference,
 )
 from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.statistics.comparison import REST, Comparison, DropCounts
+from resting_aspects_ros.statistics.intervals import Interval, intervals
 
 
 @dataclass(frozen=True, eq=False)

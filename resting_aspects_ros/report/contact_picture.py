@@ -6,9 +6,9 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core.aspects.contacts import NONE, ContactPlane
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.support import NONE, ContactPlane
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.posed_part import (
     EDGE_COLOUR,
     FILLED,
@@ -18,7 +18,8 @@ from resting_aspects_ros.report.posed_part import (
     Image,
     downsample,
 )
-from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise
+from resting_aspects_ros.report.render import NOTHING, edges, rasterise
+from resting_aspects_ros.rotations import rotate
 
 # Colours of the planes and of the contacts on them, in the order of the planes; others are grey.
 PLANE_COLOURS = np.array([[0.90, 0.90, 0.92], [0.93, 0.89, 0.82], [0.86, 0.92, 0.87]])

@@ -4,10 +4,9 @@ from collections import Counter
 
 from rich.table import Table
 
-from resting_aspects_ros.core.statistics.contact_counts import Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.document import numbers, share_fields
 from resting_aspects_ros.report.table import plain_table, shares
+from resting_aspects_ros.statistics.distribution import Distribution, Placements
 
 # Rows of the table in a terminal.
 MAX_ROWS = 20

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.rounding import minutes_text, number_text
 
 

@@ -7,12 +7,10 @@ import numpy as np
 from shapely import Polygon
 from shapely.affinity import rotate, scale, translate
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.aspects.support import resting_on
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, composed
-from resting_aspects_ros.core.vision.look_alikes import LookAlike
-from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.aspects.support import resting_on
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.figure_style import PIXELS_PER_INCH
@@ -32,6 +30,8 @@ from resting_aspects_ros.report.tally_page import (
     SheetRow,
     draw_page,
 )
+from resting_aspects_ros.rotations import composed
+from resting_aspects_ros.vision.outline import LookAlike, Outline
 
 PIXELS = 280  # side of a picture: 200 per inch
 MM_PER_INCH = 25.4

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet
-from resting_aspects_ros.core.aspects.support import resting_on
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.aspects.support import resting_on
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 SCHEMA_VERSION = 2
 

@@ -7,10 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.core.statistics.drift import POWER, Deviation, DriftTest
-from resting_aspects_ros.core.statistics.g_test import EXCEEDANCES
-from resting_aspects_ros.core.statistics.intervals import Interval, bounds
 from resting_aspects_ros.report.colours import COLOURS
 from resting_aspects_ros.report.document import numbers
 from resting_aspects_ros.report.figure_style import (
@@ -30,6 +26,10 @@ from resting_aspects_ros.report.rounding import (
     shown_difference,
 )
 from resting_aspects_ros.report.transition_table import titled_table
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.statistics.drift import POWER, Deviation, DriftTest
+from resting_aspects_ros.statistics.g_test import EXCEEDANCES
+from resting_aspects_ros.statistics.intervals import Interval, bounds
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.figure import Figure

@@ -4,16 +4,17 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.aspects.support import resting_on
-from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.comparison import Comparison, DropCounts
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, intervals
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.aspects.estimate import METHODS, Estimate
+from resting_aspects_ros.aspects.support import resting_on
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, share_fields
 from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING, RESTS_ON, plain_table
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, intervals
 
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped.
 _REST_WIDTH = 20

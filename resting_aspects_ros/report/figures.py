@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Array, Counts, Interval
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     PAPER,
@@ -25,6 +24,8 @@ from resting_aspects_ros.report.figure_style import (
 from resting_aspects_ros.report.rounding import probability_text
 from resting_aspects_ros.report.row_axes import NARROW, WIDE, RowAxes
 from resting_aspects_ros.report.rows import Row, short_name
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.markov import LongRun
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_groups import (
     Group,
     aspect_groups,
@@ -23,6 +21,8 @@ from resting_aspects_ros.report.flow_layout import arrow_outline, node_places
 from resting_aspects_ros.report.pixel_axes import Header, draw_image, pixel_axes
 from resting_aspects_ros.report.posed_part import Image
 from resting_aspects_ros.report.rounding import share_text
+from resting_aspects_ros.statistics.markov import LongRun
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.axes import Axes

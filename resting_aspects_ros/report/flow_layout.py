@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.arrays import Array
 
 # Distance between neighbouring nodes, and minimum radius of the circle, node radii.
 _PITCH, _MIN_CIRCLE = 3.7, 3.1

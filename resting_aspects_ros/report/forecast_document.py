@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from resting_aspects_ros.core.feeding.cycle import cycle_time
+from resting_aspects_ros.feeding.steady_state import cycle_time
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.forecast_table import NamedForecast, forecast_sentence
 

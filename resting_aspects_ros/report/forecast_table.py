@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.feeding.cycle import cycle_time
-from resting_aspects_ros.core.feeding.density import MAX_COVERAGE
-from resting_aspects_ros.core.feeding.forecast import Forecast
-from resting_aspects_ros.core.feeding.model import FeederModel
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.feeding.footprint import MAX_COVERAGE
+from resting_aspects_ros.feeding.forecast import FeederModel, Forecast
+from resting_aspects_ros.feeding.steady_state import cycle_time
 from resting_aspects_ros.report.rounding import minutes_text, number_text, share_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING

@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from shapely import Polygon
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.vision.look_alikes import LookAlike
-from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
+from resting_aspects_ros.vision.outline import LookAlike, Outline
 
 LookAlikes = Mapping[int, Sequence[LookAlike]]
 

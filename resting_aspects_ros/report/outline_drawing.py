@@ -6,7 +6,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from shapely import Polygon
 
-from resting_aspects_ros.core.vision.raster import rings
+from resting_aspects_ros.vision.outline import rings
 
 MM = 1000.0  # mm/m
 # Room around the drawing, and width of its line, mm.

@@ -5,23 +5,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from shapely import Polygon
 from shapely.affinity import affine_transform
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.core.vision.raster import covered_share, rings
+from resting_aspects_ros.arrays import Array, Bytes
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.outline_drawing import MM
+from resting_aspects_ros.vision.outline import Outline, covered_share, rings
 
 PIXELS_PER_MM = 10.0
 # Empty pixels around the part in each image.
 MARGIN = 8
 MAX_PIXELS = 1 << 24
 
-Bytes = npt.NDArray[np.uint8]
 # The entry of an image in a COCO document, and its annotation.
 Described = tuple[dict[str, object], dict[str, object]]
 

@@ -6,13 +6,12 @@ from itertools import combinations, pairwise
 import numpy as np
 from rich.table import Table
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.vision.look_alikes import LookAlike, same_groups
-from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.report.outline_document import LookAlikes
 from resting_aspects_ros.report.rounding import millimetre_texts, number_text
 from resting_aspects_ros.report.rows import ids_text, numbers_text
 from resting_aspects_ros.report.table import NOTHING, plain_table
+from resting_aspects_ros.vision.outline import LookAlike, Outline, same_groups
 
 # Outlines that differ by less than this share of their length are hard to distinguish.
 HARD = 0.02

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Array, Counts
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_pose import picture_part, triangle_counts
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_text import (
@@ -48,6 +47,7 @@ from resting_aspects_ros.report.rounding import share_text
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
+from resting_aspects_ros.statistics.distribution import Distribution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.aspects.support import resting_on
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.aspects.support import resting_on
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.picture import MAX_SHOWN
 from resting_aspects_ros.report.rounding import (
     interval_text,
@@ -19,6 +17,8 @@ from resting_aspects_ros.report.rounding import (
 )
 from resting_aspects_ros.report.rows import Row, class_of, ids_text, short_name
 from resting_aspects_ros.report.table import down_text
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 OUTSIDE = {
     'unclassified': 'came to rest, but in none of the stable aspects of the shape',

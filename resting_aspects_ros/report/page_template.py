@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.core.errors import analysis
+from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 
 if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.colours import GREY, rgb
 from resting_aspects_ros.report.figure_style import (
     FAINT,
@@ -26,6 +25,7 @@ from resting_aspects_ros.report.rounding import (
     probability_text,
 )
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
+from resting_aspects_ros.statistics.distribution import Distribution
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a picture is made
     from matplotlib.axes import Axes

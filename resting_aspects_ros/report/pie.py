@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.figure_style import FAINT, PAPER, new_figure
 from resting_aspects_ros.report.posed_part import Image

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, uniform_filter
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, rotate, turned_about_vertical
-from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.render import NOTHING, edges, rasterise
+from resting_aspects_ros.rotations import rotate, turned_about_vertical
 
 Image = npt.NDArray[np.float32]
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array, Indices
 
-Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1

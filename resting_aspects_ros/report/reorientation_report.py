@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.markov import LongRun
-from resting_aspects_ros.core.reorientation.plan import Plan
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.page_template import ENDINGS
+from resting_aspects_ros.statistics.markov import LongRun, Plan
+from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 # The page on actions, and that on retention curves.
 PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'

@@ -6,9 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.reorientation.markov import LongRun
-from resting_aspects_ros.core.reorientation.plan import Plan
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, Interval
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.rounding import (
     interval_text,
     number_text,
@@ -18,6 +16,8 @@ from resting_aspects_ros.report.rounding import (
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.report.transition_table import Rows, titled_table
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.statistics.markov import LongRun, Plan
 
 NEVER, WANTED = 'never', 'wanted'
 # Probabilities closer to 1 differ from it by rounding errors only.

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_groups import Group, group_images, group_of
 from resting_aspects_ros.report.figure_style import FAINT, TEXT, percent_axis, plain_axes
 from resting_aspects_ros.report.pixel_axes import Header, draw_image, pixel_axes
 from resting_aspects_ros.report.posed_part import Image
 from resting_aspects_ros.report.retention_table import millimetres_text
+from resting_aspects_ros.statistics.transitions import RetentionCurve
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.axes import Axes

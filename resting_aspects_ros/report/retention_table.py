@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
-from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.rounding import interval_text, number_text, probability_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.report.transition_table import titled_table
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.transitions import LEVELS, RetentionCurve
 
 
 def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float) -> Table:

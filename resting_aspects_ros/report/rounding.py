@@ -6,9 +6,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 
 def interval_of(distribution: Distribution, count: int) -> Interval:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.report.colours import GREY, aspect_colour
 from resting_aspects_ros.report.rounding import interval_of, outside_aspects
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 # A row with more aspects than this, not consecutive, has an abbreviated list of their numbers.
 _MAX_LISTED = 4

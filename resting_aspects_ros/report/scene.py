@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.posed_part import PosedPart
 from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.rotations import rotate
 
 
 def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> dict[str, object]:

@@ -7,12 +7,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.aspects.support import resting_on
-from resting_aspects_ros.core.aspects.symmetry import Symmetry
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.aspects.support import resting_on
+from resting_aspects_ros.aspects.symmetry import Symmetry
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.rounding import (
     decimals_of,
     direction_text,
@@ -29,6 +27,8 @@ from resting_aspects_ros.report.rows import (
     outside_rows,
     short_name,
 )
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 # The cell of a value that is not known.
 NOTHING = '-'

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shapely import Polygon
 
-from resting_aspects_ros.core.vision.raster import rings
 from resting_aspects_ros.report.colours import GREY, rgb
 from resting_aspects_ros.report.figure_style import FAINT, TEXT
 from resting_aspects_ros.report.posed_part import Image
+from resting_aspects_ros.vision.outline import rings
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a sheet is made
     from matplotlib.axes import Axes

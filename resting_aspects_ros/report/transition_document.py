@@ -3,12 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.reorientation.markov import LongRun
-from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.report.document import numbers, plain
+from resting_aspects_ros.statistics.markov import LongRun
+from resting_aspects_ros.statistics.transitions import (
+    LEVELS,
+    OUTCOMES,
+    RetentionCurve,
+    TransitionMatrix,
+)
 
 
 def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:

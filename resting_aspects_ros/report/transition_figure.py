@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Array, Interval
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_groups import (
     Group,
     aspect_groups,
@@ -22,6 +21,8 @@ from resting_aspects_ros.report.pixel_axes import MARGIN, Header, draw_image, pi
 from resting_aspects_ros.report.posed_part import Image
 from resting_aspects_ros.report.rounding import decimals_of
 from resting_aspects_ros.report.transition_table import OUTCOME_HEADINGS
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.axes import Axes

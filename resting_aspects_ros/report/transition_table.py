@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.report.rounding import decimals_of, interval_text, probability_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING, plain_table
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 WIDTH = 80  # of a table, columns
 MIN_LISTED = 0.01  # smaller probabilities of a row of many are listed together

@@ -11,10 +11,11 @@ import shapely
 from scipy.ndimage import gaussian_filter
 from shapely import affinity
 
-from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.core.vision.tray_image import Bytes, TrayCamera
+from resting_aspects_ros.arrays import Bytes
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import FAINT, PAPER, TEXT, new_figure
+from resting_aspects_ros.vision.outline import Outline
+from resting_aspects_ros.vision.tray_image import TrayCamera
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.axes import Axes

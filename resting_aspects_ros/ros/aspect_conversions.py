@@ -7,11 +7,11 @@ import numpy as np
 from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
 from resting_aspects_interfaces.msg import Aspect
 
-from resting_aspects_ros.core.aspects import aspect_set
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet, Sweep
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects import aspect_set
+from resting_aspects_ros.aspects.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.statistics.intervals import Interval
 
 # Indexed by their codes in the message Aspect.
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 class PoseBatches:

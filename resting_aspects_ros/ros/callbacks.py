@@ -22,7 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.interface import SERVICES
 
 # Minimum time between two logged errors of the same callback, s.

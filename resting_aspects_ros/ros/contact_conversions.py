@@ -6,12 +6,11 @@ import numpy as np
 from geometry_msgs.msg import Quaternion
 from resting_aspects_interfaces.msg import AspectDistribution, ContactShare
 
-from resting_aspects_ros.core.aspects.contacts import CORNER
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
-from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.support import CORNER
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.aspect_conversions import share_fields
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE
+from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 
 def contact_msgs(distribution: Distribution) -> list[ContactShare]:

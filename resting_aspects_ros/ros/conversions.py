@@ -16,20 +16,19 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import Part, is_valid_name
-from resting_aspects_ros.core.part_loading import FORMATS, part_from_bytes
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.loading import FORMATS, part_from_bytes
+from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions
-from resting_aspects_ros.simulation.run_description import RunDescription as Run
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import RunDescription as Run
+from resting_aspects_ros.simulation.job import (
     check_drops,
     check_first_drop,
     check_run_id,
 )
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
+from resting_aspects_ros.simulation.surroundings import Surroundings, surroundings_from
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 NANOSECONDS = 1_000_000_000
 # Maximum length of the JSON document of surroundings; those of the suite have 300 characters.

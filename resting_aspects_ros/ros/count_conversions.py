@@ -11,23 +11,22 @@ from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
-from resting_aspects_ros.api.inputs.class_groups import single_groups
+from resting_aspects_ros.api.counts import single_groups
 from resting_aspects_ros.api.measured_trials import MachineTransitions, machine_transitions
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.counted_parts import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.report.drift_report import drift_sentence
+from resting_aspects_ros.report.rounding import points_text
+from resting_aspects_ros.ros.conversions import nanoseconds, run_msg
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.counted_parts import (
     CountSessions,
     LiveCounts,
     ObservedCounts,
     Totals,
 )
-from resting_aspects_ros.core.statistics.drift import DriftTest
-from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.report.drift_report import drift_sentence
-from resting_aspects_ros.report.rounding import points_text
-from resting_aspects_ros.ros.conversions import nanoseconds, run_msg
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.statistics.drift import DriftTest
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 MAX_SESSION_NAME = 200
 

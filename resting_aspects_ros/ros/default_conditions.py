@@ -9,8 +9,7 @@ from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.ros.parameters import Parameter, on_change
 from resting_aspects_ros.ros.status import NotAvailableError
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions, Surfaces
 
 SURFACE = Parameter(
     'surface',

@@ -9,18 +9,18 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, RunDescription, SymmetryClass
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import Estimate
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import Estimate
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
 from resting_aspects_ros.ros.contact_conversions import contact_msgs, contacts_from
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
-from resting_aspects_ros.simulation.run_description import RunDescription as Run
+from resting_aspects_ros.simulation.job import RunDescription as Run
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.intervals import Interval
 
 
 def distribution_msg(

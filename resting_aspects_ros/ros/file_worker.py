@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import await_future
 
 T = TypeVar('T')

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
 
 # Maximum number of entries of a mapping that diagnostics show.
 MAX_LISTED = 10

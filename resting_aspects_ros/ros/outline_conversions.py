@@ -13,15 +13,15 @@ from resting_aspects_interfaces.msg import (
     PolygonWithHoles,
 )
 
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.vision import outline as part_outline
-from resting_aspects_ros.core.vision.candidate import Candidate
-from resting_aspects_ros.core.vision.location import Pose
-from resting_aspects_ros.core.vision.look_alikes import LookAlike
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.outline_document import polygon_fields
 from resting_aspects_ros.ros.conversions import pose_msg
+from resting_aspects_ros.vision import outline as part_outline
+from resting_aspects_ros.vision.known_part import Candidate
+from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.outline import LookAlike
 
 # By the verdict of a LookAlike.
 VERDICTS = {

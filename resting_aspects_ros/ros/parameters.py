@@ -13,7 +13,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.ros.interface import FRAME
 
 

@@ -6,19 +6,16 @@ from typing import Any
 
 from rclpy.node import Node
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown
-from resting_aspects_ros.core.input_file import is_folder
-from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.input_files import is_folder
+from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.conversions import conditions_from, surroundings_of
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.status import requested_conditions
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.config_files import surroundings_folder
-from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces, surroundings_folder
+from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 
 SURROUNDINGS_FOLDER = Parameter(
     'surroundings_folder',

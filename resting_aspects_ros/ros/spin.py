@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, one_line, shown
 from resting_aspects_ros.ros.parameters import Parameter, help_text, unknown_parameters
 from resting_aspects_ros.ros.process_end import at_most
 from resting_aspects_ros.simulation.interruption import catch

@@ -7,19 +7,18 @@ from typing import Any
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.aspects.estimate import METHODS, NotDefinedError
+from resting_aspects_ros.errors import (
     InvalidValueError,
     PartError,
     RestingAspectsError,
     UnknownPartError,
     shown,
 )
-from resting_aspects_ros.core.estimators.estimate import METHODS, NotDefinedError
-from resting_aspects_ros.core.statistics.distribution import METHOD
+from resting_aspects_ros.part.library import unknown_part_text
 from resting_aspects_ros.ros.conversions import conditions_from, status
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.part_library import unknown_part_text
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
+from resting_aspects_ros.statistics.distribution import METHOD
 
 
 class NotAvailableError(RestingAspectsError):

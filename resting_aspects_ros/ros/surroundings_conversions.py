@@ -10,21 +10,20 @@ from resting_aspects_interfaces.msg import SurroundingsBody, SurroundingsDescrip
 from shape_msgs.msg import Mesh, MeshTriangle, Plane
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.interface import FRAME
-from resting_aspects_ros.simulation.run_description import RunDescription as Run
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface, mesh_file
-from resting_aspects_ros.simulation.surroundings.scene import (
+from resting_aspects_ros.simulation.job import RunDescription as Run
+from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
     MeshBody,
     Scene,
     SceneBody,
 )
+from resting_aspects_ros.simulation.surroundings import Surroundings, surroundings_from
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, mesh_file
 
 # Corners of the unit cube, and its triangles, which point outward.
 _CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])

@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.interface import LATCHED
 

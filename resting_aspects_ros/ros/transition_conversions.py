@@ -11,11 +11,9 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.reorientation.markov import LongRun
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
@@ -26,7 +24,9 @@ from resting_aspects_ros.simulation.actions import (
     NamedAction,
     make_action,
 )
-from resting_aspects_ros.simulation.quantity import quantities_of
+from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.statistics.markov import LongRun
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 # Maximum length of the name of an action.
 MAX_NAME = 64

@@ -8,13 +8,8 @@ from typing import TypeVar
 
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.core.errors import LogError, one_line, warn
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import (
-    Distribution,
-)
+from resting_aspects_ros.errors import LogError, one_line, warn
+from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import state_warning, typed_messages
@@ -26,13 +21,18 @@ from resting_aspects_ros.logs.topic_metadata import (
     SURROUNDINGS_TYPE,
     TRANSITIONS_TYPE,
 )
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
-from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.statistics.distribution import (
+    Distribution,
+)
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 T = TypeVar('T')
 TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)

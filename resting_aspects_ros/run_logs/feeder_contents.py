@@ -16,14 +16,14 @@ from resting_aspects_interfaces.msg import (
     Posterior,
 )
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.input_file import is_folder, named
-from resting_aspects_ros.core.statistics.counted_parts import ObservedCounts as CountedParts
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import is_folder, named
 from resting_aspects_ros.logs.message_reader import typed_messages
 from resting_aspects_ros.logs.split_log import open_log
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.run_logs.contents import parsed
+from resting_aspects_ros.statistics.counted_parts import ObservedCounts as CountedParts
 
 FOLDERS = 'feeder-*'  # the folders of such logs
 KINDS = {

@@ -9,11 +9,7 @@ import numpy.typing as npt
 from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.api.surroundings import scene_of
-from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
@@ -21,6 +17,7 @@ from resting_aspects_ros.logs.topic_metadata import (
     SURROUNDINGS_TYPE,
     Topic,
 )
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.batching import PoseBatches
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -37,7 +34,9 @@ from resting_aspects_ros.ros.interface import (
 )
 from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 class LocalRunLog:

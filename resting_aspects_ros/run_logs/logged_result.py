@@ -4,18 +4,18 @@ from pathlib import Path
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.surroundings import without_drops
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import (
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.input_files import named
+from resting_aspects_ros.run_logs.contents import read_logged_run
+from resting_aspects_ros.statistics.distribution import (
     METHOD,
     History,
     aspect_ids,
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.run_logs.contents import read_logged_run
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:

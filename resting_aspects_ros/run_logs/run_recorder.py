@@ -7,12 +7,12 @@ from pathlib import Path
 
 from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescription
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
 from resting_aspects_ros.logs.topic_metadata import Topic
 from resting_aspects_ros.ros.conversions import NANOSECONDS
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
 
 # Timeout for the part and the last distribution to arrive after the end of a run, s.
 END_TIMEOUT = 10.0

@@ -1,24 +1,623 @@
-"""What a feeder does to parts at rest: the actions, and named ones, read from a YAML file."""
+"""What a feeder does to parts at rest: its actions, by kind and by name."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.nozzle import Nozzle
-from resting_aspects_ros.simulation.quantity import (
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.input_files import named, read_yaml
+from resting_aspects_ros.rotations import Random, random_orientations, rotate
+from resting_aspects_ros.simulation.conditions import (
     Quantity,
     check_name,
+    check_quantities,
     described_kind,
     made_from,
     quantities_of,
+    quantity,
 )
-from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.simulation.vibration import Vibration
+from resting_aspects_ros.simulation.starts import Body, Edge, States
+
+# -- Impulses -------------------------------------------------------------------------------------
+
+
+# Default spreads of a kick as shares of its speed.
+SPEED_SPREAD = 0.2
+HORIZONTAL_SPREAD = 0.1
+
+
+@dataclass(frozen=True)
+class Kick:
+    """A velocity and a spin at once: a tap from below, or any other short disturbance.
+
+    ``speed_spread`` and ``horizontal_spread`` follow from the speed if they are None. Raises
+    InvalidValueError if a value is out of bounds.
+    """
+
+    kind: ClassVar[str] = 'kick'
+
+    speed: float = quantity(
+        'speed', 'm/s', 'mean of the vertical speed after the kick', high=100.0, default=0.0
+    )
+    speed_spread: float = quantity(
+        'speed spread',
+        'm/s',
+        f'standard deviation of the vertical speed ({SPEED_SPREAD:g} x speed)',
+        high=100.0,
+        default=None,
+    )
+    horizontal_spread: float = quantity(
+        'horizontal speed spread',
+        'm/s',
+        'standard deviation of each horizontal component of the speed '
+        f'({HORIZONTAL_SPREAD:g} x speed)',
+        high=100.0,
+        default=None,
+    )
+    spin: float = quantity(
+        'spin spread',
+        'rad/s',
+        'standard deviation of each component of the spin',
+        high=1e4,
+        default=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        quantities_of(self)['speed'].check('speed', self.speed)
+        derived = {'speed_spread': SPEED_SPREAD, 'horizontal_spread': HORIZONTAL_SPREAD}
+        for name, share in derived.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, share * self.speed)
+        check_quantities(self)
+
+    @property
+    def has_effect(self) -> bool:
+        """Whether the kick can move a part."""
+        return any((self.speed, self.speed_spread, self.horizontal_spread, self.spin))
+
+    def max_speed(self, body: Body) -> float:
+        """See Impulse; for 3 standard deviations."""
+        up = self.speed + 3 * self.speed_spread
+        return math.hypot(up, 3 * self.horizontal_spread) + 3 * self.spin * body.radius
+
+    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
+        """See Impulse."""
+        n = len(row)
+        spread = np.array([self.horizontal_spread, self.horizontal_spread, self.speed_spread])
+        velocity = random.standard_normal((n, 3)) * spread + [0.0, 0.0, self.speed]
+        spin = random.standard_normal((n, 3)) * self.spin
+        return States(states.position, states.orientation, velocity, spin)
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """Disturbances of fixed energy in random directions, for a retention curve.
+
+    The direction is uniform on the unit sphere of the six mass-weighted velocities sqrt(m) v and
+    sqrt(I_k) w_k, with v_z >= 0.
+
+    lift : (rows,) float
+        For each row of the starts the energy as a lift height: energy / (mass x gravity), m.
+    gravity : float
+        m/s2.
+    """
+
+    lift: Array
+    gravity: float
+
+    def max_speed(self, body: Body) -> float:
+        """See Impulse; by the inequality of Cauchy and Schwarz."""
+        moments, levers = _moments_and_levers(body)
+        squares = 1 + (body.mass * levers**2 / moments).sum(axis=1).max()
+        return math.sqrt(2 * self.gravity * float(self.lift.max()) * squares)
+
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
+        """See Impulse."""
+        direction = random.standard_normal((len(row), 6))
+        direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
+        velocity = direction[:, :3] * np.sqrt(2 * self.gravity * self.lift[row])[:, None]
+        velocity[:, 2] = np.abs(velocity[:, 2])
+        moments, axes = body.moments, body.axes
+        scale = np.sqrt(2 * body.mass * self.gravity * self.lift[row])[:, None] / np.sqrt(moments)
+        rates = direction[:, 3:] * scale
+        spin = np.stack([(rates * axis).sum(axis=1) for axis in axes], axis=-1)
+        return States(
+            states.position, states.orientation, velocity, rotate(states.orientation, spin)
+        )
+
+
+def _moments_and_levers(body: Body) -> tuple[Array, Array]:
+    """Return the principal moments (3,) and the distances (k, 3) of the corners to their axes."""
+    along = body.corners @ body.axes
+    squares = (along**2).sum(axis=1)[:, None] - along**2
+    return body.moments, np.sqrt(np.maximum(squares, 0.0))
+
+
+# -- A jet of air ---------------------------------------------------------------------------------
+
+
+# Number of orientations in which the speed after a jet is evaluated.
+SAMPLE = 300
+_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Nozzle:
+    """A short jet of air: an impulse along a line, at the point where the line meets the part.
+
+    The line rises by ``elevation`` in the direction in which the jet blows. It passes the vertical
+    through the centre of mass at the height ``height`` above the surface, and at a random
+    horizontal distance. Where it meets the convex hull first, the impulse acts. A part that the
+    line does not meet stays where it is. Raises InvalidValueError if a value is out of bounds.
+    """
+
+    kind: ClassVar[str] = 'nozzle'
+
+    impulse: float = quantity('impulse', 'N s', 'mean impulse of the jet on the part', high=1e3)
+    height: float = quantity(
+        'nozzle height',
+        'm',
+        'height above the surface at which the line of the jet passes the centre of mass',
+        low=-100.0,
+        high=100.0,
+    )
+    impulse_spread: float = quantity(
+        'impulse spread', 'N s', 'standard deviation of the impulse', high=1e3, default=0.0
+    )
+    elevation: float = quantity(
+        'elevation',
+        'rad',
+        'angle of the jet above the horizontal; negative: it blows downwards',
+        low=-math.pi / 2,
+        high=math.pi / 2,
+        default=0.0,
+    )
+    place_spread: float = quantity(
+        'place spread',
+        'm',
+        'standard deviation of the horizontal distance of the line from the centre of mass',
+        high=100.0,
+        default=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def has_effect(self) -> bool:
+        """Whether the jet can move a part."""
+        return self.impulse > 0 or self.impulse_spread > 0
+
+    def max_speed(self, body: Body) -> float:
+        """See Impulse; for 3 standard deviations, the fastest of many random orientations."""
+        random = np.random.default_rng(0)
+        zero = np.zeros((SAMPLE, 3))
+        states = States(zero, random_orientations(random, SAMPLE), zero, zero)
+        strong = replace(self, impulse=self.impulse + 3 * self.impulse_spread, impulse_spread=0.0)
+        after = strong.applied(states, np.arange(SAMPLE), body, random)
+        spin = rotate(after.orientation * _CONJUGATE, after.spin)
+        turning = np.linalg.norm(np.cross(spin[:, None], body.corners), axis=2).max(axis=1)
+        return float((np.linalg.norm(after.velocity, axis=1) + turning).max())
+
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
+        """See Impulse."""
+        n = len(row)
+        impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
+        aside = random.standard_normal(n) * self.place_spread
+        point, along, met = self._hit(states, aside, body)
+        push = np.where(met, np.maximum(impulse, 0.0), 0.0)[:, None] * along
+        # In part axes, where the inertia is constant; solved row by row.
+        torque = np.cross(point, push)
+        spin = np.stack([(torque * row).sum(axis=1) for row in body.compliance], axis=-1)
+        return States(
+            states.position,
+            states.orientation,
+            rotate(states.orientation, push / body.mass),
+            rotate(states.orientation, spin),
+        )
+
+    def _hit(
+        self, states: States, aside: Array, body: Body
+    ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+        """Return points and directions (n, 3) in part axes, and whether (n,) the part is hit."""
+        n = len(aside)
+        direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
+        height = self.height - _height(states.orientation, body)
+        origin = np.stack([np.zeros(n), aside, height], axis=-1)
+        inverse = states.orientation * _CONJUGATE
+        along = rotate(inverse, np.tile(direction, (n, 1)))
+        point, met = _first_hit(rotate(inverse, origin), along, body)
+        return point, along, met
+
+
+def _height(orientation: Array, body: Body) -> Array:
+    """Return the heights (n,) of the centre of mass above the lowest point of the hull, m."""
+    down = rotate(orientation * _CONJUGATE, np.tile([0.0, 0.0, -1.0], (len(orientation), 1)))
+    x, y, z = down.T[:, :, None]
+    hull = body.corners
+    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
+    return reach
+
+
+def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return where lines first meet the convex hull (n, 3), and whether (n,) they do.
+
+    Parameters
+    ----------
+    origin, along : (n, 3) float
+        A point of each line, relative to the centre of mass, and its unit direction, part axes.
+    """
+    gap = body.offsets - _dot(origin, body.normals)
+    rate = _dot(along, body.normals)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        at = gap / rate
+    enter = np.where(rate < 0, at, -np.inf).max(axis=1)
+    leave = np.where(rate > 0, at, np.inf).min(axis=1)
+    outside = ((rate == 0) & (gap < 0)).any(axis=1)
+    met = (enter <= leave) & ~outside
+    return origin + np.where(met, enter, 0.0)[:, None] * along, met
+
+
+def _dot(vectors: Array, normals: Array) -> Array:
+    """Return all scalar products, (n, f), with a rounding that does not depend on n."""
+    x, y, z = vectors.T[:, :, None]
+    return np.asarray(x * normals[:, 0] + y * normals[:, 1] + z * normals[:, 2])
+
+
+# -- Vibration ------------------------------------------------------------------------------------
+
+
+# Periods in which the amplitudes rise from zero, and in which they fall to zero. A sine that
+# begins at full amplitude is a jump of the velocity. With 5 periods the acceleration exceeds that
+# of the full amplitude by at most 0.2 % during a ramp, with 3 periods by 0.6 %.
+RAMP_PERIODS = 5
+# Minimum number of time steps per period.
+STEPS_PER_PERIOD = 40
+# Maximum acceleration of a point of the plate, m/s2: 100 g. Feeders have some g.
+MAX_ACCELERATION = 981.0
+# Minimum amplitude of the rocking, rad: 1 um at 100 mm. Less is below the errors of a simulation.
+MIN_ROCKING = 1e-5
+# Assumed speed of the fastest impacts as a multiple of the maximum speed of the plate. It limits
+# the travel of a part per time step.
+IMPACT_SPEED = 3.0
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A square plate that vibrates as a rigid body, with a horizontal surface at rest.
+
+    The middle of the plate moves by ``vertical_amplitude`` x sin(2 pi f t) in z and by
+    ``horizontal_amplitude`` x sin(2 pi f t + ``horizontal_phase``) in x. The plate turns about a
+    fixed horizontal axis through its middle by the rotation vector (``rocking_x``, ``rocking_y``,
+    0) x sin(2 pi f t + ``rocking_phase``). All amplitudes rise from zero in the first
+    RAMP_PERIODS periods and fall to zero in the last. The parts start at uniformly random places
+    of the plate, and are lost if their centre of mass passes its edge. The phase is that of the
+    machine, the same for all parts.
+
+    Raises InvalidValueError if a value is out of bounds, if the duration is shorter than the two
+    ramps, if the plate does not rock, or if its acceleration exceeds MAX_ACCELERATION. A plate
+    without rocking would turn over parts that lie flat only through rounding errors.
+    """
+
+    kind: ClassVar[str] = 'vibration'
+
+    frequency: float = quantity(
+        'frequency', 'Hz', 'frequency of the plate', high=1000.0, above=True
+    )
+    duration: float = quantity(
+        'duration',
+        's',
+        f'from start to end of the motion, with two ramps of {RAMP_PERIODS} periods each',
+        high=3600.0,
+        above=True,
+    )
+    plate_size: float = quantity(
+        'plate size', 'm', 'side of the square plate', high=100.0, above=True
+    )
+    vertical_amplitude: float = quantity(
+        'vertical amplitude', 'm', 'half of the vertical travel', high=0.1, default=0.0
+    )
+    horizontal_amplitude: float = quantity(
+        'horizontal amplitude', 'm', 'half of the horizontal travel', high=0.1, default=0.0
+    )
+    horizontal_phase: float = quantity(
+        'horizontal phase',
+        'rad',
+        'phase of the horizontal motion relative to the vertical',
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        default=0.0,
+    )
+    rocking_x: float = quantity(
+        'rocking about x',
+        'rad',
+        'amplitude of the rotation about the direction of the horizontal motion',
+        high=0.1,
+        default=0.0,
+    )
+    rocking_y: float = quantity(
+        'rocking about y',
+        'rad',
+        'amplitude of the rotation about the other horizontal direction',
+        high=0.1,
+        default=0.0,
+    )
+    rocking_phase: float = quantity(
+        'rocking phase',
+        'rad',
+        'phase of the rocking relative to the vertical motion',
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        default=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.duration < 2 * self._ramp:
+            raise InvalidValueError(
+                f'invalid duration {self.duration:g}: expected at least {2 * self._ramp:g} s, two '
+                f'ramps of {RAMP_PERIODS} periods'
+            )
+        if self._rocking < MIN_ROCKING:
+            raise InvalidValueError(
+                f'invalid rocking {self._rocking:g}: expected rocking_x or rocking_y of at least '
+                f'{MIN_ROCKING:g} rad, because a plate that does not tilt turns over parts that '
+                'lie flat only through rounding errors'
+            )
+        acceleration = self._max_speed * self._rate
+        if acceleration > MAX_ACCELERATION:
+            raise InvalidValueError(
+                f'invalid acceleration {acceleration:.4g} m/s2 of the plate, which follows from '
+                f'its amplitudes, frequency and size: expected at most {MAX_ACCELERATION:g} m/s2'
+            )
+
+    @property
+    def has_effect(self) -> bool:
+        """Whether the plate can move a part."""
+        return True
+
+    @property
+    def time_step(self) -> float:
+        """See Motion."""
+        return 1 / (STEPS_PER_PERIOD * self.frequency)
+
+    def max_speed(self, _body: Body) -> float:
+        """See Impulse; IMPACT_SPEED times that of the plate."""
+        return IMPACT_SPEED * self._max_speed
+
+    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
+        """Return the states at random places of the plate; see Impulse."""
+        place = states.position.copy()
+        place[:, :2] = (random.random((len(row), 2)) - 0.5) * self.plate_size
+        return States(place, states.orientation, states.velocity, states.spin)
+
+    def pose(self, time: Array) -> tuple[Array, Array]:
+        """See Motion."""
+        vertical, horizontal, rocking = (part[0] for part in self._parts(time))
+        angle = rocking * self._rocking / 2
+        x, y = self.rocking_x / self._rocking, self.rocking_y / self._rocking
+        zero = np.zeros(len(time))
+        orientation = np.stack([np.sin(angle) * x, np.sin(angle) * y, zero, np.cos(angle)], -1)
+        return self._at(horizontal, vertical), orientation
+
+    def velocity(self, time: Array) -> tuple[Array, Array]:
+        """See Motion."""
+        vertical, horizontal, rocking = (part[1] for part in self._parts(time))
+        zero = np.zeros(len(time))
+        spin = np.stack([rocking * self.rocking_x, rocking * self.rocking_y, zero], -1)
+        return self._at(horizontal, vertical), spin
+
+    def left(self, position: Array) -> npt.NDArray[np.bool_]:
+        """See Motion."""
+        return np.asarray(np.abs(position[:, :2]).max(axis=1) > self.plate_size / 2)
+
+    def _at(self, horizontal: Array, vertical: Array) -> Array:
+        x, z = horizontal * self.horizontal_amplitude, vertical * self.vertical_amplitude
+        return np.stack([x, np.zeros(len(x)), z], axis=-1)
+
+    def _parts(self, time: Array) -> list[tuple[Array, Array]]:
+        """Return (n,) values and derivatives of vertical, horizontal and rocking motion.
+
+        In units of their amplitudes, and in 1/s.
+        """
+        # A polynomial whose first two derivatives are zero at both ends of a ramp.
+        u = np.clip(np.minimum(time, self.duration - time) / self._ramp, 0.0, 1.0)
+        ramp = u**3 * (10 - 15 * u + 6 * u**2)
+        rise = 30 * u**2 * (1 - u) ** 2 / self._ramp * np.sign(self.duration / 2 - time)
+        angle = self._rate * time
+        parts = []
+        for phase in (0.0, self.horizontal_phase, self.rocking_phase):
+            sine, cosine = np.sin(angle + phase), np.cos(angle + phase)
+            parts.append((ramp * sine, rise * sine + ramp * self._rate * cosine))
+        return parts
+
+    @property
+    def _rate(self) -> float:
+        return 2 * math.pi * self.frequency
+
+    @property
+    def _ramp(self) -> float:
+        """Duration of a ramp, s."""
+        return RAMP_PERIODS / self.frequency
+
+    @property
+    def _rocking(self) -> float:
+        return math.hypot(self.rocking_x, self.rocking_y)
+
+    @property
+    def _max_speed(self) -> float:
+        """Upper bound of the speed of the corners of the plate at full amplitude, m/s."""
+        amplitude = math.hypot(self.vertical_amplitude, self.horizontal_amplitude)
+        return (amplitude + self._rocking * self.plate_size / math.sqrt(2)) * self._rate
+
+
+# -- A step ---------------------------------------------------------------------------------------
+
+
+# A part is put onto the upper belt this distance, R, before it would tilt over the edge, which is
+# found by halving an interval of at most R.
+START_DISTANCE = 0.02
+HALVINGS = 6
+# Height above the lowest corner, R, up to which a corner of a piece touches the belt. The pieces
+# have errors of up to about 1e-3.
+CONTACT = 2e-3
+
+
+@dataclass(frozen=True)
+class Step:
+    """A belt that carries parts over its edge, and a second belt below it.
+
+    Both belts move along the same line; the lower one moves backwards if its speed is negative. It
+    has the friction and the restitution of the conditions. Raises InvalidValueError if a value is
+    out of bounds, or if the edge is larger than the step.
+    """
+
+    kind: ClassVar[str] = 'step'
+
+    belt_speed: float = quantity(
+        'belt speed', 'm/s', 'speed of the upper belt towards the edge', high=100.0, above=True
+    )
+    step_height: float = quantity(
+        'step height', 'm', 'height of the upper belt above the lower', high=100.0, above=True
+    )
+    lower_speed: float = quantity(
+        'lower belt speed',
+        'm/s',
+        'speed of the lower belt in the same direction; negative: backwards',
+        low=-100.0,
+        high=100.0,
+        default=0.0,
+    )
+    edge_radius: float = quantity(
+        'edge radius',
+        'm',
+        'radius of the roller over which the upper belt turns; 0: a sharp edge',
+        high=10.0,
+        default=0.0,
+    )
+    friction_factor: float = quantity(
+        'friction factor',
+        '',
+        'friction of the upper belt as a multiple of that of the conditions',
+        high=100.0,
+        default=1.0,
+    )
+    restitution_factor: float = quantity(
+        'restitution factor',
+        '',
+        'restitution of the upper belt as a multiple of that of the conditions',
+        high=100.0,
+        default=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.edge_radius > self.step_height:
+            raise InvalidValueError(
+                f'invalid edge radius {self.edge_radius:g}: expected at most the step height, '
+                f'{self.step_height:g} m'
+            )
+
+    @property
+    def has_effect(self) -> bool:
+        """Whether the belt can move a part."""
+        return True
+
+    def edge(self, pieces: tuple[Array, ...]) -> Edge:
+        """Return the edge for a part with these convex pieces; see Edge."""
+        return Edge(
+            height=self.step_height,
+            radius=self.edge_radius,
+            belt_speed=self.belt_speed,
+            lower_speed=self.lower_speed,
+            friction_factor=self.friction_factor,
+            restitution_factor=self.restitution_factor,
+            pieces=pieces,
+        )
+
+
+def fall_speed(edge: Edge, gravity: float, radius: float) -> float:
+    """Return the speed that a part can have relative to the lower belt, m/s.
+
+    ``radius`` is its hull radius, m, by which it falls in addition to the height of the step.
+    """
+    along = edge.belt_speed - edge.lower_speed
+    return math.sqrt(along**2 + 2 * gravity * (edge.height + radius))
+
+
+@dataclass(frozen=True, eq=False)
+class OnBelt:
+    """Puts parts at rest onto the upper belt in front of an edge, with the speed of the belt."""
+
+    edge: Edge
+    gravity: float
+
+    def max_speed(self, body: Body) -> float:
+        """See Impulse."""
+        return fall_speed(self.edge, self.gravity, body.radius)
+
+    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
+        """Return the states relative to the wall below the edge; see Impulse and Edge."""
+        del row, random
+        position = states.position + 0.0
+        for k, orientation in enumerate(states.orientation):
+            x, z = self._place(orientation, body)
+            position[k] = [x, 0.0, z]
+        velocity = states.velocity + np.array([self.edge.belt_speed, 0.0, 0.0])
+        return States(position, states.orientation, velocity, states.spin)
+
+    def _place(self, orientation: Array, body: Body) -> tuple[float, float]:
+        """Return x and z of the centre of mass of a part on the belt in an orientation (4,)."""
+        pieces = [rotate(orientation, corners) for corners in self.edge.pieces]
+        depth = -min(float(corners[:, 2].min()) for corners in pieces)
+        touching = [c[c[:, 2] < CONTACT * body.radius - depth, :2] for c in pieces]
+        distance, clear = 0.0, START_DISTANCE * body.radius
+        if not _supported(touching, clear):
+            # The part tilts before its centre of mass is at the edge.
+            supported = max(clear, *(float(c[:, 0].max()) for c in touching if len(c)))
+            for _ in range(HALVINGS):
+                middle = (distance + supported) / 2
+                if _supported(touching, middle):
+                    supported = middle
+                else:
+                    distance = middle
+            distance = supported
+        return -self.edge.radius - distance - clear, self.edge.height + depth
+
+
+def _supported(touching: list[Array], distance: float) -> bool:
+    """Return whether a part rests on the contacts behind a line in front of its centre of mass.
+
+    touching : list of (k, 2) float
+        Corners of the convex areas in contact, relative to the centre of mass, m.
+    distance : float
+        Of the line across x from the centre of mass, m.
+    """
+    points = []
+    for corners in touching:
+        behind = corners[:, 0] <= distance
+        points.append(corners[behind])
+        for a in corners[behind]:
+            beyond = corners[~behind]
+            share = (distance - a[0]) / (beyond[:, 0] - a[0])
+            points.append(a + share[:, None] * (beyond - a))
+    x, y = np.concatenate(points).T
+    # The centre of mass is inside the hull of the points if no angle between neighbours, seen
+    # from it, exceeds a half turn.
+    angles = np.sort(np.arctan2(y, x))
+    gaps = np.diff(angles, append=angles[:1] + 2 * np.pi)
+    return bool(len(angles) and gaps.max() < np.pi)
+
+
+# -- Named actions --------------------------------------------------------------------------------
+
 
 Action = Kick | Nozzle | Vibration | Step
 KINDS: dict[str, type[Kick] | type[Nozzle] | type[Vibration] | type[Step]] = {

@@ -1,15 +1,4 @@
-"""The edge of an upper belt in Bullet: parts move over it until they are about to land below it.
-
-Bullet keeps contact points, with their normals, while a part turns about an edge. A plate then
-slides too little and leaves the edge with 10 % too much spin. Therefore the contacts with the
-roller are made anew in each step, and the roller consists of short capsules, because Bullet finds
-one contact of two convex shapes in each step. The velocity of a roller that turns is tangential
-everywhere; that of a box that moves would push a tilted part off the edge.
-
-A static body without useMaximalCoordinates that has a velocity moves with it. The belt, which ends
-at the roller, is therefore put back before each step; the lower belt and the roller move along
-themselves.
-"""
+"""Parts that fall from the edge of a belt, in Bullet."""
 
 import math
 from collections.abc import Callable
@@ -19,26 +8,30 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import Array, product, rotate
-from resting_aspects_ros.simulation.bullet_client import compound, pybullet
-from resting_aspects_ros.simulation.bullet_wall import (
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.simulation.bullet_world import (
     FAR,
     FINE_TIME,
     LATER_STEPS_PER_T,
     NO_TURN,
+    PART_GROUP,
+    SURFACE_GROUP,
+    SceneWorld,
     WallWorld,
     WorldWithEdge,
+    compound,
+    pybullet,
 )
-from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP
-from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
-from resting_aspects_ros.simulation.initial_state import (
+from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
+from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     BodyStates,
     InitialState,
     depth_of,
 )
-from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
+from resting_aspects_ros.simulation.settling import MAX_DEPTH, SceneSettling, Settling
+from resting_aspects_ros.statistics.poses import RestStatus
 
 Rows = npt.NDArray[np.int64]
 Codes = npt.NDArray[np.uint8]
@@ -237,3 +230,86 @@ def _in_body(job: DropJob) -> tuple[Array, ...]:
     assert job.edge is not None
     inverse = job.axes * [-1, -1, -1, 1]
     return tuple(rotate(inverse, corners) / job.radius for corners in job.edge.pieces)
+
+
+# -- In surroundings ------------------------------------------------------------------------------
+
+
+# Distance, R, by which the belt carries a part until it is beyond the edge: it starts as a whole
+# behind it.
+CARRIED_IN_SCENE = CARRIED + 2.0
+
+
+def step_in_scene(job: DropJob, states: InitialState) -> SceneSettling:
+    """Move parts over the edge, and step until each has ended."""
+    across = states.position[:, 1].min(), states.position[:, 1].max()
+    passed, status = over_edge(job, partial(SceneEdgeWorld, job, across), states)
+    return SceneWallWorld(job).ended(passed, status)
+
+
+class SceneWithEdge(WorldWithEdge, SceneWorld):
+    """A world with surroundings, in which bodies can be added that belong to the upper floor."""
+
+    def _add_at_rest(self, shape: int) -> int:
+        # As the level belt below an edge. With useMaximalCoordinates, the shares of a box that
+        # falls from an edge differ by up to 0.1: it hits the floor with two corners at almost the
+        # same time. With the same kind of body, they agree (n = 1500).
+        return self._add_static(shape)
+
+    def _add_of_edge(self, shape: int) -> int:
+        """Add a static body with the contact of the floor, changed as the step states."""
+        edge = self._job.edge
+        assert edge is not None
+        body, floor = self._add_static(shape), self._scene.bodies[0]
+        self._set_pair(body, floor)
+        self._set(
+            body,
+            lateralFriction=floor.contact.friction * edge.friction_factor,
+            restitution=floor.contact.restitution * edge.restitution_factor,
+        )
+        return body
+
+
+class SceneEdgeWorld(EdgeWorld, SceneWithEdge):
+    """A world with both floors, the edge and the walls; it does not move.
+
+    across : (float, float)
+        Between which places across the edge the parts are, R.
+    """
+
+    _carried = CARRIED_IN_SCENE
+
+    def __init__(self, job: DropJob, across: tuple[float, float], min_steps_per_t: int) -> None:
+        self._across = across
+        super().__init__(job, min_steps_per_t)
+
+    def _frame_velocity(self, job: DropJob) -> Array:
+        del job
+        return np.zeros(3)
+
+    def _place_lower_belt(self) -> None:
+        """Do nothing: the floor of the scene has its speed already."""
+
+    def _add_rollers(self) -> list[int]:
+        """Add rollers of short capsules where the parts are, and one of long capsules beside."""
+        length = CAPSULES * CAPSULE_LENGTH
+        low, high = self._across
+        count = math.ceil((high - low) / length) + 1  # parts reach by up to R beyond their places
+        first = (low + high - count * length) / 2
+        rollers = [
+            self._add_roller(
+                (SHORT + first + (k + 0.5) * length).tolist(), [CAPSULE_LENGTH] * CAPSULES
+            )
+            for k in range(count)
+        ]
+        last = first + count * length
+        beside = [first - FAR / 2, last + FAR / 2]
+        return [*rollers, self._add_roller(beside, [FAR, FAR])]
+
+
+class SceneWallWorld(WallWorld, SceneWithEdge):
+    """A world with the lower floor, at rest, the walls, and the wall below the edge."""
+
+    def ended(self, states: InitialState, status: npt.NDArray[np.uint8]) -> SceneSettling:
+        """Step until all parts that passed the edge have ended; ``status``: see over_edge."""
+        return self._from_edge(SceneSettling(self._job, states), states, status)

@@ -1,15 +1,12 @@
 """The entry to Bullet: drops of any range of indices, in the worlds that their job needs."""
 
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.bullet_edge import fall_over_edge
-from resting_aspects_ros.simulation.bullet_scene import SceneWorld
-from resting_aspects_ros.simulation.bullet_scene_edge import step_in_scene
-from resting_aspects_ros.simulation.bullet_world import World
-from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.bullet_edge import fall_over_edge, step_in_scene
+from resting_aspects_ros.simulation.bullet_world import SceneWorld, World
 from resting_aspects_ros.simulation.ends import resting_poses
-from resting_aspects_ros.simulation.initial_state import InitialState, initial_states
-from resting_aspects_ros.simulation.run_description import MAX_SEED
+from resting_aspects_ros.simulation.job import MAX_SEED, DropJob
+from resting_aspects_ros.simulation.release import InitialState, initial_states
 from resting_aspects_ros.simulation.settling import Settling
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Number of drops that are simulated together, in the same place. All of them are, even if only
 # some are wanted: Bullet sorts the contacts of a part with several bodies in an order that depends

@@ -21,7 +21,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import kernel_data
 from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, States, work_of
 

@@ -1,4 +1,4 @@
-"""The physical conditions of a drop.
+"""The conditions of drops: their values with units and bounds, and the named surfaces.
 
 The metadata of the fields is the only declaration of units, bounds and descriptions. The checks
 in this module and the command-line flags derive from it; the surfaces file and the table in the
@@ -6,20 +6,159 @@ documentation are tested against it.
 """
 
 import dataclasses
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Optional
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Optional, TypeVar
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.simulation.quantity import (
-    Quantity,
-    check_quantities,
-    quantities_of,
-    quantity,
-)
+from pydantic import create_model
+
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.surroundings.description import Surroundings
+    from resting_aspects_ros.simulation.surroundings import Surroundings
+
+
+# -- Numbers with a unit and bounds ---------------------------------------------------------------
+
+
+T = TypeVar('T')
+MAX_NAME = 64
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with a unit and bounds.
+
+    label : str
+        Readable name, such as 'horizontal speed spread'.
+    above : bool
+        Whether the lower bound itself is excluded. The upper bound is always included.
+    at_release : bool
+        Whether it describes the release of a part, so that it has no effect on a part at rest.
+    """
+
+    label: str
+    unit: str
+    text: str
+    low: float = 0.0
+    high: float = math.inf
+    above: bool = False
+    at_release: bool = False
+
+    def allowed(self) -> str:
+        """Return the allowed range as text, such as '0 to 10000 rad/s'."""
+        unit = f' {self.unit}' if self.unit else ''
+        if self.unit == 'rad' and math.isfinite(self.high):
+            unit += f' ({math.degrees(self.low):.4g} to {math.degrees(self.high):.4g} deg)'
+        lower = f'more than {self.low:g} and at most' if self.above else f'{self.low:g} to'
+        return f'{lower} {self.high:g}{unit}'
+
+    def check(self, name: str, value: Any) -> float:
+        """Return the value as a float; raises InvalidValueError if it is out of bounds."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        # The comparison precedes the conversion, because an integer can be too large for a float.
+        within = number and self.low <= value <= self.high and math.isfinite(value)
+        if within and (value > self.low or not self.above):
+            return float(value)
+        plain = f'a plain number in {self.unit}, ' if isinstance(value, str) and self.unit else ''
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {plain}{self.allowed()}')
+
+
+def quantity(label: str, unit: str, text: str, *, default: Any = ..., **options: Any) -> Any:
+    """Return a dataclass field with a Quantity; ``...`` stands for a field without a default."""
+    given = {} if default is ... else {'default': default}
+    return field(metadata={'quantity': Quantity(label, unit, text, **options)}, **given)
+
+
+def quantities_of(declared: Any) -> dict[str, Quantity]:
+    """Return the quantities of a dataclass by the names of their fields, in their order."""
+    return {
+        f.name: f.metadata['quantity']
+        for f in dataclasses.fields(declared)
+        if 'quantity' in f.metadata
+    }
+
+
+def check_quantities(values: Any) -> None:
+    """Replace the quantities of a frozen dataclass by floats; raises InvalidValueError."""
+    for name, each in quantities_of(values).items():
+        object.__setattr__(values, name, each.check(name, getattr(values, name)))
+
+
+def check_name(what: str, name: Any) -> str:
+    """Return the name of an entry of a YAML file, such as 'a surface'; InvalidValueError."""
+    if isinstance(name, str) and name.isidentifier() and len(name) <= MAX_NAME:
+        return name
+    raise InvalidValueError(
+        f'invalid name {shown(name)} of {what}: expected at most {MAX_NAME} letters, digits and '
+        '_, without spaces, a letter first, such as my_table'
+    )
+
+
+def described_kind(
+    what: str, document: Any, kinds: Mapping[str, Any]
+) -> tuple[str, dict[str, Any], str]:
+    """Return the kind, the values and the source of an entry of a YAML file.
+
+    ``what`` is what the entry describes, such as 'action'. Raises InvalidValueError.
+    """
+    if not isinstance(document, Mapping) or 'kind' not in document:
+        raise InvalidValueError(
+            f'invalid {what} {shown(document)}: expected a mapping with the key kind'
+        )
+    values = {key if isinstance(key, str) else shown(key): document[key] for key in document}
+    kind, source = values.pop('kind'), values.pop('source', '')
+    _check_kind(kinds, what, kind)
+    if not isinstance(source, str):
+        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
+    return kind, values, source
+
+
+def made_from(
+    kinds: Mapping[str, type[T]],
+    what: str,
+    kind: str,
+    values: Mapping[str, Any],
+    others: Sequence[str] = (),
+) -> T:
+    """Return the dataclass of a kind with these values; values left out have their defaults.
+
+    ``others`` are names beside those of its fields that an error lists. Raises InvalidValueError.
+    """
+    _check_kind(kinds, what, kind)
+    made: Any = kinds[kind]
+    fields = [each for each in dataclasses.fields(made) if each.init and each.repr]
+    names = [*(each.name for each in fields), *others]
+    for name in values:
+        if name not in names:
+            raise InvalidValueError(
+                f'invalid value {shown(name)} of a {kind}: expected one of {", ".join(names)}'
+                f'{did_you_mean(name, names)}'
+            )
+    for each in fields:
+        if each.default is dataclasses.MISSING and each.name not in values:
+            raise InvalidValueError(f'missing {each.name} of a {kind}')
+        text = values.get(each.name, '')
+        if 'quantity' not in each.metadata and not isinstance(text, str | Path):
+            raise InvalidValueError(f'invalid {each.name} {shown(text)}: expected text')
+    result: T = made(**values)
+    return result
+
+
+def _check_kind(kinds: Mapping[str, Any], what: str, kind: Any) -> None:
+    if not isinstance(kind, str) or kind not in kinds:
+        raise InvalidValueError(
+            f'invalid kind of {what} {shown(kind)}: expected one of {", ".join(kinds)}'
+            f'{did_you_mean(kind, kinds) if isinstance(kind, str) else ""}'
+        )
+
+
+# -- Conditions -----------------------------------------------------------------------------------
+
 
 DEFAULT_SURFACE = 'rubber_mat'
 
@@ -136,3 +275,184 @@ class DropConditions:
 
 
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
+
+
+# -- Files of the configuration -------------------------------------------------------------------
+
+
+PACKAGE = 'resting_aspects_ros'
+
+
+def config_folder() -> Path:
+    """Return the folder config of the source tree if there is one, otherwise the installed one."""
+    here = Path(__file__).resolve()
+    root = here.parents[2]
+    source = root / 'config'
+    if source.is_dir() and (root / 'package.xml').is_file():
+        return source
+    for parent in here.parents:
+        installed = parent / 'share' / PACKAGE / 'config'
+        if installed.is_dir():
+            return installed
+    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
+
+
+def parts_folder() -> Path:
+    """Return the folder of the example parts."""
+    return config_folder() / 'parts'
+
+
+def surfaces_file() -> Path:
+    """Return the file of the named conditions."""
+    return config_folder() / 'surfaces.yaml'
+
+
+def actions_file() -> Path:
+    """Return the file of the named actions."""
+    return config_folder() / 'actions.yaml'
+
+
+def surroundings_folder() -> Path:
+    """Return the folder of the named surroundings."""
+    return config_folder() / 'surroundings'
+
+
+# -- Named surfaces -------------------------------------------------------------------------------
+
+
+# Conditions that differ from every surface in more values than this are described as custom.
+MAX_CHANGES = 4
+# Number of samples of an uncertain surface.
+MIN_SAMPLES, MAX_SAMPLES = 8, 1000
+UNCERTAINTY = 'uncertainty'
+
+_fields: dict[str, Any] = dict.fromkeys(QUANTITIES, (Any, ...))
+_fields['height_of'] = (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)
+_samples: Any = dict[Literal[tuple(QUANTITIES)], list[Number]]  # type: ignore[misc]
+# An entry of a surfaces file. Its numbers are checked by DropConditions.
+SurfaceEntry: Any = create_model(
+    'SurfaceEntry',
+    __base__=FileModel,
+    **_fields,
+    source=(Any, ''),
+    uncertainty=(_samples, {}),
+)
+EXPECTED = {
+    'height_of': ' or '.join(each.name for each in HeightOf),
+    UNCERTAINTY: 'a mapping of conditions to lists of equal length, with '
+    f'{MIN_SAMPLES} to {MAX_SAMPLES} values each',
+}
+
+# Equally probable values of the conditions of a surface that are not known.
+Samples = tuple[Mapping[str, float], ...]
+
+
+class Surfaces:
+    """The named sets of conditions, and the samples of those that are not known exactly."""
+
+    def __init__(
+        self, sets: Mapping[str, DropConditions], samples: Mapping[str, Samples] | None = None
+    ) -> None:
+        self._sets = dict(sets)
+        self._samples = dict(samples or {})
+
+    def names(self) -> list[str]:
+        """Return all names, sorted."""
+        return sorted(self._sets)
+
+    def get(self, name: str = '') -> DropConditions:
+        """Return the conditions of a surface; an empty name selects the default surface."""
+        name = name or DEFAULT_SURFACE
+        if name not in self._sets:
+            raise InvalidValueError(
+                f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
+            )
+        return self._sets[name]
+
+    def samples(self, name: str = '') -> Samples:
+        """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
+        return self._samples.get(name or DEFAULT_SURFACE, ())
+
+    def named(self, conditions: DropConditions) -> DropConditions:
+        """Return the conditions, without the surface's name if the surface has other values."""
+        known = self._sets.get(conditions.surface)
+        if known is not None and known.values() == conditions.values():
+            return (
+                known
+                if known.key() == conditions.key()
+                else dataclasses.replace(known, surroundings=conditions.surroundings)
+            )
+        return dataclasses.replace(conditions, surface='')
+
+    def text(self, conditions: DropConditions) -> str:
+        """Describe conditions: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
+        if conditions.surface:
+            return conditions.surface
+        changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
+        name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
+        if len(changes[name]) > MAX_CHANGES:
+            return 'own conditions'
+        if not changes[name]:
+            return name
+        *most, last = changes[name]
+        return f'{name} with {", ".join(most)}{" and " if most else ""}{last}'
+
+    def extended(self, path: Path) -> 'Surfaces':
+        """Return these surfaces and those of a file, which replace others of the same name."""
+        own = Surfaces.read(path)
+        return Surfaces(self._sets | own._sets, self._samples | own._samples)  # noqa: SLF001
+
+    @classmethod
+    def read(cls, path: Path) -> 'Surfaces':
+        """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
+        document = read_yaml(path, 'surfaces file')
+        label = named('surfaces file', path)
+        if not isinstance(document, dict) or not document:
+            raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
+        sets: dict[str, DropConditions] = {}
+        samples: dict[str, Samples] = {}
+        for name, entry in document.items():
+            where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
+            try:
+                check_name('a surface', name)
+                given = validated(SurfaceEntry, entry, expected=EXPECTED)
+                sets[name], samples[name] = _conditions(name, given)
+            except InvalidValueError as error:
+                raise InvalidValueError(f'{where}: {error}') from None
+        return cls(sets, samples)
+
+
+def all_surfaces(own: str | Path | None = None) -> Surfaces:
+    """Return the surfaces of the suite, and those of a file if it is given."""
+    shipped = Surfaces.read(surfaces_file())
+    return shipped.extended(Path(own)) if own else shipped
+
+
+def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
+    """Return a description of each value that differs from a surface."""
+    changes = [
+        f'{quantity.label} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
+        for name, quantity in QUANTITIES.items()
+        if getattr(conditions, name) != getattr(known, name)
+    ]
+    if conditions.height_of != known.height_of:
+        changes.append(f'height of {conditions.height_of.label}')
+    return changes
+
+
+def _conditions(name: str, given: Any) -> tuple[DropConditions, Samples]:
+    """Return the conditions of a checked entry, and its samples; raises InvalidValueError."""
+    lists: dict[str, list[float]] = given.uncertainty
+    sizes = {len(each) for each in lists.values()}
+    if len(sizes) > 1 or not all(MIN_SAMPLES <= size <= MAX_SAMPLES for size in sizes):
+        raise InvalidValueError(
+            f'invalid {UNCERTAINTY} {shown(lists)}: expected {EXPECTED[UNCERTAINTY]}'
+        )
+    samples = tuple(
+        dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)
+    )
+    values = {key: getattr(given, key) for key in QUANTITIES}
+    found = DropConditions(surface=name, height_of=HeightOf[given.height_of], **values)
+    for each in samples:
+        found.changed(**each)
+    return found, samples

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, canonical, rotate, turned_down
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import body_from_part, depth_of, part_from_body
-from resting_aspects_ros.simulation.surroundings.release import depth_along, in_tray_axes
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.rotations import canonical, rotate, turned_down
+from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.release import body_from_part, depth_of, part_from_body
+from resting_aspects_ros.simulation.scene import depth_along, in_tray_axes
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 # A part touches a half-space if its hull is closer than this, R: Bullet lets it rest at 0.001.
 TOUCH = 0.005

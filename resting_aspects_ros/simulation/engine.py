@@ -1,8 +1,7 @@
-"""The engines that make the drops of a job: the kernel, and Bullet for what it cannot simulate."""
+"""The entry to the engines: the resting poses of any range of drops of a job."""
 
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.run_description import BULLET
+from resting_aspects_ros.simulation.job import BULLET, DropJob
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:

@@ -11,7 +11,6 @@ from typing import Any
 
 from numba import njit
 
-from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.simulation.kernel_data import (
     ACROSS,
     ANGULAR,
@@ -40,6 +39,7 @@ from resting_aspects_ros.simulation.kernel_data import (
     TWIST,
     VELOCITY,
 )
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # Impacts slower than this do not bounce; corners that leave a plane faster than the second number
 # do not touch it any more.

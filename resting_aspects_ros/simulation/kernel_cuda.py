@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import cuda
 
-from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import kernel, kernel_data
 
 # Threads of a block, and memory of the arrays of all threads, bytes.

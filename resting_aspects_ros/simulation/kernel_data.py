@@ -6,12 +6,10 @@ See kernel.py for units and frames. This module does not import Numba.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.simulation.job import CONTACT_STEPS
 
-Indices = npt.NDArray[np.int64]
 # Position, velocity, spin (n, 3) and orientation (n, 4) of drops; see kernel.simulate.
 States = tuple[Array, Array, Array, Array]
 

@@ -7,16 +7,15 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import kernel_data as kernel
+from resting_aspects_ros.simulation.actions import RAMP_PERIODS, Vibration
 from resting_aspects_ros.simulation.compiled_kernel import simulate
-from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.ends import Ends, resting_poses
-from resting_aspects_ros.simulation.initial_state import initial_states
-from resting_aspects_ros.simulation.run_description import CUDA
+from resting_aspects_ros.simulation.job import CUDA, DropJob
+from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
-from resting_aspects_ros.simulation.vibration import RAMP_PERIODS, Vibration
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # A part in surroundings that is faster than this, R / T, and than this multiple of the speed of
 # its first impact slides for ever: it has come down by at least 50 R.

@@ -1,22 +1,103 @@
-"""Initial states of parts that are not dropped: given states, and disturbed parts at rest.
+"""Where and how parts start that are not released: from given states, or at rest."""
 
-The index of a drop decides its row and its replicate: with k rows, drop i is replicate i // k of
-row i % k. So the first m drops of a run contain all rows equally often, except for the last few.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import Array, Random, canonical, product, rotate
-from resting_aspects_ros.simulation.edge import Edge
-from resting_aspects_ros.simulation.motion import Motion
-from resting_aspects_ros.simulation.noise import Noise
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import Random, canonical, product, rotate
+from resting_aspects_ros.simulation.conditions import check_quantities, quantity
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
-Indices = npt.NDArray[np.int64]
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of normal errors of given states, for each component in tray axes."""
+
+    orientation: float = quantity(
+        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
+    )
+    velocity: float = quantity(
+        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
+    )
+    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+# -- What happens after the start -----------------------------------------------------------------
+
+
+class Motion(Protocol):
+    """A motion of the surface that begins and ends at rest, with the surface in the plane z = 0.
+
+    Lengths are in m and times in s. Before it begins and after its end, the frame of the surface
+    is the tray frame.
+    """
+
+    @property
+    def duration(self) -> float:
+        """Time from the beginning to the end, s."""
+
+    @property
+    def time_step(self) -> float:
+        """Maximum time step that resolves the motion, s."""
+
+    def pose(self, time: Array) -> tuple[Array, Array]:
+        """Return positions (n, 3) and quaternions xyzw (n, 4), tray from surface, at times."""
+
+    def velocity(self, time: Array) -> tuple[Array, Array]:
+        """Return the derivatives: velocity (n, 3), m/s, and angular velocity (n, 3), rad/s.
+
+        The velocity is that of the origin of the surface; both are in tray axes.
+        """
+
+    def left(self, position: Array) -> npt.NDArray[np.bool_]:
+        """Return which parts (n,) have left the surface.
+
+        ``position`` (n, 3) are their centres of mass in the frame of the surface, m.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """The end of an upper belt, as a part meets it. SI units.
+
+    The upper belt moves in the direction x and turns down at x = 0, over a roller along y, whose
+    surface moves with it. Below the roller is a vertical wall at x = 0. Velocities are relative to
+    this wall; z = 0 is the lower belt.
+
+    height : float
+        Of the upper belt above the lower one.
+    radius : float
+        Of the roller.
+    belt_speed, lower_speed : float
+        Of the upper and of the lower belt.
+    friction_factor, restitution_factor : float
+        Friction and restitution of the upper belt, its roller and the wall, as multiples of the
+        conditions, which are those of the lower belt.
+    pieces : tuple of (k, 3) float
+        Corners of convex pieces of the part, relative to its centre of mass, in part axes.
+    """
+
+    height: float
+    radius: float
+    belt_speed: float
+    lower_speed: float
+    friction_factor: float
+    restitution_factor: float
+    pieces: tuple[Array, ...]
+
+
+# -- Starts ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,3 +327,128 @@ class RestStarts:
         none = np.zeros((n, 3))
         states = States(none, product(yaw, orientation), none, none)
         return self.impulse.applied(states, row, self.body, random)
+
+
+# -- Parts at rest in surroundings ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class FoundStarts:
+    """Parts at rest in each aspect, in poses that drops ended in, to which an impulse is applied.
+
+    positions, orientations : tuple of (m, 3) and (m, 4) float
+        For each row the poses of the centre of mass, tray frame, m and unit quaternions.
+    carried : (3,) float
+        Velocity of the parts, with the first body, tray axes, m/s.
+    impulse : Impulse or None
+        None: only the surroundings move, or the parts move over an edge.
+    ids : tuple of int
+        The aspect of each row, if each row is one.
+    fall_speed : float
+        Speed that a part can have after the edge, m/s.
+    """
+
+    positions: tuple[Array, ...]
+    orientations: tuple[Array, ...]
+    carried: Array
+    impulse: Impulse | None
+    body: Body
+    ids: tuple[int, ...] = ()
+    motion: Motion | None = None
+    edge: Edge | None = None
+    fall_speed: float = 0.0
+
+    @property
+    def rows(self) -> int:
+        """Number of different starts."""
+        return len(self.positions)
+
+    @property
+    def max_speed(self) -> float:
+        """See Starts."""
+        speed = 0.0 if self.impulse is None else self.impulse.max_speed(self.body)
+        return max(self.fall_speed, speed + float(np.linalg.norm(self.carried)))
+
+    def states(self, index: Indices, random: Random) -> States:
+        """Return the states of some drops; see Starts."""
+        row, n = index % self.rows, len(index)
+        share = random.random(n)
+        position, orientation = np.empty((n, 3)), np.empty((n, 4))
+        for r in np.unique(row).tolist():
+            here = row == r
+            chosen = (share[here] * len(self.positions[r])).astype(np.int64)
+            position[here] = self.positions[r][chosen]
+            orientation[here] = self.orientations[r][chosen]
+        none = np.zeros((n, 3))
+        states = States(position, orientation, none, none)
+        if self.impulse is not None:
+            states = self.impulse.applied(states, row, self.body, random)
+        return States(position, orientation, states.velocity + self.carried, states.spin)
+
+
+def found_starts(
+    part: Part,
+    aspects: AspectSet,
+    scene: Scene,
+    poses: RestingPoses,
+    body: Body,
+    impulse: Impulse | None,
+    motion: Motion | None,
+) -> FoundStarts:
+    """Return parts at rest in each aspect that occurs in drops in the surroundings.
+
+    Raises InvalidValueError if no drop ended in an aspect.
+    """
+    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
+    occurring = tuple(a.id for a in aspects.aspects if (ids == a.id).any())
+    if not occurring:
+        raise InvalidValueError(
+            f'invalid surroundings: no part came to rest in an aspect in {len(poses)} drops, so '
+            'that no action can start; expected surroundings in which an aspect occurs, or more '
+            'drops'
+        )
+    found = [ids == each for each in occurring]
+    rows = _each(centre, found), _each(orientation, found)
+    return FoundStarts(*rows, _carried(scene), impulse, body, occurring, motion)
+
+
+def pose_starts(
+    part: Part,
+    aspects: AspectSet,
+    scene: Scene,
+    poses: RestingPoses,
+    body: Body,
+    impulse: Impulse | None,
+    motion: Motion | None,
+) -> FoundStarts:
+    """Return the parts at rest in an aspect, each with a row of its own, in the order of drops."""
+    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
+    which = ids > 0
+    rows = tuple(centre[which][:, None]), tuple(orientation[which][:, None])
+    return FoundStarts(*rows, _carried(scene), impulse, body, motion=motion)
+
+
+def _at_rest(
+    part: Part, aspects: AspectSet, scene: Scene, poses: RestingPoses
+) -> tuple[Array, Array, Indices]:
+    """Return centre of mass, orientation and aspect of the parts at rest; 0: in no aspect.
+
+    A part that only the mesh of a curved side stopped is in none.
+    """
+    settled = poses.status == RestStatus.SETTLED
+    orientation = poses.orientation[settled]
+    centre = poses.position[settled] + rotate(orientation, part.centre_of_mass)
+    # Where the surroundings are the same everywhere, the place does not matter.
+    free = np.arange(3) < scene.free
+    centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
+    return centre, orientation, aspects.at_rest().classify(orientation)
+
+
+def _carried(scene: Scene) -> Array:
+    """Return the velocity (3,) of parts that lie on the first body, tray axes, m/s."""
+    carried = scene.bodies[0].velocity[None] if scene.free else np.zeros((1, 3))
+    return np.asarray(scene.in_tray(carried)[0])
+
+
+def _each(rows: Array, found: Sequence[Array]) -> tuple[Array, ...]:
+    return tuple(rows[which] for which in found)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
@@ -23,8 +22,9 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.output_files import make_folder, whole_file
 from resting_aspects_ros.api.surroundings import with_surroundings
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.errors import (
     EngineError,
     InvalidValueError,
     OutputError,
@@ -33,20 +33,16 @@ from resting_aspects_ros.core.errors import (
     shown,
     warn,
 )
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import FILE_FORMATS
-from resting_aspects_ros.core.statistics.distribution import OUTSIDE
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
-from resting_aspects_ros.core.units import UNITS
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.config_files import parts_folder
-from resting_aspects_ros.simulation.part_library import PartLibrary
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.studies.points import Case, Counts
-
-Array = npt.NDArray[np.float64]
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.loading import FILE_FORMATS
+from resting_aspects_ros.part.part import UNITS, Part
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions, parts_folder
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import OUTSIDE
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
+from resting_aspects_ros.studies.points import Case
 
 PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
 # Aspects whose down directions differ by more than this are not the same, rad.

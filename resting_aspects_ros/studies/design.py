@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy.stats import qmc
 
 from resting_aspects_ros.api.condition_text import given_conditions, shipped_surfaces
 from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.core.quantity_text import parse_quantity
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,
     KINDS,
@@ -26,27 +26,24 @@ from resting_aspects_ros.simulation.actions import (
     NamedAction,
     make_action,
 )
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.quantity import (
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
     Quantity,
+    Surfaces,
     check_name,
     described_kind,
     quantities_of,
 )
-from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.surroundings.description import (
+from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
     RELEASE_VALUES,
     Surroundings,
-)
-from resting_aspects_ros.simulation.surroundings.library import (
     changed_surroundings,
     make_surroundings,
     named_surroundings,
 )
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 DESIGNS = {
     'curves': 'from each base point of a scrambled Sobol sequence, one curve over each factor',

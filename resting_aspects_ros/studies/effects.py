@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import entr
 from scipy.stats import chi2_contingency, norm, t
 
-from resting_aspects_ros.core.statistics.comparison import square_and_add
-from resting_aspects_ros.core.statistics.intervals import INTERVAL, bounds, containing
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.statistics.comparison import square_and_add
+from resting_aspects_ros.statistics.intervals import INTERVAL, bounds, containing
 from resting_aspects_ros.studies.design import Design, Factor, Lines
-from resting_aspects_ros.studies.points import Case, Counts
-
-Array = npt.NDArray[np.float64]
+from resting_aspects_ros.studies.points import Case
 
 RESAMPLES = 400
 # The chi-square test needs about this many expected drops in each cell.
@@ -289,7 +287,7 @@ def _size_bounds(counts: Counts, drops: Counts, confidence: float) -> tuple[floa
 
 
 @dataclass(frozen=True, eq=False)
-class Indices:
+class SobolIndices:
     """First and total Sobol indices of c columns, and of all together, over d factors.
 
     first, total : (c + 1, d) float
@@ -307,7 +305,7 @@ class Indices:
 
 def indices_of(
     lines: Sequence[LineCounts], confidence: float, random: np.random.Generator
-) -> Indices:
+) -> SobolIndices:
     """Return the Sobol indices of the shares.
 
     The first index is the variance of the mean curve, and the total index is the mean of the
@@ -331,7 +329,7 @@ def indices_of(
             quantiles = np.nanquantile(drawn[:, varies], tails, axis=0)
             interval[:, varies] = containing(own[varies], *quantiles)
         found += [stated, interval]
-    return Indices(found[0], found[2], found[1], found[3])
+    return SobolIndices(found[0], found[2], found[1], found[3])
 
 
 def _resampled(
@@ -430,13 +428,13 @@ class Effects:
 
     factors : tuple of FactorEffect or None
         None for a factor with fewer than two possible levels.
-    indices : Indices or None
+    indices : SobolIndices or None
         None if a factor has no effect that could be computed.
     """
 
     columns: list[str]
     factors: tuple[FactorEffect | None, ...]
-    indices: Indices | None
+    indices: SobolIndices | None
 
 
 # Returns fresh drops (2, c) at the points of each candidate; None if there are none.

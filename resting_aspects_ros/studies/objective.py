@@ -9,8 +9,9 @@ import numpy.typing as npt
 from scipy.special import entr
 
 from resting_aspects_ros.api.surroundings import contacts_in, scene_of
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.contacts import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.support import (
     CODE_TEXT,
     CORNER,
     EDGE,
@@ -18,15 +19,12 @@ from resting_aspects_ros.core.aspects.contacts import (
     SIDE,
     ContactFinder,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.statistics.contact_counts import contacts_text
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.statistics.distribution import contacts_text
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 from resting_aspects_ros.studies.design import Setting
-
-Array = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.int64]
 
 # Differences that do not matter: 1 point of a share, and of an entropy in nat.
 SHARE_TOLERANCE, ENTROPY_TOLERANCE = 0.01, 0.02

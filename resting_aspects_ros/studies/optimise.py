@@ -13,19 +13,20 @@ from scipy.stats import norm
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.intervals import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     check_confidence,
     containing,
 )
-from resting_aspects_ros.simulation.actions import Action, NamedAction
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.studies.design import (
     Factor,
     Setting,
@@ -38,8 +39,6 @@ from resting_aspects_ros.studies.design import (
 )
 from resting_aspects_ros.studies.effects import homogeneity
 from resting_aspects_ros.studies.objective import (
-    Array,
-    Counts,
     Objective,
     contacts_wanted,
     finder_in,

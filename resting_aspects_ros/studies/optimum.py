@@ -11,15 +11,15 @@ from rich.table import Table
 
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.surroundings import conditions_text, scene_of
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.simulation.plan import engine_version
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
-from resting_aspects_ros.simulation.step_action import Step
+from resting_aspects_ros.simulation.actions import Step
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
-from resting_aspects_ros.studies.objective import Array, Counts, Objective, listed
+from resting_aspects_ros.studies.objective import Objective, listed
 
 PAGE = 'report.html'
 # A factor has no effect that can be shown if the p value of its test is larger.

@@ -8,8 +8,7 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.core.errors import analysis
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour, rgb
 from resting_aspects_ros.report.figure_style import (
@@ -27,12 +26,13 @@ from resting_aspects_ros.report.rounding import shown_difference
 from resting_aspects_ros.report.row_axes import WIDE, RowAxes
 from resting_aspects_ros.report.rows import Row, class_rows
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import (
     NOT_WORTH,
     WORTH,
     Effects,
-    Indices,
+    SobolIndices,
     entropy,
     points_text,
 )
@@ -144,7 +144,7 @@ def _study_case(
     return found
 
 
-def _indices_table(case: Case, found: Indices, factors: Sequence[Factor]) -> PageTable:
+def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> PageTable:
     """Return the table of the indices; empty cells for shares that do not vary."""
     headings = ['share of']
     for factor in factors:
@@ -234,7 +234,7 @@ def curves_figure(case: Case, effects: Effects, factors: Sequence[Factor]) -> 'F
     return figure
 
 
-def indices_figure(case: Case, found: Indices, factors: Sequence[Factor]) -> 'Figure':
+def indices_figure(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> 'Figure':
     """Return the first and total Sobol indices of each column, with their intervals."""
     names, colours = [*case.columns, 'all shares'], [*case_colours(case), FAINT]
     figure, panels = _panels(len(factors), ROW_HEIGHT * len(names) + 0.75)

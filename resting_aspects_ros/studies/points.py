@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, StrictStr
 
 from resting_aspects_ros.api.chunk_loop import PROGRESS_PERIOD, given_workers
@@ -21,36 +20,37 @@ from resting_aspects_ros.api.drop_counter import Consumer, DropCounter
 from resting_aspects_ros.api.plan_actions import check_speed, find_starts
 from resting_aspects_ros.api.surroundings import aspects_in, scene_of
 from resting_aspects_ros.api.transition_counter import TransitionCounter
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, OutputError, one_line, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
-from resting_aspects_ros.core.schema import Count, validated
-from resting_aspects_ros.core.statistics.distribution import OUTSIDE, no_drops
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line, shown
+from resting_aspects_ros.input_files import Count, validated
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.rows import ids_text
-from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.action_starts import (
+    action_starts,
+    body_of,
+    check_step,
+    step_starts,
+)
+from resting_aspects_ros.simulation.actions import Step, Vibration
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.reorientation import action_starts, body_of
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
+    DropJob,
     RunDescription,
     check_drops,
     check_seed,
+    plan_run,
 )
-from resting_aspects_ros.simulation.starts import Starts
-from resting_aspects_ros.simulation.step_action import Step
-from resting_aspects_ros.simulation.surroundings.floor_step import check_step, step_starts
-from resting_aspects_ros.simulation.surroundings.rest_starts import FoundStarts, pose_starts
-from resting_aspects_ros.simulation.surroundings.scene import Scene
-from resting_aspects_ros.simulation.vibration import Vibration
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.starts import FoundStarts, Starts, pose_starts
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
+from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.design import Setting
-
-Counts = npt.NDArray[np.int64]
 
 MAX_THREADS = 64
 STORE, STORE_VERSION = 'points.jsonl', 2

@@ -9,35 +9,35 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, StrictStr, create_model
 from scipy.stats import chi2, norm
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.inputs.json_document import parse_json
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.core.input_file import named, read_input
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.schema import Number, validated
-from resting_aspects_ros.core.statistics.distribution import OUTSIDE
-from resting_aspects_ros.core.statistics.intervals import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.input_files import Number, named, parse_json, read_input, validated
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import (
+    MIN_SAMPLES,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+    Surfaces,
+)
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, make_job
+from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.statistics.distribution import OUTSIDE
+from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     Interval,
     containing,
     intervals,
 )
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
-from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES, Surfaces
 from resting_aspects_ros.studies.effects import homogeneity
-from resting_aspects_ros.studies.points import Case, Counts, counts_by_class, drop_points
-
-Array = npt.NDArray[np.float64]
+from resting_aspects_ros.studies.points import Case, counts_by_class, drop_points
 
 SCHEMA_VERSION, PAGE, WIDTH = 1, 'report.html', 80
 SAMPLES, DROPS = 32, 10_000

@@ -17,26 +17,24 @@ from pydantic import StrictInt, StrictStr
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.output_files import make_folder, whole_file
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.errors import InvalidValueError, analysis, located, shown, warn
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.schema import FileModel, Number, validated
-from resting_aspects_ros.core.statistics.distribution import OUTSIDE
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, bounds, check_confidence
-from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
+from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import (
     Action,
     NamedAction,
 )
-from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
+    Surfaces,
 )
-from resting_aspects_ros.simulation.dask_workers import worker_versions
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
-from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.workers import Workers, worker_versions
+from resting_aspects_ros.statistics.distribution import OUTSIDE
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds, check_confidence
 from resting_aspects_ros.studies.batch import CaseComparison, compare_cases, load_parts, save_part
 from resting_aspects_ros.studies.design import (
     DEFAULT_DESIGN,
@@ -66,7 +64,6 @@ from resting_aspects_ros.studies.effects import (
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
-    Counts,
     Monitor,
     PointStore,
     Simulation,

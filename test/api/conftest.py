@@ -2,7 +2,7 @@
 
 import pytest
 
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
+from resting_aspects_ros.simulation.workers import LocalWorkers
 
 
 @pytest.fixture(scope='module')

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from resting_aspects_ros.api.count_files import counts_from_array, read_observed
 from resting_aspects_ros.api.drift import watch_drift
-from resting_aspects_ros.api.inputs.count_files import counts_from_array, read_observed
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsWarning
-from resting_aspects_ros.core.statistics.drift import parts_needed
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsWarning
+from resting_aspects_ros.statistics.drift import parts_needed
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 GOOD, BAD = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]

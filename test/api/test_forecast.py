@@ -10,8 +10,8 @@ import trimesh
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import cycle_times, forecast, forecast_from
 from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.core.feeding.cycle import CycleTimes
-from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.steady_state import CycleTimes
 
 TRAY = Tray((0.2, 0.2), 0.005)
 TIMES = CycleTimes(1.2, 0.6, 0.6, 0.2)

@@ -15,8 +15,8 @@ from resting_aspects_ros.api.identify import (
     known_part,
     locate_part,
 )
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.vision.outline import seen_outline
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.vision.outline import seen_outline
 
 # Classes of l_bracket and t_prism whose outline no other class has.
 ALONE = {'l_bracket': {1, 2, 3, 4, 5}, 't_prism': {1, 3}}

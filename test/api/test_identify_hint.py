@@ -6,7 +6,7 @@ import shapely
 from shapely import affinity
 
 from resting_aspects_ros.api.identify import identification_hint, identify_part, known_part
-from resting_aspects_ros.core.vision.observation import observed_polygon
+from resting_aspects_ros.vision.identification import observed_polygon
 
 
 @pytest.fixture(scope='module')

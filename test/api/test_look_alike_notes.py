@@ -9,7 +9,7 @@ from resting_aspects_ros.api.look_alike_notes import (
     divided_class_texts,
     look_alike_texts,
 )
-from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.aspects.find import find_aspects
 
 
 @pytest.fixture(scope='module')

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.measured_trials import machine_transitions
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
-from resting_aspects_ros.core.statistics.intervals import intervals
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.statistics.intervals import intervals
+from resting_aspects_ros.statistics.transitions import no_actions
 
 
 @pytest.fixture(scope='session')

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import OutputError
+from resting_aspects_ros.errors import OutputError
 
 ENDINGS = ('.svg', '.dxf', '_mask.png', '_template.png')
 FILES = {

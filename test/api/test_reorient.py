@@ -8,9 +8,8 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.transition_counter import compare_matrices
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.starts import GivenStates
+from resting_aspects_ros.simulation.starts import GivenStates, Noise
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 KICK = ra.Kick(speed=0.4, spin=15.0)
 

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.statistics.poses import RestStatus
 
 
 @pytest.fixture(scope='module')

@@ -18,15 +18,19 @@ from hypothesis import strategies as st
 from resting_aspects_ros.api import roadmap
 from resting_aspects_ros.api.measured_trials import compare_measured, with_measured
 from resting_aspects_ros.api.roadmap import read_roadmap, roadmap_document
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.contacts import CORNER, EDGE, NONE
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
-from resting_aspects_ros.core.statistics.intervals import SIMULTANEOUS
+from resting_aspects_ros.aspects.estimate import RestingShape, estimate
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.statistics.distribution import (
+    Distribution,
+    Placement,
+    Placements,
+    no_drops,
+)
+from resting_aspects_ros.statistics.intervals import SIMULTANEOUS
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'docs' / 'reference' / 'roadmap_example.json'
 TAP = {'kind': 'kick', 'speed': np.float64(0.3), 'time': 0.5}

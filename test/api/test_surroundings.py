@@ -16,9 +16,9 @@ from resting_aspects_ros.api.surroundings import (
     warn_of_surroundings,
     with_surroundings,
 )
-from resting_aspects_ros.core.errors import RestingAspectsWarning
-from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.errors import RestingAspectsWarning
+from resting_aspects_ros.simulation.surroundings import KINDS, Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 
 LEVEL = {'plane', 'tray', 'wall'}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.aspects.find import find_aspects
 
 
 @pytest.fixture

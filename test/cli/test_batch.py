@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 
 @pytest.fixture

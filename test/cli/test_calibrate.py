@@ -6,9 +6,7 @@ import pytest
 import yaml
 
 from resting_aspects_ros.cli.main import DONE, INTERRUPTED, WRONG_INPUT
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.config_files import surfaces_file
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces, surfaces_file
 
 COUNTS = """
 surface: {surface}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.part_loading import load_part
-from resting_aspects_ros.core.rotations import down_in_part
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.part.loading import load_part
+from resting_aspects_ros.rotations import down_in_part
 
 DROPS = 125
 ROTATION = ('qx', 'qy', 'qz', 'qw')

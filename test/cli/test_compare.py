@@ -11,15 +11,15 @@ from rclpy.serialization import serialize_message
 from scipy.stats import chi2_contingency, fisher_exact
 
 from resting_aspects_ros.api.compare import compare
-from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.api.count_files import read_counts
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, Qos, Topic
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
 
 COUNTS = [60, 55, 48, 25, 12]
 BY_HAND = 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n'

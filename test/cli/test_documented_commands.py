@@ -16,8 +16,8 @@ import yaml
 from doc_pages import PAGES, ROOT, code, code_blocks
 
 from resting_aspects_ros.cli import main
-from resting_aspects_ros.core.part_loading import load_part
-from resting_aspects_ros.simulation.part_library import read_part_yaml
+from resting_aspects_ros.part.library import read_part_yaml
+from resting_aspects_ros.part.loading import load_part
 
 PARTS = ROOT / 'config' / 'parts'
 FEW_DROPS = ['--drops', '50']

@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 
 from resting_aspects_ros.api.output_files import POSES_HEADER
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 DROPS = 630  # two chunks, for two workers
 WORDS = ('drop', 'box_10x20x30', '--seed', 7)

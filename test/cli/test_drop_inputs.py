@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.part.loading import load_part
 
 
 @pytest.fixture

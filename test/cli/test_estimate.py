@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate
+from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate
+from resting_aspects_ros.aspects.find import find_aspects
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from resting_aspects_ros.cli.feeder_display import check_silence
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.client.feeder_watch import FeederWatch
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 
 NODES = 6
 PICK, FLIP, SPREAD = FeederAdvice.PICK, FeederAdvice.FLIP, FeederAdvice.SPREAD

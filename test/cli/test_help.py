@@ -8,12 +8,12 @@ from importlib import import_module
 import pytest
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.cli import main, verbs
-from resting_aspects_ros.core.aspects.clusters import (
+from resting_aspects_ros.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     MAX_TOLERANCE_DEGREES,
     MIN_TOLERANCE_DEGREES,
 )
+from resting_aspects_ros.cli import main, verbs
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
 from resting_aspects_ros.nodes.camera_simulator import node as camera_simulator
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder

@@ -15,7 +15,7 @@ import trimesh
 
 from resting_aspects_ros.api import report_files
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.simulation.chunks import MAX_DEATHS
+from resting_aspects_ros.simulation.workers import MAX_DEATHS
 
 QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
 BULLET = ('--engine', 'bullet')  # with worker processes

@@ -12,8 +12,7 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_format import lock_file
 from resting_aspects_ros.logs.record_reader import LogFile
@@ -30,7 +29,8 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.logged_result import logged_result
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics.distribution import count_poses
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/cell/parts/solid', PART_TYPE, Qos(1))

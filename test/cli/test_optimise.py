@@ -6,7 +6,7 @@ import json
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import OutputError
+from resting_aspects_ros.errors import OutputError
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.optimise import DEFAULT_BUDGET
 from resting_aspects_ros.studies.optimum import OptimiseResult

@@ -5,7 +5,7 @@ import pytest
 
 from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.output_files import POSES_HEADER
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 
 # An orientation with four different numbers.
 X, Y, Z, W = 0.1, -0.5, 0.7, 0.5

@@ -7,7 +7,7 @@ import yaml
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
-from resting_aspects_ros.core.errors import OutputError
+from resting_aspects_ros.errors import OutputError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.studies.propagate import PropagatedResult
 

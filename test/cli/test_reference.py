@@ -11,21 +11,20 @@ import pytest
 from doc_pages import PAGES, code, first_cells, section
 
 from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
-from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli import main, verbs
-from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.part.library import EXPECTED
 from resting_aspects_ros.simulation.actions import KINDS
-from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
-from resting_aspects_ros.simulation.part_library import EXPECTED
-from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.run_description import MAX_DROPS
-from resting_aspects_ros.simulation.surroundings.description import (
+from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf, quantities_of
+from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
     RELEASE_VALUES,
+    surroundings_names,
 )
-from resting_aspects_ros.simulation.surroundings.description import KINDS as SURROUNDINGS
-from resting_aspects_ros.simulation.surroundings.library import surroundings_names
+from resting_aspects_ros.simulation.surroundings import KINDS as SURROUNDINGS
 
 COMMANDS = 'docs/reference/commands.md'
 FILES = 'docs/reference/files.md'

@@ -9,7 +9,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api import reorient
 from resting_aspects_ros.cli import reorient_run
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.errors import EngineError
 
 WORDS = ('reorient', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.api.inputs.result_json import RunDocument, counts_of, read_document
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.api.count_files import read_counts
+from resting_aspects_ros.api.result_json import RunDocument, counts_of, read_document
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 

@@ -10,7 +10,7 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.message_reader import not_closed_warning
 from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.recovery import recover_log

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from resting_aspects_ros.api import surroundings
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.surroundings.library import surroundings_names
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.surroundings import surroundings_names
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from resting_aspects_ros.api.identify import known_part, locate_part
-from resting_aspects_ros.core.vision.camera import transformed_pose
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
     CELL,
@@ -36,6 +35,7 @@ from resting_aspects_ros.ros.interface import (
     PICK_RESULT,
     SERVICES,
 )
+from resting_aspects_ros.vision.camera import transformed_pose
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
 SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')

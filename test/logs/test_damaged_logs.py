@@ -16,7 +16,7 @@ from mcap.records import Chunk, Footer, Statistics
 from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs import recovery
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import messages
@@ -329,7 +329,7 @@ def zeros_lz4(size):
 READ_WITHIN = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.indexed_reader import IndexedLog
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.playback_reader import Recording

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.message_definitions import load_schema, share_folders
 
 LINE = '=' * 80

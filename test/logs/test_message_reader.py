@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.message_reader import is_log, messages
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic

@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 from rclpy.qos import QoSProfile
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording, Span
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import (

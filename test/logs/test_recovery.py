@@ -11,7 +11,7 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic

@@ -24,7 +24,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTim
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 

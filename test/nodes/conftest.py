@@ -49,7 +49,7 @@ from resting_aspects_ros.ros.interface import (
     SERVICES,
 )
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.

@@ -9,7 +9,7 @@ from resting_aspects_interfaces.msg import PartDescription, Status
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED
 from resting_aspects_ros.ros.liveliness import announce
-from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 SHEETS = {
     'stamped': 'mass: !!timestamp abc',

@@ -19,11 +19,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.feeder_demo_layout import foxglove_layout
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg, missing_text
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
 from resting_aspects_ros.nodes.camera_simulator.truth import Truth
@@ -32,7 +30,9 @@ from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.nodes.vision_example.node import VisionExample, camera_from, grey_image
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.vision.tray_image import TrayCamera
 
 PART = 'l_bracket'
 QUICK = {'ros.diagnostics.PERIOD': 0.1, 'ros.callbacks.LOG_PERIOD': 0.0}

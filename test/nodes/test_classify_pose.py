@@ -10,11 +10,9 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, UnknownPartError
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     DistributionStore,
@@ -24,8 +22,10 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import requested_part
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
-from resting_aspects_ros.simulation.config_files import parts_folder
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.conditions import parts_folder
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestStatus
 
 BOX = 'box_10x20x30'
 

@@ -16,6 +16,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from scipy.stats import binomtest
 
+from resting_aspects_ros.aspects.estimate import RestingShape, estimate
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client import (
     AnswerTimeoutError,
     ClientUseError,
@@ -28,8 +30,6 @@ from resting_aspects_ros.client import (
     probability_of,
 )
 from resting_aspects_ros.client import client as nodes_client
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
 from resting_aspects_ros.ros.conversions import run_from
 
 DEADLINE = 600.0

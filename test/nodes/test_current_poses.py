@@ -7,9 +7,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPosesPublisher
 from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, MIN_BATCH
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 
 def numbers(pose):

@@ -4,7 +4,7 @@ import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
 
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
-from resting_aspects_ros.simulation.config_files import surfaces_file
+from resting_aspects_ros.simulation.conditions import surfaces_file
 
 
 @pytest.fixture

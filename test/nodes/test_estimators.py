@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.estimators.estimate import METHODS, RestingShape, estimate
+from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate
+from resting_aspects_ros.aspects.find import find_aspects
 
 
 @pytest.mark.quick_cases(2)

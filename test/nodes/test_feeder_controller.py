@@ -23,15 +23,15 @@ from scipy.stats import binomtest
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix
 
 MISSING_PART = r'parts/\w+ has (no publisher|not arrived yet)'
 PART = 'l_bracket'

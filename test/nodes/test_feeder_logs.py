@@ -18,9 +18,9 @@ from resting_aspects_interfaces.msg import (
 )
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.api.inputs.count_files import read_observed
+from resting_aspects_ros.api.count_files import read_observed
 from resting_aspects_ros.cli.main import main
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics

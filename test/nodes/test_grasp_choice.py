@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.vision.grasp import gripper_poses
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.feeder_controller.advice import advise_image
 from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs
 from resting_aspects_ros.nodes.feeder_controller.model import (
@@ -23,6 +19,10 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
 from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image
 from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.rotations import rotate
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
+from resting_aspects_ros.vision.grasp import gripper_poses
 
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 VALUES = {**DEFAULTS, 'grasps': 'config/grasps/l_bracket.yaml', 'clearance': 0.0, 'best_number': 6}

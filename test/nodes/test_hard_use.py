@@ -8,7 +8,7 @@ import sys
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 PARTS = ('tetrahedron', 'box_10x20x30', 'l_bracket', 'hex_nut', 'washer')
 

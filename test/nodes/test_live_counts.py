@@ -29,16 +29,11 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.forecast_client import forecast_request
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
-from resting_aspects_ros.core.statistics import counted_parts
-from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
-from resting_aspects_ros.core.statistics.drift import parts_needed
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart
@@ -49,7 +44,12 @@ from resting_aspects_ros.ros.file_worker import FileLimitError
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics import counted_parts
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.drift import parts_needed
+from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix
 
 PART = 'hex_nut'
 SECOND = 10**9

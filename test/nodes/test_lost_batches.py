@@ -16,13 +16,13 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
 from resting_aspects_ros.ros.liveliness import announce
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 40
 QUICK = {

@@ -10,10 +10,10 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.nodes.aspect_classifier.markers import MESHES, TEXTS, PartMarkers, labels
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 
 STAMP = Time(sec=12, nanosec=34)
 

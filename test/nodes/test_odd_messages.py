@@ -13,11 +13,11 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import part_msg, poses_from, run_from, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, MIN_BATCH, POSES
+from resting_aspects_ros.statistics.distribution import count_poses
 
 # Fields of a batch and their invalid values.
 ODD_BATCHES = [

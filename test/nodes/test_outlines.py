@@ -15,17 +15,14 @@ from shapely import affinity
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client import (
     InvalidValueError,
     NotAvailableError,
     RestingAspectsClient,
     UnknownPartError,
 )
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import PartError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.vision.camera import Pinhole
-from resting_aspects_ros.core.vision.outline import seen_outline
+from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.nodes.aspect_classifier import outline_store
 from resting_aspects_ros.nodes.aspect_classifier.outline_service import MAX_POINTS
 from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
@@ -39,6 +36,9 @@ from resting_aspects_ros.ros.interface import (
 )
 from resting_aspects_ros.ros.liveliness import announce
 from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
+from resting_aspects_ros.statistics.poses import RestStatus
+from resting_aspects_ros.vision.camera import Pinhole
+from resting_aspects_ros.vision.outline import seen_outline
 
 PART = 'l_bracket'
 SQUARE = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])

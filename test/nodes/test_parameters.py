@@ -10,10 +10,10 @@ import yaml
 from rcl_interfaces.msg import ParameterType
 from resting_aspects_interfaces.msg import AspectDistribution
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.interface import ALL_LATCHED
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.simulation.config_files import (
+from resting_aspects_ros.simulation.conditions import (
     config_folder,
     parts_folder,
     surfaces_file,

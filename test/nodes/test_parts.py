@@ -9,10 +9,10 @@ from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription, Status
 
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.conversions import part_from, part_msg
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.config_files import parts_folder
-from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 
 @pytest.fixture(scope='module')

@@ -3,8 +3,8 @@
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.statistics.stopping import checkpoints, is_precise
-from resting_aspects_ros.simulation.run_description import MAX_DROPS
+from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.statistics.intervals import checkpoints, is_precise
 
 PRECISION = 0.05
 

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED, MIN_BATCH
-from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 DROPS = 2 * MIN_BATCH + 20
 

@@ -10,7 +10,7 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.nodes.drop_simulator.node import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.conditions import parts_folder
 
 NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
 KINDS = {getattr(Status, name): name for name in NAMES}

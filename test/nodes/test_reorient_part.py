@@ -29,7 +29,7 @@ from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANS
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.impulses import Kick
+from resting_aspects_ros.simulation.actions import Kick
 
 SEED = 5
 FAST_KICK = FeederAction(kind='kick', names=['speed', 'spin'], values=[0.6, 20.0])

@@ -7,12 +7,12 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution, RestingPoses, Status
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.interface import MIN_BATCH, POSES
+from resting_aspects_ros.statistics.distribution import count_poses
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.message_definitions import load_schema
 from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles, yaml_text

@@ -3,7 +3,7 @@
 import pytest
 from resting_aspects_interfaces.msg import RestingPoses
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.drop_recorder.log_folder import FolderLock
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 

@@ -16,7 +16,7 @@ from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import (
     plane_patch,
     serialized_markers,
 )
-from resting_aspects_ros.simulation.surroundings.library import surroundings_names
+from resting_aspects_ros.simulation.surroundings import surroundings_names
 
 LEVEL = np.array([0.0, 0.0, 1.0, 0.0])
 

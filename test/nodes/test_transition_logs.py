@@ -8,9 +8,9 @@ from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status, TransitionMatrix
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.cli.main import main
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.errors import InvalidValueError, LogError
+from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, TRANSITIONS_TYPE, Topic

@@ -7,11 +7,11 @@ import pytest
 import trimesh
 from scipy.spatial import HalfspaceIntersection
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.comparison_text import ReferenceCounts
 from resting_aspects_ros.report.page import Report, report_files
+from resting_aspects_ros.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.statistics.distribution import Distribution
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.aspect_pose import (
     MAX_TRIANGLES,
     PITCH,

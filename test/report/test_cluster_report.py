@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects.clusters import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.clusters import (
     Clusters,
     find_agreement,
     find_clusters,
     find_differences,
 )
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.cluster_report import (
     agreement_line,
     agreement_table,
     cluster_table,
     differences_table,
 )
+from resting_aspects_ros.statistics.distribution import Distribution
 
 MAX_RUN_DROPS = 2_000_000  # drops of a run
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
-from resting_aspects_ros.core.statistics.comparison import Comparison, DropCounts, compare
 from resting_aspects_ros.report.comparison_report import (
     ComparedResults,
     comparison_document,
@@ -20,6 +19,7 @@ from resting_aspects_ros.report.comparison_report import (
 )
 from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
 ONE = DropCounts(np.array([50, 30, 20]), 60, 30, 10)

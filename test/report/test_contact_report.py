@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.contacts import CODE_TEXT
-from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import CODE_TEXT
 from resting_aspects_ros.report.contact_report import contact_table
+from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 EDGE = next(code for code, text in CODE_TEXT.items() if text == 'edge')
 

@@ -7,9 +7,9 @@ from enum import IntEnum
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 
 
 class Side(IntEnum):

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.core.statistics.counted_parts import LiveCounts, ObservedCounts
-from resting_aspects_ros.core.statistics.drift import find_drift
 from resting_aspects_ros.report.drift_report import (
     MAX_CLASSES,
     MAX_ROWS,
@@ -18,6 +16,8 @@ from resting_aspects_ros.report.drift_report import (
     live_table,
     window_table,
 )
+from resting_aspects_ros.statistics.counted_parts import LiveCounts, ObservedCounts
+from resting_aspects_ros.statistics.drift import find_drift
 
 
 def drift_of(rows, labels=(), level=0.01, simulated=None, window=None):

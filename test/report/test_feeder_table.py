@@ -8,8 +8,6 @@ from PIL import Image
 from rich.console import Console
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
-from resting_aspects_ros.core.vision.tray_image import TrayCamera, render_tray
 from resting_aspects_ros.report.feeder_table import (
     FeederView,
     feeder_line,
@@ -17,6 +15,7 @@ from resting_aspects_ros.report.feeder_table import (
     feeder_table,
 )
 from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
+from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 
 def view(**changed):

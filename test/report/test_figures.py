@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.report.figures import (
     MARKERS,
     comparison_figure,
@@ -16,6 +15,7 @@ from resting_aspects_ros.report.figures import (
 )
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.statistics.intervals import Interval
 
 NAMES = ['aspect 1', 'aspects 2 and 3', 'aspects 4, 5, 6 and 12', 'aspects 10, 12, ... 30']
 SHARES = [0.9, 0.06, 0.03, 0.01]

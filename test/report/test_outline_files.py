@@ -14,7 +14,6 @@ from shapely import Polygon, affinity, intersects_xy
 from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.core.vision.raster import covered_share
 from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
 from resting_aspects_ros.report.outline_images import (
     coco_document,
@@ -22,6 +21,7 @@ from resting_aspects_ros.report.outline_images import (
     outline_image,
     png_file,
 )
+from resting_aspects_ros.vision.outline import covered_share
 
 SCALE = 10.0  # px/mm
 SVG = '{http://www.w3.org/2000/svg}'

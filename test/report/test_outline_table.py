@@ -9,7 +9,6 @@ import trimesh
 from shapely import Polygon
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.report.counting_sheet import _pages, drawing_scale
 from resting_aspects_ros.report.outline_table import (
     MAX_GROUPS,
@@ -18,6 +17,7 @@ from resting_aspects_ros.report.outline_table import (
     short_look_alike_text,
     yaw_symmetry_text,
 )
+from resting_aspects_ros.vision.outline import LookAlike
 
 
 @pytest.fixture(scope='module')

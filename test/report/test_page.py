@@ -14,7 +14,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.report.aspect_pose import MAX_PICTURE_TRIANGLES
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.figures import bands
@@ -27,6 +26,7 @@ from resting_aspects_ros.report.page import (
     Report,
 )
 from resting_aspects_ros.report.rounding import chance_text, points_text
+from resting_aspects_ros.rotations import rotate
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
 

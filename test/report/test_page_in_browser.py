@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.aspects.find import find_aspects
 
 JS = Path(__file__).parents[1] / 'js'
 DESK, TELEPHONE = 1200, 390

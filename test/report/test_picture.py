@@ -10,14 +10,14 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.rotations import down_in_part, rotate
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.picture import MARGIN, MAX_SHOWN, ROW, _rows, distribution_figure
 from resting_aspects_ros.report.posed_part import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
+from resting_aspects_ros.rotations import down_in_part, rotate
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 
 PIXELS = 160
 BLUE = (0.0, 0.45, 0.7)
@@ -240,8 +240,8 @@ def test_matplotlib_is_imported_lazily_and_pyplot_never():
     code = """
 import sys
 import numpy as np
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.page import report_files
 from resting_aspects_ros.report.picture import distribution_figure

@@ -9,20 +9,20 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.text import Text
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.reorientation.markov import long_run
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.reorientation.transition_matrix import (
-    TransitionMatrix,
-    no_actions,
-)
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.aspect_groups import MAX_GROUPS, aspect_groups, membership
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.flow_figure import MAX_ARROW, MIN_FLOW, NODE, flow_figure
 from resting_aspects_ros.report.flow_layout import arrow_outline, node_places
 from resting_aspects_ros.report.retention_figure import MAX_LINES, retention_figure
 from resting_aspects_ros.report.transition_figure import transition_figure
+from resting_aspects_ros.statistics.markov import long_run
+from resting_aspects_ros.statistics.transitions import (
+    RetentionCurve,
+    TransitionMatrix,
+    no_actions,
+)
 
 PARTS = pytest.mark.parametrize('name', ['l_bracket', 'box_10x20x30'])
 

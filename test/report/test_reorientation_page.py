@@ -10,11 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.reorientation.markov import long_run, reach
-from resting_aspects_ros.core.reorientation.plan import Plan
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.reorientation_page import reorientation_files
 from resting_aspects_ros.report.reorientation_report import (
     MEASURED,
@@ -27,6 +23,8 @@ from resting_aspects_ros.report.reorientation_report import (
     reorientation_file_names,
 )
 from resting_aspects_ros.report.transition_document import matrix_fields, retention_fields
+from resting_aspects_ros.statistics.markov import Plan, long_run, reach
+from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'image'}
 

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.reorientation.markov import long_run, reach
-from resting_aspects_ros.core.reorientation.plan import Plan
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.reorientation_table import (
     long_run_table,
     long_run_text,
@@ -16,6 +13,8 @@ from resting_aspects_ros.report.reorientation_table import (
 )
 from resting_aspects_ros.report.retention_table import retention_table
 from resting_aspects_ros.report.transition_table import table_rows
+from resting_aspects_ros.statistics.markov import Plan, long_run, reach
+from resting_aspects_ros.statistics.transitions import RetentionCurve
 
 DROP = np.array([0.5, 0.25, 0.125, 0.1, 0.025])
 

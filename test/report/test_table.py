@@ -8,10 +8,8 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.rounding import (
     direction_text,
     interval_of,
@@ -20,6 +18,8 @@ from resting_aspects_ros.report.rounding import (
     probability_text,
 )
 from resting_aspects_ros.report.table import distribution_table, never_seen_text
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.statistics.intervals import Interval
 
 ROW = re.compile(
     r'^ *(?P<id>\d[\d ,.a-z]*?)?  +(?P<words>[a-z].*?)  +'

@@ -5,17 +5,17 @@ import json
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.reorientation.markov import LongRun, long_run
-from resting_aspects_ros.core.reorientation.retention import RetentionCurve
-from resting_aspects_ros.core.reorientation.transition_matrix import (
-    TransitionMatrix,
-    no_actions,
-)
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.transition_document import (
     long_run_fields,
     matrix_fields,
     retention_fields,
+)
+from resting_aspects_ros.statistics.markov import LongRun, long_run
+from resting_aspects_ros.statistics.transitions import (
+    RetentionCurve,
+    TransitionMatrix,
+    no_actions,
 )
 
 OUTCOMES = ['unclassified', 'unsettled', 'failed', 'lost']

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.reorientation.transition_matrix import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.report.transition_table import transition_table
+from resting_aspects_ros.statistics.transitions import (
     TransitionMatrix,
     no_actions,
 )
-from resting_aspects_ros.report.transition_table import transition_table
 
 
 @pytest.fixture(scope='module')

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.ros.batching import PoseBatches
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 def drops(first, end):

@@ -6,7 +6,7 @@ from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Int32
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import callbacks
 from resting_aspects_ros.ros.interface import ALL_LATCHED
 

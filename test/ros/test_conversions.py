@@ -12,15 +12,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
 from resting_aspects_ros.api.surroundings import surroundings
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.poses import DecidedBy, RestStatus
-from resting_aspects_ros.core.poses import RestingPoses as Poses
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, PartError
 from resting_aspects_ros.ros import conversions
 from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
+from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
+from resting_aspects_ros.statistics.poses import RestingPoses as Poses
 
 # Each field has a distinct value, so that swapped fields are detected.
 CONDITIONS = DropConditions(

@@ -16,7 +16,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from resting_aspects_ros.core.errors import UnknownPartError
+from resting_aspects_ros.errors import UnknownPartError
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import load
 from resting_aspects_ros.ros import file_worker
 from resting_aspects_ros.ros.file_worker import ATTEMPTS, FileLimitError, FileWorker

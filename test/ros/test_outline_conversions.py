@@ -10,8 +10,7 @@ from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part, locate_part
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.vision.observation import observed_polygon
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.report.outline_document import outlines_document
 from resting_aspects_ros.ros.outline_conversions import (
     candidate_msg,
@@ -20,6 +19,7 @@ from resting_aspects_ros.ros.outline_conversions import (
     polygon_msgs,
     pose_fields,
 )
+from resting_aspects_ros.vision.identification import observed_polygon
 
 # Rounding of a coordinate to 32 bits, for parts of some cm, m.
 ROUNDING = 1e-8

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.requested_surroundings import RequestedSurroundings
 

@@ -9,11 +9,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import without_drops
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.contacts import CORNER, EDGE, NONE, SIDE
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE, SIDE
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import conversions
 from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
 from resting_aspects_ros.ros.surroundings_conversions import (
@@ -21,7 +19,8 @@ from resting_aspects_ros.ros.surroundings_conversions import (
     serialized_surroundings,
     surroundings_msg,
 )
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 RADIUS = 0.02
 

@@ -10,10 +10,8 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import run_from, time_msg
 from resting_aspects_ros.ros.transition_conversions import (
     action_from,
@@ -23,9 +21,10 @@ from resting_aspects_ros.ros.transition_conversions import (
     transition_matrix_from,
     transitions_msg,
 )
-from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.actions import Kick, NamedAction
+from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 ACTION = NamedAction('own_tap', Kick(speed=0.31, spin=11.0), 0.7)
 

@@ -3,7 +3,7 @@
 import pytest
 
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.job import make_job
 
 
 @pytest.fixture(scope='module')

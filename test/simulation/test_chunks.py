@@ -8,18 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.stopping import checkpoints
-from resting_aspects_ros.simulation.chunks import (
+from resting_aspects_ros.errors import EngineError
+from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, MAX_SEED, make_job, plan_run
+from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
     chunk_bounds,
     drop_chunks,
     submit_drops,
 )
-from resting_aspects_ros.simulation.drop_job import CHUNKS
-from resting_aspects_ros.simulation.plan import make_job, plan_run
-from resting_aspects_ros.simulation.run_description import KERNEL, MAX_SEED
+from resting_aspects_ros.statistics.intervals import checkpoints
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 CHUNK = CHUNKS[KERNEL]
 

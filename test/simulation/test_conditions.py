@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 
 PLAIN = DropConditions(

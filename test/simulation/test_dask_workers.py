@@ -13,16 +13,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.simulation import chunks
+from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
-from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
-from resting_aspects_ros.simulation.drop_job import CHUNKS
+from resting_aspects_ros.simulation import workers as chunks
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import KERNEL
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, plan_run
+from resting_aspects_ros.simulation.surroundings import named_surroundings
+from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 CHUNK = CHUNKS[KERNEL]
 

@@ -17,15 +17,14 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, chisquare, kstest
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import DecidedBy, RestStatus
-from resting_aspects_ros.core.rotations import down_in_part, rotate
-from resting_aspects_ros.core.statistics.distribution import aspect_ids, count_poses
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation import kernel, kernel_data, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.statistics.distribution import aspect_ids, count_poses
+from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

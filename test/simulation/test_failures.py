@@ -8,12 +8,12 @@ import pybullet
 import pytest
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.simulation import drop_job, initial_state, settling
+from resting_aspects_ros.simulation import job as drop_job
+from resting_aspects_ros.simulation import release, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.statistics.poses import RestStatus
 
 
 def hull_in_tray(part, poses):
@@ -67,7 +67,7 @@ def looks(part, mat, monkeypatch):
     """Drop L brackets; the first is seen with factors of its speed in its first looks."""
     job = make_job(part('l_bracket'), mat.changed(height=1.0), 1, engine=BULLET)
     whole = pybullet.getBaseVelocity
-    monkeypatch.setattr(initial_state, 'START_CLEARANCE', 20.0)  # it still falls
+    monkeypatch.setattr(release, 'START_CLEARANCE', 20.0)  # it still falls
 
     def drop(factors):
         others = [1.0] * (GROUP - 1)

@@ -8,17 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.simulation.bullet_edge import EdgeWorld
-from resting_aspects_ros.simulation.bullet_scene import SceneWorld
-from resting_aspects_ros.simulation.bullet_scene_edge import SceneEdgeWorld, SceneWallWorld
-from resting_aspects_ros.simulation.bullet_wall import WallWorld
-from resting_aspects_ros.simulation.bullet_world import World
-from resting_aspects_ros.simulation.drop_job import STEPS_PER_T
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, InitialState
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import action_starts
-from resting_aspects_ros.simulation.step_action import Step
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.simulation.action_starts import action_starts
+from resting_aspects_ros.simulation.actions import Step
+from resting_aspects_ros.simulation.bullet_edge import EdgeWorld, SceneEdgeWorld, SceneWallWorld
+from resting_aspects_ros.simulation.bullet_world import SceneWorld, WallWorld, World
+from resting_aspects_ros.simulation.job import STEPS_PER_T, make_job
+from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState
 
 RESTITUTION = 0.6
 Z = np.array([0.0, 0.0, 1.0])

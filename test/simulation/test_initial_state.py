@@ -9,16 +9,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import down_in_part, random_orientations
-from resting_aspects_ros.simulation import drop_job
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import down_in_part, random_orientations
+from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.drop_random import NUMBERS, DropRandom
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import initial_states
-from resting_aspects_ros.simulation.plan import MAX_IMPACT, make_job
-from resting_aspects_ros.simulation.run_description import BULLET
+from resting_aspects_ros.simulation.job import BULLET, MAX_IMPACT, make_job
+from resting_aspects_ros.simulation.release import NUMBERS, DropRandom, initial_states
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

@@ -6,19 +6,19 @@ import sys
 
 import pytest
 
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.job import make_job
 
 # Both as Python: the simulator cannot call compiled functions.
 PROGRAM = """
 import numpy as np
 from resting_aspects_ros import load_part
 from resting_aspects_ros.simulation import kernel, kernel_cuda, kernel_data
-from resting_aspects_ros.simulation.initial_state import initial_states
+from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.surfaces import all_surfaces
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.conditions import all_surfaces
 kernel_cuda.MEMORY = 20_000  # of a few drops, so that there are several launches
 for name, surface in (('l_bracket', 'rubber_mat'), ('hex_nut', 'steel')):
     job = make_job(load_part(name), all_surfaces().get(surface), 1)

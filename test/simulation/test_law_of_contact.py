@@ -6,14 +6,13 @@ import trimesh
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.rotations import random_orientations
+from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel, kernel_data
 from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
-from resting_aspects_ros.simulation.initial_state import depth_of
+from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.release import depth_of
 
 UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 NONE = np.zeros((1, 3))

@@ -6,17 +6,16 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.local_workers import (
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.workers import (
     MAX_WORKERS,
     LocalWorkers,
     default_workers,
+    submit_drops,
 )
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 @pytest.fixture

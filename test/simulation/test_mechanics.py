@@ -13,11 +13,11 @@ import trimesh
 from placed_bodies import Placed
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.simulation import bullet_world, drop_job
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation import bullet_world
+from resting_aspects_ros.simulation import job as drop_job
+from resting_aspects_ros.simulation.job import BULLET, make_job
 from resting_aspects_ros.simulation.kernel import RESIDUAL
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET
+from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
 
 # -- The kernel -----------------------------------------------------------------------------------
 

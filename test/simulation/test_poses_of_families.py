@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.statistics.poses import RestStatus
 
 DROPS = 40
 TOLERANCE = np.radians(3.0)

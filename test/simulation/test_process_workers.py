@@ -15,20 +15,19 @@ from pathlib import Path
 
 import pytest
 
-from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation import process_workers
-from resting_aspects_ros.simulation.chunks import MAX_DEATHS, drop_chunks
-from resting_aspects_ros.simulation.drop_job import CHUNKS
+from resting_aspects_ros.errors import EngineError
+from resting_aspects_ros.simulation import workers as process_workers
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.plan import make_job, plan_run
-from resting_aspects_ros.simulation.process_workers import (
+from resting_aspects_ros.simulation.job import BULLET, CHUNKS, make_job, plan_run
+from resting_aspects_ros.simulation.workers import (
+    MAX_DEATHS,
     NICENESS,
+    LocalWorkers,
     ProcessWorkers,
     WorkerDiedError,
+    drop_chunks,
 )
-from resting_aspects_ros.simulation.run_description import BULLET
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 CHUNK = CHUNKS[BULLET]
 DEADLINE = 600.0  # s; finds what hangs
@@ -312,11 +311,11 @@ def disc(solid):
 PARENT = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.simulation.chunks import submit_drops
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.part_library import PartLibrary
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.workers import submit_drops
+from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.conditions import Surfaces
 
 # At the top of the script: workers do not run it again.
 config = Path(sys.argv[1])

@@ -5,10 +5,9 @@ import dataclasses
 import pytest
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import MAX_DROPS, MAX_SEED
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.job import MAX_DROPS, MAX_SEED, plan_run
+from resting_aspects_ros.simulation.surroundings import named_surroundings
 
 
 @pytest.fixture

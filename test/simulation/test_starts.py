@@ -8,23 +8,20 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, initial_states
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.nozzle import Nozzle
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import (
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import down_in_part
+from resting_aspects_ros.simulation.action_starts import (
     body_of,
     disturbance_starts,
     rest_starts,
 )
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
-from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, States
+from resting_aspects_ros.simulation.actions import Kick, Nozzle
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
+from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise, States
+from resting_aspects_ros.statistics.poses import RestStatus
 
 GRAVITY = 9.81
 MANY = np.arange(6000)

@@ -5,12 +5,12 @@ import pytest
 import shapely
 import trimesh
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.rotations import down_in_part
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import down_in_part
+from resting_aspects_ros.simulation.action_starts import disturbance_starts, rest_starts
+from resting_aspects_ros.simulation.actions import Kick
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import disturbance_starts, rest_starts
+from resting_aspects_ros.simulation.job import make_job
 
 GRAVITY = 9.81
 # Depth of the flats of the coarsest round side, of 24 sides, as a share of its radius.

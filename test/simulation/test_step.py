@@ -10,13 +10,13 @@ import pytest
 import trimesh
 from scipy.integrate import solve_ivp
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import DecidedBy, RestStatus
-from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.simulation import bullet_world, drop_job
-from resting_aspects_ros.simulation.actions import Actions, make_action
-from resting_aspects_ros.simulation.bullet_client import compound
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import rotate
+from resting_aspects_ros.simulation import bullet_world
+from resting_aspects_ros.simulation import job as drop_job
+from resting_aspects_ros.simulation.action_starts import action_starts
+from resting_aspects_ros.simulation.actions import Actions, Step, _supported, make_action
 from resting_aspects_ros.simulation.bullet_edge import (
     CLEARANCE,
     MIN_RADIUS,
@@ -24,18 +24,17 @@ from resting_aspects_ros.simulation.bullet_edge import (
     over_edge,
 )
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.config_files import actions_file
-from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T
+from resting_aspects_ros.simulation.bullet_world import compound
+from resting_aspects_ros.simulation.conditions import actions_file
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import (
+from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
+from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,
     depth_of,
     initial_states,
 )
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.reorientation import action_starts
-from resting_aspects_ros.simulation.step_action import Step, _supported
+from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 
 LOW = Step(belt_speed=0.2, step_height=0.02, lower_speed=0.3)
 

@@ -7,9 +7,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, HeightOf
-from resting_aspects_ros.simulation.surfaces import Surfaces, all_surfaces
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    HeightOf,
+    Surfaces,
+    all_surfaces,
+)
 
 SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'surfaces.yaml'
 

@@ -12,26 +12,26 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, kstest
 
 from resting_aspects_ros.api.transition_counter import TransitionCounter
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
-from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.core.statistics.distribution import aspect_ids
-from resting_aspects_ros.simulation import drop_job, settling
-from resting_aspects_ros.simulation.actions import Actions
-from resting_aspects_ros.simulation.config_files import actions_file
-from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import BodyStates, initial_states
-from resting_aspects_ros.simulation.plan import make_job, plan_run
-from resting_aspects_ros.simulation.reorientation import action_starts
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
-from resting_aspects_ros.simulation.vibration import (
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import rotate
+from resting_aspects_ros.simulation import job as drop_job
+from resting_aspects_ros.simulation import settling
+from resting_aspects_ros.simulation.action_starts import action_starts
+from resting_aspects_ros.simulation.actions import (
     MAX_ACCELERATION,
     RAMP_PERIODS,
     STEPS_PER_PERIOD,
+    Actions,
     Vibration,
 )
+from resting_aspects_ros.simulation.conditions import actions_file
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job, plan_run
+from resting_aspects_ros.simulation.release import BodyStates, initial_states
+from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.statistics.poses import RestStatus
+from resting_aspects_ros.statistics.transitions import no_actions
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

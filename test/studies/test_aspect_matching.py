@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.studies.batch import compare_cases, match_aspects
 from resting_aspects_ros.studies.points import Case
 

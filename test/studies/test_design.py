@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.impulses import Kick
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.actions import Kick, NamedAction
+from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studies.design import (
     Factor,
     Setting,

@@ -9,8 +9,8 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import Plane
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import Plane
 from resting_aspects_ros.studies.design import Setting
 
 RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}

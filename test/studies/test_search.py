@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.studies.objective import Objective
 from resting_aspects_ros.studies.optimise import (
     ROUNDS,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, OutputError
+from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputError
 from resting_aspects_ros.studies.effects import FRESH_DROPS
 from resting_aspects_ros.studies.points import STORE, PointStore
 from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec, run_study

@@ -6,7 +6,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.surroundings import contacts_in, scene_of, with_surroundings
-from resting_aspects_ros.core.aspects.contacts import EDGE, NONE
+from resting_aspects_ros.aspects.support import EDGE, NONE
 from resting_aspects_ros.studies.objective import WantedContacts, finder_in, read_contacts
 
 DROPS = 40

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.cli.options import add_workers
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer
-from resting_aspects_ros.core.errors import InvalidValueError, analysis
+from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.result import CalibrationResult

@@ -9,7 +9,7 @@ from typing import Any
 
 from resting_aspects_ros.api.output_files import check_output, make_folder
 from resting_aspects_ros.cli.node_processes import NodeProcesses
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.simulation.interruption import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1

@@ -16,15 +16,15 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.api.drift import DriftResult
     from resting_aspects_ros.api.drop_result import DropResult
-    from resting_aspects_ros.api.inputs.counts import CountedDrops
-    from resting_aspects_ros.core.part import Part
+    from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
@@ -133,14 +133,14 @@ def run(arguments: argparse.Namespace) -> int:
         if (value := getattr(arguments, name)) is not None:
             options[name] = value
     # These imports are slow because of NumPy.
+    from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.api.drift import watch_drift
-    from resting_aspects_ros.api.inputs.count_files import read_observed
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
     from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.aspects.find import find_aspects
     from resting_aspects_ros.cli.console import make_console
-    from resting_aspects_ros.core.aspects.aspect import find_aspects
-    from resting_aspects_ros.core.statistics.drift import check_windows
+    from resting_aspects_ros.statistics.drift import check_windows
 
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     aspects = find_aspects(part)
@@ -180,8 +180,8 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
                 keep_poses=False,
                 progress=True,
             )
-    from resting_aspects_ros.api.inputs.count_files import counted_drops
-    from resting_aspects_ros.api.inputs.counts import check_same_part
+    from resting_aspects_ros.api.count_files import counted_drops
+    from resting_aspects_ros.api.counts import check_same_part
 
     for name in SIMULATION:
         if (value := getattr(arguments, name)) not in (None, ''):

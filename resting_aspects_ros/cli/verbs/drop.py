@@ -16,10 +16,10 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
+from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.starts import Noise
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
 to rest, and how probable each is. No ROS nodes are needed."""

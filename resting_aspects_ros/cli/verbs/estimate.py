@@ -5,10 +5,10 @@ import sys
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.estimate_report import estimate_table, legend
 
 ALL = 'all'

@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.forecast_options import add_cell
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.cli.values import parse_integer
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 
 PART, MINUTES, SEED = 'l_bracket', '10', 1
 DROPS, PER_ASPECT = DEFAULT_DROPS, 40

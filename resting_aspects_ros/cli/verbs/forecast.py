@@ -21,7 +21,7 @@ from resting_aspects_ros.cli.result_folder import make_result_folder
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption, catch
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult

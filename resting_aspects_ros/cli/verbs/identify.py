@@ -10,11 +10,11 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
 )
 from resting_aspects_ros.cli.values import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError, located, shown
+from resting_aspects_ros.errors import InvalidValueError, located, shown
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.core.vision.camera import Pinhole
-    from resting_aspects_ros.core.vision.identification import Identification
+    from resting_aspects_ros.vision.camera import Pinhole
+    from resting_aspects_ros.vision.identification import Identification
 
 DESCRIPTION = """Tell from an observed outline which part lies where and in which aspect. The
 prior is the distribution of 1000 drops on rubber_mat. 'None of these' and
@@ -73,8 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         read_polygon,
     )
     from resting_aspects_ros.api.load_part import load_part
-    from resting_aspects_ros.core.vision.likelihood import OutlineNoise
     from resting_aspects_ros.report.document import to_json
+    from resting_aspects_ros.vision.fitting import OutlineNoise
 
     noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
     camera = _camera(arguments.camera)
@@ -98,7 +98,7 @@ def _camera(text: str | None) -> 'Pinhole | None':
     """Return the camera at a position, None without one; raises InvalidValueError."""
     if text is None:
         return None
-    from resting_aspects_ros.core.vision.camera import surface_pinhole
+    from resting_aspects_ros.vision.camera import surface_pinhole
 
     values = text.split(',')
     if len(values) != 3:
@@ -115,7 +115,7 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
     import numpy as np
 
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.core.errors import one_line
+    from resting_aspects_ros.errors import one_line
     from resting_aspects_ros.report.table import plain_table
 
     headings = (

@@ -12,10 +12,9 @@ from resting_aspects_ros.cli.console import make_console, print_table, show_tabl
 from resting_aspects_ros.cli.options import (
     add_output,
 )
-from resting_aspects_ros.core.errors import one_line
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag_files import log_files
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.contact_report import contact_rows, contact_table
 from resting_aspects_ros.report.document import (
     SCHEMA_VERSION,
@@ -28,7 +27,8 @@ from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, re
 from resting_aspects_ros.run_logs.feeder_contents import read_feeder_log
 from resting_aspects_ros.run_logs.logged_result import logged_result
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
 and the distribution in a log, or the action of a log of reorient_part. For the

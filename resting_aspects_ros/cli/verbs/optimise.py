@@ -15,7 +15,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 DESCRIPTION = """Find the conditions, within given ranges, in which most parts come to rest in
 wanted aspects, or whose distribution has the least entropy. Fresh drops at the

@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _px_per_mm(arguments: argparse.Namespace) -> float:
     """Return the requested scale of the images; raises InvalidValueError."""
-    from resting_aspects_ros.core.errors import InvalidValueError, shown
+    from resting_aspects_ros.errors import InvalidValueError, shown
     from resting_aspects_ros.report.outline_images import PIXELS_PER_MM
 
     given = arguments.px_per_mm

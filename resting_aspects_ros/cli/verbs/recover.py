@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME
 from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run

@@ -17,7 +17,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the

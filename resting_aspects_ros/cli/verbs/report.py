@@ -3,15 +3,15 @@
 import argparse
 from pathlib import Path
 
+from resting_aspects_ros.api.count_files import read_counts
+from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.api.inputs.counts import check_against
-from resting_aspects_ros.api.inputs.result_json import document_result
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
+from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.cli.options import (
     add_part_place,
 )
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import is_log
 
 DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a

@@ -16,15 +16,15 @@ from resting_aspects_ros.cli.options import (
     requested_conditions,
     requested_number,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.api.progress import DropProgress
     from resting_aspects_ros.client.client import RestingAspectsClient
-    from resting_aspects_ros.core.part import Part
+    from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
 
 DESCRIPTION = """Call the service get_distribution of the running nodes. A known distribution is
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.progress import DropProgress
         from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient
-        from resting_aspects_ros.core.statistics.stopping import max_drops
+        from resting_aspects_ros.statistics.intervals import max_drops
 
         progress = DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS))
         with RestingAspectsClient(

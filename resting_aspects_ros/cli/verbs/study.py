@@ -13,7 +13,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.core.errors import InvalidValueError, analysis
+from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.interruption import Interruption
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     """Return the requested study and its folder; raises InvalidValueError."""
-    from resting_aspects_ros.simulation.surfaces import all_surfaces
+    from resting_aspects_ros.simulation.conditions import all_surfaces
     from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec
 
     changes: dict[str, Any] = {

@@ -6,11 +6,15 @@ import numpy as np
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose
 
-from resting_aspects_ros.core.aspects.aspect_set import POSE_ANGLE, AspectSet
-from resting_aspects_ros.core.aspects.pose_query import nearest_aspect, unit_orientation
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.aspect_set import (
+    POSE_ANGLE,
+    AspectSet,
+    nearest_aspect,
+    unit_orientation,
+)
 from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.status import NotAvailableError
+from resting_aspects_ros.statistics.distribution import Distribution
 
 
 def answer_pose(

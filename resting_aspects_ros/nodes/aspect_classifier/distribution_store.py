@@ -5,20 +5,20 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from resting_aspects_ros.api.surroundings import surroundings_text, without_drops
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
-from resting_aspects_ros.core.statistics.distribution import (
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import (
+    ContactCounts,
     Distribution,
     aspect_ids,
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.core.statistics.stopping import is_precise
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.statistics.intervals import is_precise
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Maximum number of finished distributions that are kept.
 MAX_KNOWN = 10_000

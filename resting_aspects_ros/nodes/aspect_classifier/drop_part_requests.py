@@ -10,7 +10,7 @@ from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.ros.callbacks import sleep_for, wait_for
 from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART

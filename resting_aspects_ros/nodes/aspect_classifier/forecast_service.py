@@ -17,21 +17,21 @@ from resting_aspects_ros.api.forecast import (
 )
 from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import serve
 from resting_aspects_ros.ros.conversions import run_from, status
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import FORECAST
 from resting_aspects_ros.ros.status import BusyError, NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.statistics.distribution import Distribution
 
 # Maximum number of requests that wait; each takes about a second.
 MAX_WAITING = 20

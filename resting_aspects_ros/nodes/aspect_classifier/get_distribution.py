@@ -9,27 +9,26 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.estimators.estimate import RestingShape, estimate
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
 from resting_aspects_ros.ros.requested_surroundings import RequestedSurroundings
 from resting_aspects_ros.ros.status import NotAvailableError, requested_estimator
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import (
+from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
+from resting_aspects_ros.simulation.job import (
     DEFAULT_SEED,
     MAX_DROPS,
     RunDescription,
     check_drops,
 )
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import max_drops
 
 # Maximum number of known distributions that an error lists.
 MAX_LISTED = 5

@@ -7,11 +7,8 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import MachineTransitions, ObservedCounts, Posterior
 
 from resting_aspects_ros.api.drift import drift_test
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
-from resting_aspects_ros.core.statistics.counted_parts import PRIOR_WEIGHT, LiveCounts
-from resting_aspects_ros.core.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     DistributionStore,
     Known,
@@ -33,6 +30,10 @@ from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, 
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
+from resting_aspects_ros.statistics.counted_parts import PRIOR_WEIGHT, LiveCounts
+from resting_aspects_ros.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
+from resting_aspects_ros.statistics.intervals import CONFIDENCE
+from resting_aspects_ros.statistics.transitions import no_actions
 
 PERIOD = 0.5
 # Maximum number of parts that a parameter can state.

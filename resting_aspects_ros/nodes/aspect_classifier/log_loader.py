@@ -10,11 +10,9 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.core.errors import LogError, RestingAspectsError
-from resting_aspects_ros.core.input_file import is_folder, printable
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.errors import LogError, RestingAspectsError
+from resting_aspects_ros.input_files import is_folder, printable
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import messages
@@ -36,7 +34,9 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Limits for reading: number of logs (1000 take about 10 s), and total time, s.
 MAX_LOGS = 1000

@@ -5,14 +5,14 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.aspect_pose import AspectPose, aspect_poses, message_faces
 from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.rounding import probability_text
 from resting_aspects_ros.ros.interface import FRAME
+from resting_aspects_ros.statistics.distribution import Distribution
 
 # Namespaces of the mesh and text markers; the id of a marker is the id of the aspect.
 MESHES, TEXTS = 'aspects', 'probabilities'

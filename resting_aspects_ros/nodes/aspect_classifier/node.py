@@ -10,7 +10,6 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions, ListParts
 
-from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
@@ -28,6 +27,7 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
 from resting_aspects_ros.nodes.aspect_classifier.run_counting import RunCounter
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
 from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
@@ -51,7 +51,7 @@ from resting_aspects_ros.ros.requested_surroundings import (
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
-from resting_aspects_ros.simulation.surfaces import all_surfaces
+from resting_aspects_ros.simulation.conditions import all_surfaces
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of surfaces beside those of the suite'),

@@ -12,12 +12,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
 from resting_aspects_ros.api.identify import identify_part, locate_part, mirror_text
-from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.vision.camera import Pinhole, surface_pinhole
-from resting_aspects_ros.core.vision.identification import Identification
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.likelihood import OutlineNoise
-from resting_aspects_ros.core.vision.observation import observed_polygon
+from resting_aspects_ros.errors import InvalidValueError, PartError
 from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.ros.callbacks import await_future, serve
@@ -25,6 +20,10 @@ from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.interface import IDENTIFY_PART, LOCATE_PART
 from resting_aspects_ros.ros.outline_conversions import candidate_msg, polygon_from, pose_fields
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
+from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
+from resting_aspects_ros.vision.fitting import OutlineNoise
+from resting_aspects_ros.vision.identification import Identification, observed_polygon
+from resting_aspects_ros.vision.known_part import KnownPart
 
 # Maximum number of points of an observed polygon: more could take minutes.
 MAX_POINTS = 10_000

@@ -10,20 +10,19 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import PartOutlines
 
 from resting_aspects_ros.api.identify import PSEUDO_COUNT
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.look_alikes import LookAlike, look_alikes
-from resting_aspects_ros.core.vision.outline import Outline, find_outlines
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.errors import PartError, RestingAspectsError
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import outlines_msg
 from resting_aspects_ros.ros.status import NotAvailableError
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.outline import LookAlike, Outline, find_outlines, look_alikes
 
 
 def checked_outlines(part: Part, aspects: AspectSet) -> tuple[Outline, ...]:

@@ -8,10 +8,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import PartDescription
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import PartError, RestingAspectsError
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import sleep_for
 from resting_aspects_ros.ros.conversions import check_description, part_from
 from resting_aspects_ros.ros.file_worker import FileWorker

@@ -9,8 +9,6 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunCounts
 from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
@@ -27,7 +25,9 @@ from resting_aspects_ros.ros.interface import (
     MARKERS,
 )
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # A message of markers can have 1.4 MB: a slow connection needs a longer period.
 PUBLISH_PERIOD = Parameter(

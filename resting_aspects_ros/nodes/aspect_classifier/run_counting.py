@@ -4,7 +4,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import RestingPoses
 
-from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     DistributionStore,
     RunCounts,
@@ -19,7 +18,8 @@ from resting_aspects_ros.ros.callbacks import subscribe
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.diagnostics import RateCounter
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
 
 # Maximum number of finished runs that are remembered for requests that wait for them.
 MAX_FINISHED = 10_000

@@ -12,9 +12,9 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from resting_aspects_ros.api.surroundings import scene_of
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -32,8 +32,8 @@ from resting_aspects_ros.ros.surroundings_conversions import (
 )
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, MeshBody, Scene, SceneBody
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
 
 # Namespaces of the markers; the id of a marker is the place of the body in the surroundings.
 BODIES, NAMES = 'bodies', 'body_names'

@@ -7,7 +7,7 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import TransitionMatrix
 from resting_aspects_interfaces.srv import GetTransitions
 
-from resting_aspects_ros.core.errors import shown
+from resting_aspects_ros.errors import shown
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS

@@ -8,9 +8,10 @@ from resting_aspects_interfaces.msg import Detection
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
-from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.core.vision.tray_image import Bytes, TrayCamera
+from resting_aspects_ros.arrays import Bytes
+from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
+from resting_aspects_ros.vision.outline import Outline
+from resting_aspects_ros.vision.tray_image import TrayCamera
 
 
 def image_msg(image: Bytes, header: Header) -> Image:

@@ -13,12 +13,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.feeding.decision import Choice
-from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
-from resting_aspects_ros.core.vision.tray_image import TrayCamera, render_tray
+from resting_aspects_ros.feeding.control import Choice
+from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
 from resting_aspects_ros.nodes.camera_simulator.answers import Answers
 from resting_aspects_ros.nodes.camera_simulator.messages import (
     camera_info_msg,
@@ -43,6 +39,9 @@ from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.outline import Outline
+from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 CAMERA_SIMULATOR = 'camera_simulator'
 IMAGE, CAMERA_INFO, CLOCK = 'camera/image_raw', 'camera/camera_info', '/clock'

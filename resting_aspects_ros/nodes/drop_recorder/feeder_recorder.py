@@ -23,7 +23,7 @@ from resting_aspects_interfaces.msg import (
     Posterior,
 )
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Topic

@@ -6,8 +6,8 @@ import socket
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.input_file import is_printable
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.input_files import is_printable
 
 
 def absolute_folder(path: str) -> Path:

@@ -40,7 +40,7 @@ from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
 
 PARAMETERS = (
     Parameter(

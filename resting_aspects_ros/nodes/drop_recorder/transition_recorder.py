@@ -15,7 +15,7 @@ from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, TRANSITIONS,
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import check_transitions
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
 
 # Maximum number of runs that are remembered, because their last matrix is published again.
 MAX_ENDED = 10_000

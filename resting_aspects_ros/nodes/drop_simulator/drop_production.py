@@ -8,13 +8,11 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
 from resting_aspects_ros.api.surroundings import aspects_in
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.nodes.drop_simulator.shared_drops import CANCEL_PERIOD, GoalDrops
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.batching import PoseBatches
 from resting_aspects_ros.ros.callbacks import advertise, ros_future, wait_for
 from resting_aspects_ros.ros.conversions import poses_msg
@@ -23,10 +21,10 @@ from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import progress_text
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES, batch_size
 from resting_aspects_ros.ros.status import CanceledError
-from resting_aspects_ros.simulation.chunks import drop_chunks
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
+from resting_aspects_ros.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 class AsyncWorkers:

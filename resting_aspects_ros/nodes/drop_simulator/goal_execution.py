@@ -8,7 +8,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.status import CanceledError, error_status
 

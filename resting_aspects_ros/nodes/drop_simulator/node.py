@@ -12,10 +12,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart, ReorientPart
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.input_file import is_folder
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers, DropProducer
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
     MAX_GOALS,
@@ -32,6 +30,7 @@ from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
 )
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -50,13 +49,16 @@ from resting_aspects_ros.ros.requested_surroundings import (
 )
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import BusyError, CanceledError
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.config_files import parts_folder
-from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.local_workers import MAX_WORKERS, default_workers
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription, check_run_id
-from resting_aspects_ros.simulation.surfaces import all_surfaces
+from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces, parts_folder
+from resting_aspects_ros.simulation.job import (
+    MAX_DROPS,
+    DropJob,
+    RunDescription,
+    check_run_id,
+    plan_run,
+)
+from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
+from resting_aspects_ros.statistics.intervals import max_drops
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),

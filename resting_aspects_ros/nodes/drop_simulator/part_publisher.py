@@ -9,14 +9,14 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription
 
-from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.errors import PartError, RestingAspectsError
+from resting_aspects_ros.part.library import PartLibrary, Stamp
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task, steady_timer, wait_for
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.interface import LATCHED, PARTS
 from resting_aspects_ros.ros.status import NotAvailableError
-from resting_aspects_ros.simulation.part_library import PartLibrary, Stamp
 
 # Interval of scans for new, changed and removed parts, s.
 SCAN_PERIOD = 2.0

@@ -10,13 +10,13 @@ from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.plan_actions import PlannedActions, check_actions, plan_actions
 from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.status import CanceledError
 from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, action_from
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 
 def requested_action(action: FeederAction) -> NamedAction:

@@ -15,10 +15,7 @@ from resting_aspects_interfaces.msg import TransitionMatrix
 from resting_aspects_ros.api.plan_actions import PlannedActions
 from resting_aspects_ros.api.plan_drops import PlannedDrops
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
     MAX_GOALS,
@@ -36,6 +33,7 @@ from resting_aspects_ros.nodes.drop_simulator.reorient_goal import (
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
 )
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.diagnostics import RateCounter
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
@@ -49,6 +47,8 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.status import BusyError
 from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, transitions_msg
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 T = TypeVar('T')
 

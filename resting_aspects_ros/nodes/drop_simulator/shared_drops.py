@@ -10,11 +10,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # Interval at which a goal that waits checks whether it was canceled, s.
 CANCEL_PERIOD = 0.5

@@ -7,8 +7,8 @@ from resting_aspects_interfaces.msg import SurroundingsDescription
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.interface import SURROUNDINGS, SURROUNDINGS_QOS
 from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
-from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.scene import Scene
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.scene import Scene
 
 
 class SurroundingsPublisher:

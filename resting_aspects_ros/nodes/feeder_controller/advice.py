@@ -3,11 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.controller_model import ControllerModel
-from resting_aspects_ros.core.feeding.decision import Choice, Expected, SeenPart, advise
-from resting_aspects_ros.core.vision.grasp_room import free_grasps
-from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.control import Choice, ControllerModel, Expected, SeenPart, advise
 from resting_aspects_ros.nodes.feeder_controller.model import FedPart
 from resting_aspects_ros.nodes.feeder_controller.tray_state import (
     Detection,
@@ -15,6 +12,8 @@ from resting_aspects_ros.nodes.feeder_controller.tray_state import (
     known_class,
     other_parts,
 )
+from resting_aspects_ros.vision.grasp import free_grasps
+from resting_aspects_ros.vision.location import Pose
 
 PHRASES = {
     Choice.PICK: 'pick parts',

@@ -4,10 +4,7 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.feeder_controller.model import (
     Evidence,
     FedPart,
@@ -16,6 +13,9 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
     ids_of_classes,
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 # While a run is in progress, evidence is new when there are more drops by this factor.
 GROWTH = 1.2

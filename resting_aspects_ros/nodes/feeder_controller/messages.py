@@ -8,15 +8,15 @@ from geometry_msgs.msg import Pose as PoseMsg
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.feeding.decision import Choice, Expected
-from resting_aspects_ros.core.statistics.intervals import Interval
-from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.feeding.control import Choice, Expected
 from resting_aspects_ros.nodes.feeder_controller.advice import ChosenPart, CurrentAdvice
 from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, PickOutcome
 from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
 from resting_aspects_ros.ros.feeder_names import CHOICES as NAMED_CHOICES
 from resting_aspects_ros.ros.feeder_names import RESULTS
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.location import Pose
 
 CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
 OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}

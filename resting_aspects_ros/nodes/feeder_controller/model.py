@@ -11,16 +11,12 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 from resting_aspects_ros.api.forecast import footprints_of, pickable_aspects
 from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.feeding.controller_model import ControllerModel, controller_model
-from resting_aspects_ros.core.feeding.footprint import Footprint
-from resting_aspects_ros.core.feeding.model import FeederModel
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
-from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.core.statistics.intervals import Counts
-from resting_aspects_ros.core.vision.grasp import Grasp
-from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.control import ControllerModel, controller_model
+from resting_aspects_ros.feeding.footprint import Footprint
+from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 from resting_aspects_ros.ros.conversions import check_description, part_from
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
@@ -29,6 +25,10 @@ from resting_aspects_ros.ros.transition_conversions import (
     check_transitions,
     transition_matrix_from,
 )
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
+from resting_aspects_ros.vision.grasp import Grasp
+from resting_aspects_ros.vision.known_part import KnownPart
 
 # If there are fewer flips of a class, the missing ones have the result of a drop.
 MIN_FLIPS = 20

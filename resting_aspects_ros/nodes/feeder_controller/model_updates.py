@@ -9,8 +9,8 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, 
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.core.feeding.controller_model import ControllerModel
+from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.feeding.control import ControllerModel
 from resting_aspects_ros.nodes.feeder_controller.evidence import PartEvidence
 from resting_aspects_ros.nodes.feeder_controller.model import (
     Evidence,
@@ -36,7 +36,7 @@ from resting_aspects_ros.ros.interface import (
     TRANSITIONS,
 )
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
-from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 
 # A part with very many triangles and aspects needs more time than a file, s.
 MAX_SECONDS = 120.0

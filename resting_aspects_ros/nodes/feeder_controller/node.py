@@ -6,8 +6,8 @@ from typing import Any
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.feeding.decision import Choice
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.control import Choice
 from resting_aspects_ros.nodes.feeder_controller.advice import CurrentAdvice, advise_image
 from resting_aspects_ros.nodes.feeder_controller.messages import (
     OUTCOMES,

@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.grasps import load_grasps
-from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.feeding.controller_model import DEFAULT_MIN_SCORE
-from resting_aspects_ros.core.feeding.cycle import MAX_TIME, CycleTimes
-from resting_aspects_ros.core.feeding.density import MAX_REQUESTED
-from resting_aspects_ros.core.feeding.footprint import Tray
-from resting_aspects_ros.core.part import is_valid_name
-from resting_aspects_ros.core.vision.grasp import Grasp
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.control import DEFAULT_MIN_SCORE
+from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
+from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes
+from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.parameters import Parameter
+from resting_aspects_ros.vision.grasp import Grasp
 
 TIME = (0.0, MAX_TIME)
 PARAMETERS = (

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, shown
 
 SECOND = 1_000_000_000
 # Tolerance between the clocks of camera, robot and controller, ns.

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import not_closed_warning
 from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
 from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition

@@ -10,7 +10,7 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.run_tracking.run_progress import RunProgress
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
@@ -22,7 +22,7 @@ from resting_aspects_ros.ros.interface import (
     LOG_REPLAYER,
 )
 from resting_aspects_ros.ros.liveliness import LivelinessMonitor
-from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.job import RunDescription
 
 # Time for which batches can still arrive after their simulator disappeared, s.
 GRACE = 2.0

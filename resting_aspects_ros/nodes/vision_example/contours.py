@@ -12,7 +12,8 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-Array = npt.NDArray[np.float64]
+from resting_aspects_ros.arrays import Array
+
 # Noise is smoothed with this standard deviation, px.
 SMOOTHING = 1.0
 # Steps of Newton's method.

@@ -13,13 +13,14 @@ from resting_aspects_interfaces.msg import Detection, DetectionArray, Status
 from resting_aspects_interfaces.srv import IdentifyPart
 from sensor_msgs.msg import CameraInfo, Image
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown
-from resting_aspects_ros.core.vision.camera import Telecentric
-from resting_aspects_ros.nodes.vision_example.contours import Array, Blob, clearances, find_blobs
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.nodes.vision_example.contours import Blob, clearances, find_blobs
 from resting_aspects_ros.ros.callbacks import guarded_task, subscribe, wait_for
 from resting_aspects_ros.ros.interface import CELL, DETECTIONS, IDENTIFY_PART, SERVICES
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.vision.camera import Telecentric
 
 IMAGE, CAMERA_INFO, ANNOTATED = 'camera/image_raw', 'camera/camera_info', 'camera/image_annotated'
 # Reliable, so that no image is lost. For a camera that publishes as best effort, use

@@ -9,10 +9,11 @@ import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.landscape import Landscape
+from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.calibration.checks import (
     GTest,
     Prediction,
@@ -21,9 +22,7 @@ from resting_aspects_ros.studies.calibration.checks import (
     predict,
 )
 from resting_aspects_ros.studies.calibration.counts_file import (
-    Array,
     CountedPart,
-    Counts,
     SurfaceCounts,
     make_surface_counts,
     read_surface_counts,

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import StrictStr
 
-from resting_aspects_ros.api.inputs.class_groups import parse_group
+from resting_aspects_ros.api.counts import parse_group
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
-from resting_aspects_ros.core.errors import (
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import (
     InvalidValueError,
     PartError,
     located,
@@ -21,19 +21,25 @@ from resting_aspects_ros.core.errors import (
     shown,
     warn,
 )
-from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.core.part import Part, valid_name
-from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.quantity_text import parse_quantity
-from resting_aspects_ros.core.schema import MAX_COUNTED, FileModel, Number, Positive, validated
-from resting_aspects_ros.core.units import DEFAULT_UNIT
-from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.quantity import check_name
+from resting_aspects_ros.input_files import (
+    MAX_COUNTED,
+    FileModel,
+    Number,
+    Positive,
+    named,
+    parse_quantity,
+    read_yaml,
+    validated,
+)
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import DEFAULT_UNIT, Part, valid_name
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+    check_name,
+)
 from resting_aspects_ros.studies.design import Factor, Setting, point_values, read_factor
-
-Array = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.int64]
 
 MAX_BYTES = 1 << 20
 MAX_PARTS = 50

@@ -23,7 +23,8 @@ from scipy.spatial.distance import cdist
 from scipy.special import gammaln, logsumexp, ndtr, ndtri
 from scipy.stats import chi2
 
-from resting_aspects_ros.studies.calibration.counts_file import Array, Counts, SurfaceCounts
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
 from resting_aspects_ros.studies.design import sobol
 
 # Drops all parts at points (m, d) of the unit cube; returns counts (m, g) of each part, or None if

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     TEXT,
@@ -19,8 +20,7 @@ from resting_aspects_ros.report.figure_style import (
     plain_axes,
     png_bytes,
 )
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.surfaces import UNCERTAINTY
+from resting_aspects_ros.simulation.conditions import QUANTITIES, UNCERTAINTY, DropConditions
 from resting_aspects_ros.studies.calibration.checks import (
     Estimate,
     GTest,
@@ -30,7 +30,6 @@ from resting_aspects_ros.studies.calibration.checks import (
     correlation,
     find_discrepancy,
 )
-from resting_aspects_ros.studies.calibration.counts_file import Array
 from resting_aspects_ros.studies.calibration.posterior import EFFECTIVE, Fit
 
 if TYPE_CHECKING:

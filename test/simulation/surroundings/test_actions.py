@@ -12,13 +12,13 @@ from resting_aspects_ros.api.plan_actions import named_action, plan_actions
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.transition_counter import TransitionCounter
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
-from resting_aspects_ros.core.rotations import down_in_part, rotate
+from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.bullet_scene_edge import SceneWallWorld
+from resting_aspects_ros.simulation.bullet_edge import SceneWallWorld
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.initial_state import REST_MARGIN, initial_states
+from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
+from resting_aspects_ros.statistics.poses import RestStatus
+from resting_aspects_ros.statistics.transitions import no_actions
 
 
 @pytest.fixture(scope='module')

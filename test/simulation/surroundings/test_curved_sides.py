@@ -7,16 +7,15 @@ import pytest
 import trimesh
 from scipy.stats import chi2_contingency
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.surroundings.curved_sides import TOLERANCE, simplified
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.flat_sides import merged_mesh
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
-from resting_aspects_ros.simulation.surroundings.scene import MeshBody
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.mesh_simplification import TOLERANCE, merged_mesh, simplified
+from resting_aspects_ros.simulation.scene import MeshBody
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

@@ -5,15 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import Chute, Slope, tray_from_scene
-from resting_aspects_ros.simulation.surroundings.library import (
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.surroundings import (
+    KINDS,
+    Surroundings,
     make_surroundings,
     surroundings_from,
 )
+from resting_aspects_ros.simulation.surroundings_kinds import Chute, Slope, tray_from_scene
 
 # Dimensions that have no default.
 NEEDED = {

@@ -2,9 +2,9 @@
 
 import pytest
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.simulation.config_files import surroundings_folder
-from resting_aspects_ros.simulation.surroundings.library import (
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.conditions import surroundings_folder
+from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
     surroundings_names,
 )

@@ -10,17 +10,15 @@ from scipy.spatial import ConvexHull
 from scipy.stats import chi2_contingency
 from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.flat_sides import DEPTH, GRID, merged_mesh
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.simulation.job import BULLET, make_job
+from resting_aspects_ros.simulation.mesh_simplification import DEPTH, GRID, merged_mesh
+from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

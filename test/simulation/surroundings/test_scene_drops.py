@@ -9,18 +9,13 @@ import trimesh
 from scipy.stats import chi2_contingency
 from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
-from resting_aspects_ros.simulation.chunks import submit_drops
 from resting_aspects_ros.simulation.engine import drop_range
-from resting_aspects_ros.simulation.local_workers import LocalWorkers
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET, KERNEL
-from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.simulation.surroundings.kinds import (
+from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,
     Chute,
     Corner,
@@ -30,6 +25,9 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     VGroove,
     Wall,
 )
+from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.statistics.distribution import count_poses
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3

@@ -9,15 +9,18 @@ import trimesh
 from placed_bodies import flat_on, groove_height, in_groove, point_path
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.simulation.drop_job import CONTACT_STEPS
-from resting_aspects_ros.simulation.initial_state import BodyStates, InitialState
+from resting_aspects_ros.rotations import rotate
+from resting_aspects_ros.simulation.job import BULLET, CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel import RESIDUAL
-from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.run_description import BULLET
-from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, REST_WINDOW, Settling
-from resting_aspects_ros.simulation.surroundings.kinds import (
+from resting_aspects_ros.simulation.release import BodyStates, InitialState
+from resting_aspects_ros.simulation.settling import (
+    CHECK_INTERVAL,
+    REST_WINDOW,
+    WINDOW,
+    SceneSettling,
+    Settling,
+)
+from resting_aspects_ros.simulation.surroundings_kinds import (
     Chute,
     Corner,
     Slope,
@@ -25,7 +28,7 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     Wall,
     X,
 )
-from resting_aspects_ros.simulation.surroundings.scene_settling import WINDOW, SceneSettling
+from resting_aspects_ros.statistics.poses import RestStatus
 
 YAWS = np.radians([0, 20, 45, 70, 90])
 # The angle within which a threshold must be right.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import binom, chi2, power_divergence
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.studies.calibration import checks
 from resting_aspects_ros.studies.calibration.checks import (
     compare_surfaces,

@@ -7,9 +7,9 @@ import pytest
 import yaml
 from doc_pages import code
 
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.errors import RestingAspectsWarning as Warned
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsWarning as Warned
 from resting_aspects_ros.studies.calibration.counts_file import (
     CountedEntry,
     make_solid,

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from resting_aspects_ros.simulation.config_files import surfaces_file
-from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.checks import SurfaceComparison
 from resting_aspects_ros.studies.calibration.result import comparison_text, statements

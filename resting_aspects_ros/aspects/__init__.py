@@ -1,0 +1,1 @@
+"""Natural resting aspects of a part, determined from its shape alone."""

@@ -1,0 +1,394 @@
+"""Parts per minute of a feeder, from the drops, the action, the tray and the times of a cycle."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.footprint import (
+    Footprint,
+    FreeShares,
+    Tray,
+    coverage,
+    coverage_limit,
+    free_shares,
+)
+from resting_aspects_ros.feeding.steady_state import (
+    CycleTimes,
+    Moves,
+    RunSpread,
+    SteadyState,
+    drawn_moves,
+    limited_by,
+    moves_of,
+    parts_per_minute,
+    picks,
+    recurrent,
+    refilled_later,
+    run_spread,
+    sensitivity,
+    steady_state,
+    time_shares,
+)
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence, containing
+from resting_aspects_ros.statistics.markov import Mask
+
+# -- The model ------------------------------------------------------------------------------------
+
+
+_HARDLY = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class FeederModel:
+    """Everything that a forecast depends on, over k aspects or symmetry classes.
+
+    drop : (k,) int
+        Dropped parts at rest in each.
+    transitions : (k, m) int
+        Counts of the action from each to each, and in m - k columns to none of them.
+    pickable : (k,) bool
+    footprints : sequence of k Footprint
+    tray : Tray
+    times : CycleTimes
+    max_picks : int or None
+        Maximum number of picks after one image.
+    """
+
+    drop: Counts
+    transitions: Counts
+    pickable: Mask
+    footprints: Sequence[Footprint]
+    tray: Tray
+    times: CycleTimes
+    max_picks: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.pickable.any():
+            raise InvalidValueError('invalid pickable aspects: expected at least one')
+        if not self.drop.any() or not (self.transitions.sum(axis=1) > 0).all():
+            raise InvalidValueError(
+                'invalid counts: expected drops that come to rest in an aspect, and actions from '
+                'each aspect'
+            )
+        if self.max_picks is not None:
+            check_number('maximum number of picks', self.max_picks)
+
+
+class SteadyStates:
+    """The steady state for each number of parts, if the counts were the probabilities.
+
+    Attributes
+    ----------
+    trapped : (k,) bool
+        Aspects in which parts collect because the action does not bring them into a pickable one.
+        If there are any, the tray fills with these parts, and no part is picked in the long run.
+    """
+
+    def __init__(self, model: FeederModel) -> None:
+        self._model = model
+        self._moves = moves_of(model.drop, model.transitions)
+        self._shares, self.trapped = recurrent(self._moves, model.pickable)
+        self._occupied = self._shares > 0
+        m, here = self._moves, self._occupied
+        self._inside = Moves(m.drop[here], m.transitions[np.ix_(here, here)], m.left[here])
+
+    def at(self, table: FreeShares, number: int) -> SteadyState:
+        """Return the steady state with a number of parts on the tray.
+
+        Raises InvalidValueError if the number of parts does not fit.
+        """
+        found = self._at(table, number)
+        mix, taken = np.zeros((2, len(self._occupied)))
+        mix[self._occupied] = found.mix[:-1] / found.mix[:-1].sum()
+        taken[self._occupied] = found.taken[:-1]
+        return SteadyState(mix, taken, found.picks, found.lost)
+
+    def spread(self, table: FreeShares, number: int) -> RunSpread:
+        """Return how the number of picks of runs differs from that of the long run."""
+        found = self._at(table, number)
+        near = 0.0 if table.clustering is None else float(table.clustering[number - 1])
+        moves = refilled_later(self._inside)
+        return run_spread(moves, found, number, self._model.times, near)
+
+    def rates(self, table: FreeShares) -> Array:
+        """Return the parts per minute (n,) for each number of parts of a table."""
+        found = self._at(table, np.arange(1, len(table.free) + 1))
+        return parts_per_minute(self._model.times, found.picks, found.supplied)
+
+    def free(self, table: FreeShares) -> Array:
+        """Return the share (n,) of the pickable parts of a drop that are free."""
+        pickable = self._model.pickable
+        weight = np.where(pickable, self._moves.drop, 0.0)
+        weight = weight if weight.any() else pickable.astype(np.float64)
+        return np.asarray(table.free @ weight / weight.sum())
+
+    def _at(self, table: FreeShares, number: int | Counts) -> SteadyState:
+        """Return the steady state over the aspects that are occupied in the long run.
+
+        The last class is that of missing parts. For several numbers of parts (n,), its arrays have
+        a leading axis.
+        """
+        if self.trapped.any():
+            shape = np.shape(table.at(number))[:-1]
+            mix = np.append(self._shares[self._occupied], 0.0)
+            mix = np.broadcast_to(mix, (*shape, len(mix)))
+            none = picks(number, np.zeros(shape))
+            return SteadyState(mix, np.zeros_like(mix), none, np.zeros(shape))
+        pickable, most = self._model.pickable, self._model.max_picks
+        return tray_state(self._inside, table, pickable, self._occupied, number, most)
+
+
+def tray_state(
+    moves: Moves,
+    table: FreeShares,
+    pickable: Mask,
+    which: Mask,
+    number: int | Counts,
+    max_picks: int | None,
+) -> SteadyState:
+    """Return the steady state with a last class of missing parts; see `refilled_later`.
+
+    Parameters
+    ----------
+    moves : Moves
+        Of the aspects ``which`` (k,) of the table.
+    number : int or (n,) int
+        Parts on the tray after it is refilled. As some are missing in an image, the others are
+        free with the share of their mean number.
+    """
+    places = refilled_later(moves)
+
+    def state(shares: Array) -> SteadyState:
+        # Where no part is ever free, the mix is that of a tray whose parts are hardly ever picked,
+        # and where all are, that of one whose parts are hardly ever left.
+        free = np.where(pickable, np.clip(shares, _HARDLY, 1 - _HARDLY), 0.0)[..., which]
+        free = np.concatenate([free, np.zeros((*free.shape[:-1], 1))], axis=-1)
+        return steady_state(places, free, number, max_picks)
+
+    found = state(table.at(number))
+    missing = found.mix[..., -1]
+    return state(table.between(number * (1 - missing))) if missing.any() else found
+
+
+def check_number(name: str, value: object) -> None:
+    """Raise InvalidValueError unless the value is an integer of at least 1."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected 1 or more')
+
+
+# -- Forecast -------------------------------------------------------------------------------------
+
+
+DRAWS = 200
+# Random runs for each draw, for the prediction interval.
+RUNS = 50
+POINTS = 20  # of the curve
+# The shares of free parts are found again if the mix on the tray differs by more.
+MIX_CHANGE = 0.05
+MAX_MINUTES = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The forecast for several numbers of parts on the tray, ascending; all arrays are (n,).
+
+    Rates are parts per minute, with the interval of the long-run mean; ``empty_cycles`` is the
+    share of the cycles without a pick, and ``free`` that of the pickable parts that are free.
+    """
+
+    number: Counts
+    rate: Array
+    lower: Array
+    upper: Array
+    empty_cycles: Array
+    free: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The long run of a feeder with a number of parts on the tray.
+
+    number, best_number : int
+        Parts on the tray; best_number has the highest rate, None if no part can be picked.
+    at_limit : bool
+        Whether best_number is only the largest number for which the model holds.
+    rate, lower, upper : float
+        Parts per minute in the long run, with the interval that follows from the counts.
+    prediction : (float, float)
+        Interval of the parts per minute of a run of ``minutes``.
+    variance : float
+        Variance of the number of parts per minute of a run, 1/min.
+    state : SteadyState
+        By aspect or class, for the point estimate.
+    coverage : float
+        Share of the tray that the parts cover.
+    time_shares, sensitivity : dict
+        See `cycle.time_shares` and `cycle.sensitivity`.
+    limited_by : str or None
+    free : (k,) float
+        Probability that a part of each aspect is free.
+    trapped : (k,) bool
+        Aspects from which no part gets into a pickable one; not empty if the rate is 0.
+    """
+
+    number: int
+    best_number: int | None
+    at_limit: bool
+    rate: float
+    lower: float
+    upper: float
+    prediction: tuple[float, float]
+    minutes: float
+    variance: float
+    state: SteadyState
+    coverage: float
+    time_shares: dict[str, float]
+    sensitivity: dict[str, tuple[float, float]]
+    limited_by: str | None
+    curve: Curve
+    free: Array
+    trapped: Mask
+
+    @property
+    def flips_per_part(self) -> float:
+        """Mean number of flips of a part from its supply until it is picked; infinite if never."""
+        mean = float(self.state.picks.mean)
+        return (self.number - mean) / mean if mean > 0 else math.inf
+
+
+def check_minutes(minutes: float) -> None:
+    """Raise InvalidValueError unless the duration of a run is within its limits."""
+    if not (isinstance(minutes, int | float) and 0 < minutes <= MAX_MINUTES):
+        raise InvalidValueError(
+            f'invalid minutes {shown(minutes)}: expected more than 0 and at most {MAX_MINUTES:g}'
+        )
+
+
+def forecast(
+    model: FeederModel,
+    number: int | None = None,
+    *,
+    minutes: float = 60.0,
+    confidence: float = CONFIDENCE,
+    seed: int = 1,
+) -> Forecast:
+    """Forecast the parts per minute with a number of parts on the tray, by default the best one.
+
+    The interval of the mean has the quantiles of rates of draws from the posteriors of the drops
+    and of the transitions. The prediction interval has those of runs of ``minutes`` that begin
+    with an empty tray, each with one of these draws.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is invalid, or if the number of parts does not fit on the tray.
+    """
+    check_confidence(confidence)
+    if number is not None:
+        check_number('number of parts on the tray', number)
+    check_minutes(minutes)
+    states = SteadyStates(model)
+    table, rates = _table(model, states, number, seed)
+    limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
+    best = int(rates[:limit].argmax()) + 1 if rates.any() else None
+    numbers = np.arange(1, len(rates) + 1)
+    # If nothing can be picked, the number with most free parts.
+    chosen = number or best or int((states.free(table) * numbers).argmax()) + 1
+    state = states.at(table, chosen)
+    spread = states.spread(table, chosen)
+    generator = np.random.default_rng(seed)
+    drawn = drawn_moves(model.drop, model.transitions, DRAWS, generator)
+    tail = (1 - confidence) / 2
+    points = _points(len(rates), chosen, best or chosen)
+    draws = np.array([drawn_rates(model, drawn, table, n) for n in points])
+    shown_rates = rates[points - 1]
+    lower, upper = containing(shown_rates, *np.quantile(draws, [tail, 1 - tail], axis=1))
+    here = int(np.flatnonzero(points == chosen)[0])
+    rate = float(rates[chosen - 1])
+    runs = _runs(draws[here], spread, rate, model.times.feeder, minutes, generator)
+    low, high = np.quantile(runs, [tail, 1 - tail])
+    cycle = model.times, state.picks, state.supplied
+    return Forecast(
+        number=chosen,
+        best_number=best,
+        at_limit=best is not None and 1 < best == min(limit, len(rates)),
+        rate=rate,
+        lower=float(lower[here]),
+        upper=float(upper[here]),
+        prediction=(float(low), float(high)),
+        minutes=float(minutes),
+        variance=spread.variance,
+        state=state,
+        coverage=coverage(model.tray, model.footprints, state.mix, chosen),
+        time_shares=time_shares(*cycle),
+        sensitivity=sensitivity(*cycle),
+        limited_by=limited_by(*cycle),
+        curve=Curve(
+            number=points,
+            rate=shown_rates,
+            lower=lower,
+            upper=upper,
+            empty_cycles=np.array([float(states.at(table, n).picks.none) for n in points]),
+            free=states.free(table)[points - 1],
+        ),
+        free=table.at(chosen),
+        trapped=states.trapped,
+    )
+
+
+def _table(
+    model: FeederModel, states: SteadyStates, number: int | None, seed: int
+) -> tuple[FreeShares, Array]:
+    """Return the shares of free parts for the mix on the tray, and the rates (n,)."""
+
+    def with_mix(mix: Array) -> tuple[FreeShares, Array]:
+        table = free_shares(model.tray, model.footprints, mix, seed, number or 0)
+        return table, states.rates(table)
+
+    mix = model.drop / model.drop.sum()
+    table, rates = with_mix(mix)
+    at = min(number or int(rates.argmax()) + 1, len(rates))
+    found = states.at(table, at).mix
+    if len(set(model.footprints)) == 1 or np.abs(found - mix).max() < MIX_CHANGE:
+        return table, rates
+    return with_mix(found)
+
+
+def _points(last: int, *needed: int) -> Counts:
+    """Return the numbers of parts of the curve, ascending, with those that are needed."""
+    halves = (np.linspace(1, last, POINTS // 2), np.geomspace(1, last, POINTS // 2))
+    return np.unique(np.concatenate([*halves, needed]).round().astype(np.int64))
+
+
+def drawn_rates(model: FeederModel, drawn: Moves, table: FreeShares, number: int) -> Array:
+    """Return the parts per minute (d,) of each of the drawn moves."""
+    if not table.at(number)[model.pickable].any():
+        return np.zeros(len(drawn.drop))
+    every = np.ones_like(model.pickable)
+    found = tray_state(drawn, table, model.pickable, every, number, model.max_picks)
+    return parts_per_minute(model.times, found.picks, found.supplied)
+
+
+def _runs(
+    rates: Array,
+    spread: RunSpread,
+    rate: float,
+    feeder: float,
+    minutes: float,
+    generator: np.random.Generator,
+) -> Array:
+    """Return parts per minute of random runs (d, r), of which r have each of the rates (d,).
+
+    ``spread`` is that of the point estimate; it is assumed to be proportional to the rate.
+    A run ends anywhere in a cycle, so that up to the picks of ``feeder``, s, are missing.
+    """
+    relative = (rates / rate if rate else np.zeros_like(rates))[:, None]
+    deviation = generator.standard_normal((len(rates), RUNS))
+    start = spread.start * relative / minutes
+    end = rates[:, None] * feeder / 60 / minutes * generator.random(deviation.shape)
+    runs = start + np.sqrt(spread.variance * relative / minutes) * deviation
+    return np.maximum(rates[:, None] + runs - end, 0.0)

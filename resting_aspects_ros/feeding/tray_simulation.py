@@ -1,0 +1,587 @@
+"""Simulation of the parts on a tray, for controllers: parts per minute of their runs."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Protocol
+
+import numpy as np
+
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.control import (
+    Advice,
+    Choice,
+    Controller,
+    ControllerModel,
+    SeenPart,
+    advise,
+)
+from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap
+from resting_aspects_ros.feeding.forecast import (
+    DRAWS,
+    RUNS,
+    SteadyStates,
+    check_minutes,
+    drawn_rates,
+)
+from resting_aspects_ros.feeding.steady_state import (
+    Moves,
+    cycle_time,
+    drawn_moves,
+    parts_per_minute,
+)
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence, containing
+from resting_aspects_ros.statistics.markov import Mask
+
+# -- Places ---------------------------------------------------------------------------------------
+
+
+# Random places that are tried for a part; if none is empty, the part lies on another one.
+TRIES = 60
+_AT_ONCE = 4
+
+
+class Places(Protocol):
+    """Places of the parts on a tray, in their order."""
+
+    def shake(self, classes: Counts) -> None:
+        """Give parts of these classes (n,) new places; nothing else is on the tray."""
+
+    def add(self, classes: Counts) -> None:
+        """Add places for the last of the classes (n,), which do not have a place yet."""
+
+    def keep(self, which: Mask) -> None:
+        """Remove all but some of the parts."""
+
+    def clearance(self) -> Array:
+        """Return the distance (n,) of each part from others, m; -1 where the gripper is blocked.
+
+        The density model knows only the clearance that is needed, and -1.
+        """
+
+
+class DensityPlaces:
+    """Places by the share of free parts, without positions.
+
+    A part in a new place is free with the probability of the table. If parts are added, some of
+    the free ones become blocked. If parts are removed, no other part becomes free, because only
+    free parts are picked, which block none.
+    """
+
+    def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
+        self._model, self._generator = model, generator
+        self._is_free: Mask = np.zeros(0, dtype=np.bool_)
+
+    def shake(self, classes: Counts) -> None:  # noqa: D102
+        self._is_free = self._generator.random(len(classes)) < self._share(len(classes), classes)
+
+    def add(self, classes: Counts) -> None:  # noqa: D102
+        before, now = len(self._is_free), len(classes)
+        old, new = self._share(before, classes), self._share(now, classes)
+        chance = np.where(np.arange(now) < before, new / np.maximum(old, 1e-12), new)
+        free = np.append(self._is_free, np.ones(now - before, dtype=np.bool_))
+        self._is_free = free & (self._generator.random(now) < chance)
+
+    def keep(self, which: Mask) -> None:  # noqa: D102
+        self._is_free = self._is_free[which]
+
+    def clearance(self) -> Array:  # noqa: D102
+        return np.where(self._is_free, self._model.feeder.tray.clearance, -1.0)
+
+    def _share(self, number: int, classes: Counts) -> Array:
+        return self._model.free(np.array(float(number)))[classes]
+
+
+class RandomPlaces:
+    """Random positions of the footprints on the tray, which stay until the next vibration."""
+
+    def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
+        self._tray, self._generator = model.feeder.tray, generator
+        self._grips = GripRoom(self._tray, model.feeder.footprints)
+        self._kinds: Counts = np.zeros(0, dtype=np.int64)
+        self._sizes = np.array([footprint.values for footprint in model.feeder.footprints])
+        self._poses: Poses = np.zeros((0, 4))
+        self._size: Array = np.zeros((0, 3))
+
+    def shake(self, classes: Counts) -> None:  # noqa: D102
+        self.keep(np.zeros(len(self._kinds), dtype=np.bool_))
+        self.add(classes)
+
+    def add(self, classes: Counts) -> None:  # noqa: D102
+        for kind in classes[len(self._poses) :]:
+            pose = self._empty_place(self._sizes[kind])
+            self._poses = np.vstack([self._poses, pose])
+            self._size = np.vstack([self._size, self._sizes[kind]])
+            self._kinds = np.append(self._kinds, kind)
+
+    def keep(self, which: Mask) -> None:  # noqa: D102
+        self._poses, self._size = self._poses[which], self._size[which]
+        self._kinds = self._kinds[which]
+
+    def clearance(self) -> Array:  # noqa: D102
+        number = len(self._poses)
+        one, other = np.nonzero(~np.eye(number, dtype=np.bool_))
+        found = np.full(number, math.inf)
+        if not len(one):
+            return found
+        there = self._poses[other], self._size[other]
+        np.minimum.at(found, one, gap(self._poses[one], self._size[one], *there))
+        hit = self._grips.missing(self._kinds)
+        pair, grip = self._grips.hits(self._kinds[one], self._poses[one], *there).nonzero()
+        hit[one[pair], grip] = True
+        found[~free_grip(hit)] = -1.0
+        return found
+
+    def _empty_place(self, size: Array) -> Poses:
+        """Return the first of random poses (4,) in which a part overlaps no other."""
+        for _ in range(TRIES // _AT_ONCE):
+            yaw = self._generator.uniform(0, self._grips.turn, _AT_ONCE)
+            cos, sin = np.cos(yaw), np.sin(yaw)
+            a, b, radius = size
+            along, across = np.abs(cos), np.abs(sin)
+            half = np.stack([a * along + b * across, a * across + b * along], axis=1)
+            room = np.array(self._tray.size) / 2 - half - radius
+            place = self._generator.uniform(-1, 1, (_AT_ONCE, 2)) * np.maximum(room, 0.0)
+            poses = np.column_stack([place, cos, sin])
+            number = len(self._poses)
+            empty = (room >= 0).all(axis=1)
+            if number:
+                row = np.repeat(np.arange(_AT_ONCE), number)
+                other = np.tile(np.arange(number), _AT_ONCE)
+                mine = np.broadcast_to(size, (len(row), 3))
+                apart = gap(poses[row], mine, self._poses[other], self._size[other])
+                empty &= apart.reshape(_AT_ONCE, number).min(axis=1) >= 0
+            if empty.any():
+                return np.asarray(poses[int(empty.argmax())])
+        return np.asarray(poses[0])
+
+
+# -- Tray -----------------------------------------------------------------------------------------
+
+
+WAITING = 1.0  # s, until a feeder that waits takes the next image
+
+
+@dataclass(frozen=True, eq=False)
+class TrayRun:
+    """What happened in a simulated run.
+
+    picks, images, supplied : int
+    seconds : float
+    picked : (picks,) float
+        When each pick was over, s.
+    choices : mapping from Choice to int
+        How often each was chosen; after picks, the action that follows counts as well.
+    """
+
+    picks: int
+    images: int
+    supplied: int
+    seconds: float
+    picked: Array
+    choices: Mapping[Choice, int]
+
+    @property
+    def rate(self) -> float:
+        """Parts per minute."""
+        return 60 * self.picks / self.seconds
+
+
+class SimulatedTray:
+    """Parts on a tray, each of them with a class, a place, and whether vision recognises it."""
+
+    def __init__(
+        self,
+        model: ControllerModel,
+        places: Places,
+        generator: np.random.Generator,
+        unrecognised: float = 0.0,
+    ) -> None:
+        self._places, self._generator, self._unrecognised = places, generator, unrecognised
+        self.classes: Counts = np.zeros(0, dtype=np.int64)
+        self._known: Mask = np.zeros(0, dtype=np.bool_)
+        self.use(model.moves)
+
+    def use(self, moves: Moves) -> None:
+        """Take other shares of drops and flips of the same part from now on."""
+        self._drop = np.cumsum(moves.drop)
+        self._flips = np.cumsum(np.column_stack([moves.transitions, moves.left]), axis=1)
+
+    def seen(self) -> list[SeenPart]:
+        """Return what an image shows."""
+        if not len(self.classes):
+            return []
+        shown_class = np.where(self._known, self.classes + 1, 0).tolist()
+        clearance = self._places.clearance().tolist()
+        return [SeenPart(c, d) for c, d in zip(shown_class, clearance, strict=True)]
+
+    def remove(self, parts: Sequence[int]) -> None:
+        """Remove the parts with these indices."""
+        keep = np.ones(len(self.classes), dtype=np.bool_)
+        keep[list(parts)] = False
+        self._places.keep(keep)
+        self.classes, self._known = self.classes[keep], self._known[keep]
+
+    def flip(self) -> None:
+        """Flip all parts; some may leave the tray."""
+        rows = self._flips[self.classes]
+        rolled = self._generator.random(len(rows))[:, None] * rows[:, -1:]
+        moved = (rolled >= rows).sum(axis=1)
+        self.classes = moved[moved < len(self._drop)]
+        self.spread()
+
+    def spread(self) -> None:
+        """Give each part a new place."""
+        self._places.shake(self.classes)
+        self._known = self._recognised(len(self.classes))
+
+    def supply(self, number: int) -> None:
+        """Drop parts to random places."""
+        rolled = self._generator.random(number) * self._drop[-1]
+        self.classes = np.append(self.classes, np.searchsorted(self._drop, rolled, side='right'))
+        self._places.add(self.classes)
+        self._known = np.append(self._known, self._recognised(number))
+
+    def _recognised(self, number: int) -> Mask:
+        return np.asarray(self._generator.random(number) >= self._unrecognised)
+
+
+def simulate(
+    controller: Callable[[Sequence[SeenPart]], Advice],
+    model: ControllerModel,
+    seconds: float,
+    generator: np.random.Generator,
+    *,
+    success: float = 1.0,
+    unrecognised: float = 0.0,
+    positions: bool = False,
+    places: Places | None = None,
+    moves: Moves | None = None,
+) -> TrayRun:
+    """Simulate a feeder that obeys a controller, beginning with an empty tray.
+
+    The times are those of `cycle.cycle_time`, with an image after each advice.
+
+    Parameters
+    ----------
+    controller : function of the seen parts
+    model : ControllerModel
+        The true moves, shares of free parts and times; the controller may have another one.
+    seconds : float
+        The run ends with the first image after this time.
+    generator : Generator
+    success : float
+        Probability that a pick succeeds; otherwise, the part stays where it is.
+    unrecognised : float
+        Probability that a part is not recognised in its present place.
+    positions : bool
+        Whether parts have random positions without overlap (RandomPlaces). Otherwise, it is drawn
+        from the table of the model whether they are free (DensityPlaces).
+    places : Places, optional
+        Empty places to be used instead.
+    moves : Moves, optional
+        True moves that differ from those of the model.
+    """
+    if not seconds > 0:
+        raise InvalidValueError(f'invalid seconds {shown(seconds)}: expected more than 0')
+    places = places or (RandomPlaces if positions else DensityPlaces)(model, generator)
+    tray = SimulatedTray(model, places, generator, unrecognised)
+    if moves is not None:
+        tray.use(moves)
+    clock, images, supplied = 0.0, 0, 0
+    done: list[float] = []
+    choices: Counter[Choice] = Counter()
+    while clock < seconds:
+        images += 1
+        advice = controller(tray.seen())
+        action = advice.then if advice.choice is Choice.PICK else advice.choice
+        choices.update({advice.choice, action or advice.choice})
+        hits = [success >= 1 or bool(generator.random() < success) for _ in advice.picks]
+        done += [clock + k * model.times.robot for k, hit in enumerate(hits, 1) if hit]
+        tray.remove([i for i, hit in zip(advice.picks, hits, strict=True) if hit])
+        if action is Choice.FLIP:
+            tray.flip()
+        elif action is Choice.SPREAD:
+            tray.spread()
+        tray.supply(advice.supply)
+        supplied += advice.supply
+        clock += _duration(model, action, len(advice.picks)) + model.times.supply * advice.supply
+    return TrayRun(len(done), images, supplied, clock, np.array(done), dict(choices))
+
+
+def _duration(model: ControllerModel, action: Choice | None, picks: int) -> float:
+    """Return the time of picks and of an action of the feeder with the image, s."""
+    times = model.times
+    seconds = times.image
+    if action is Choice.WAIT:
+        seconds += WAITING
+    elif action is not None:
+        seconds += times.settle
+    if action is Choice.FLIP:
+        seconds += times.vibrate
+    elif action is Choice.SPREAD:
+        seconds += model.spread or 0.0
+    return seconds + picks * times.robot - (min(times.place, seconds) if picks else 0.0)
+
+
+# -- A feeder -------------------------------------------------------------------------------------
+
+
+# The robot picks a part if the centroid of its outline is so close to where it was seen, m.
+REACH = 2e-3
+
+
+class SeenPlaces(Places, Protocol):
+    """Places of outlines."""
+
+    @property
+    def centres(self) -> Array:
+        """(n, 2) float: centroids of the outlines, m."""
+
+
+class VirtualFeeder:
+    """A tray of parts, a robot and the clock of both.
+
+    Parameters
+    ----------
+    model : ControllerModel
+        The true shares of drops and flips, and the times.
+    places : SeenPlaces
+    generator : Generator
+
+    Attributes
+    ----------
+    tray : SimulatedTray
+    seconds : float
+        Simulated time since the beginning, s.
+    picks, supplied : int
+    """
+
+    def __init__(
+        self, model: ControllerModel, places: SeenPlaces, generator: np.random.Generator
+    ) -> None:
+        self.tray = SimulatedTray(model, places, generator)
+        self._places = places
+        self._model = model
+        self.seconds = self._robot_ready = 0.0
+        self.picks = self.supplied = 0
+
+    def use(self, model: ControllerModel) -> None:
+        """Take the true moves and the times from another model of the same part from now on."""
+        self._model = model
+        self.tray.use(model.moves)
+
+    def take_image(self) -> None:
+        """Let the time of an image and its evaluation pass."""
+        self.seconds += self._model.times.image
+
+    def pick(self, x: float, y: float, symmetry_class: int) -> bool:
+        """Let the robot pick a part; return whether it has.
+
+        It picks the part whose outline has its centroid at (x, y), tray frame, m, if that is of
+        the symmetry class for which the robot grasps it. Other than the centre of mass, the
+        centroid is the same for all poses with the same outline.
+        """
+        times = self._model.times
+        begin = max(self.seconds, self._robot_ready)
+        # The robot then places the part, while the feeder may vibrate.
+        self.seconds, self._robot_ready = begin + times.robot - times.place, begin + times.robot
+        if not len(self.tray.classes):
+            return False
+        apart = np.linalg.norm(self._places.centres - (x, y), axis=1)
+        nearest = int(apart.argmin())
+        is_there = bool(apart[nearest] <= REACH)
+        if not is_there or self.tray.classes[nearest] + 1 != symmetry_class:
+            return False
+        self.tray.remove([nearest])
+        self.picks += 1
+        return True
+
+    def move(self, action: Choice, supply: int = 0) -> None:
+        """Flip, spread or supply parts, or wait; after that, the parts are at rest."""
+        times = self._model.times
+        if action is Choice.FLIP:
+            self.tray.flip()
+            self.seconds += times.vibrate
+        elif action is Choice.SPREAD:
+            self.tray.spread()
+            self.seconds += self._model.spread or 0.0
+        self.seconds += WAITING if action is Choice.WAIT else times.settle
+        if supply:
+            self.tray.supply(supply)
+            self.supplied += supply
+            self.seconds += times.supply * supply
+
+
+# -- Runs -----------------------------------------------------------------------------------------
+
+
+# Simulated runs, and how many cycles of the forecast each lasts if the requested run is longer.
+SIMULATED, CYCLES = 32, 60
+# Share of a simulated run after which the tray counts as filled and mixed.
+WARM_UP = 0.25
+# Successive parts of the rest of a run, whose variance is that of its cycles.
+BATCHES = 3
+# Sum of squares of relative rates below which they count as equal.
+SAME = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledRuns:
+    """Parts per minute of a feeder with a controller.
+
+    rate, lower, upper : float
+        In the long run: the rate if the counts were the probabilities, and the interval that
+        follows from the counts and the simulation.
+    prediction : (float, float)
+        Interval of a run of ``minutes``, which begins with an empty tray.
+    minutes : float
+    """
+
+    rate: float
+    lower: float
+    upper: float
+    prediction: tuple[float, float]
+    minutes: float
+
+
+def forecast_controller(
+    model: ControllerModel,
+    minutes: float = 60.0,
+    *,
+    places: Callable[[np.random.Generator], Places] | None = None,
+    controller: Controller | None = None,
+    confidence: float = CONFIDENCE,
+    seed: int = 1,
+) -> ControlledRuns:
+    """Forecast the parts per minute of a run of ``minutes``; takes 5 to 20 s.
+
+    Parameters
+    ----------
+    model : ControllerModel
+        Known to the controller, and the truth up to the uncertainty of its counts.
+    minutes : float
+    places : function, optional
+        Returns the places of a run; by default the footprints of the model (RandomPlaces).
+    controller : function, optional
+        By default `advise` with the model.
+    confidence : float
+    seed : int
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is invalid.
+    """
+    check_confidence(confidence)
+    check_minutes(minutes)
+    generator = np.random.default_rng(seed)
+    decide = controller or partial(advise, model=model)
+    runs = _simulated(model, decide, float(minutes), places, generator)
+    rate, slope = runs.line
+    of_line, of_moves, of_minute = runs.variances(generator)
+    off = runs.relative[:, None] - 1
+    noise = generator.standard_normal((2, DRAWS, RUNS))
+    means = rate + slope * off + np.sqrt(of_line + of_moves) * noise[0]
+    ends = of_line + of_moves + of_minute * np.maximum(1 + off, 0.0) / minutes
+    found = rate + slope * off + runs.start / minutes + np.sqrt(ends) * noise[1]
+    tail = (1 - confidence) / 2
+    (lower, upper), (low, high) = (
+        np.maximum(np.quantile(each, [tail, 1 - tail]), 0.0).tolist() for each in (means, found)
+    )
+    at_counts = max(rate + slope * (runs.point - 1), 0.0)
+    lower, upper = (float(each) for each in containing(at_counts, lower, upper))
+    return ControlledRuns(at_counts, lower, upper, (low, high), float(minutes))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRuns:
+    """Simulated runs, each with other true moves.
+
+    relative : (d,) float
+        Rate of each draw of the moves by the formula of the fixed cycle, divided by their mean;
+        the first ones are those of the runs.
+    point : float
+        The same of the counts, as if they were the probabilities.
+    batches : (r, BATCHES) float
+        Picks per minute of each run in successive parts of ``steady`` minutes.
+    start : float
+        Mean difference of the picks of a run from rate x duration, because the tray is empty.
+    """
+
+    relative: Array
+    point: float
+    batches: Array
+    steady: float
+    start: float
+
+    @cached_property
+    def line(self) -> tuple[float, float]:
+        """Rate where the formula gives the mean of the draws, and its change with ``relative``.
+
+        A controller does not depend on the moves as the fixed cycle does.
+        """
+        rates, off = self.batches.mean(axis=1), self.relative[: len(self.batches)] - 1
+        square = ((off - off.mean()) ** 2).sum()
+        slope = (off - off.mean()) @ rates / square if square > SAME else 0.0
+        return float(rates.mean() - slope * off.mean()), float(slope)
+
+    def variances(self, generator: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Return draws (DRAWS, 1) of the variance of the rate that the line leaves, 1/min^2.
+
+        Of the line itself; of the moves; and of a minute of a run, which decreases with its
+        length. That of the moves is the difference of two estimates, whose errors have chi square
+        distributions; without draws of them it would often be 0.
+        """
+        number, batches = len(self.batches), self.batches.shape[1]
+        mean, slope = self.line
+        rest = self.batches.mean(axis=1) - mean - slope * (self.relative[:number] - 1)
+        inside = self.batches - self.batches.mean(axis=1, keepdims=True)
+        free, free_inside = number - 2, number * (batches - 1)
+        whole = (rest**2).sum() / generator.chisquare(free, (DRAWS, 1))
+        minute = (inside**2).sum() / generator.chisquare(free_inside, (DRAWS, 1))
+        minute *= self.steady / batches
+        return whole / number, np.maximum(whole - minute / self.steady, 0.0), minute
+
+
+def _simulated(
+    model: ControllerModel,
+    decide: Controller,
+    minutes: float,
+    places: Callable[[np.random.Generator], Places] | None,
+    generator: np.random.Generator,
+) -> SimulatedRuns:
+    """Simulate runs of at most ``minutes`` whose true moves are drawn from their posterior."""
+    feeder, number = model.feeder, model.best_number
+    state = SteadyStates(feeder).at(model.table, number)
+    cycle = float(cycle_time(feeder.times, state.picks, state.supplied)) / 60
+    length = min(minutes, CYCLES * cycle)
+    drawn = drawn_moves(feeder.drop, feeder.transitions, DRAWS, generator)
+    rates = drawn_rates(feeder, drawn, model.table, number)
+    ends = 60 * length * np.linspace(WARM_UP, 1, BATCHES + 1)
+    counts = []
+    for k, each in enumerate(generator.spawn(SIMULATED)):
+        picked = simulate(
+            decide,
+            model,
+            60 * length,
+            each,
+            positions=True,
+            places=None if places is None else places(each),
+            moves=Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]),
+        ).picked
+        counts.append(np.searchsorted(picked, ends))
+    steady = (1 - WARM_UP) * length
+    batches = np.diff(counts, axis=1) / (steady / BATCHES)
+    mean = rates.mean()
+    at_counts = float(parts_per_minute(feeder.times, state.picks, state.supplied))
+    return SimulatedRuns(
+        rates / mean if mean > 0 else np.ones(DRAWS),
+        at_counts / mean if mean > 0 else 1.0,
+        batches,
+        steady,
+        float(np.array(counts)[:, -1].mean() - batches.mean() * length),
+    )

@@ -1,0 +1,217 @@
+"""The parts of a folder of mesh files, by their names."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.errors import (
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+    did_you_mean,
+    shown,
+)
+from resting_aspects_ros.input_files import (
+    FileModel,
+    FromOne,
+    Named,
+    Number,
+    Positive,
+    is_file,
+    named,
+    printable,
+    read_yaml,
+    validated,
+)
+from resting_aspects_ros.part.loading import FILE_FORMATS, load_part
+from resting_aspects_ros.part.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, Unit, is_valid_name
+from resting_aspects_ros.part.scene_files import SCENE_FORMATS
+
+
+class PartFile(FileModel):
+    """A part's YAML file; see PartLibrary."""
+
+    unit: Unit = DEFAULT_UNIT
+    density: Positive = 0
+    mass: Positive = 0
+    centre_of_mass: tuple[Number, Number, Number] = (0, 0, 0)
+    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0, 0, 0, 0, 0, 0)
+    body: FromOne | Named = 0
+
+
+EXPECTED = {
+    'unit': f'one of {", ".join(UNITS)}',
+    'density': 'a finite number above 0',
+    'mass': 'a finite number above 0',
+    'centre_of_mass': '3 finite numbers',
+    'inertia': '6 finite numbers',
+    'body': 'an integer of at least 1, or the name of a body',
+}
+
+Stamp = tuple[tuple[int, int] | None, ...]
+
+
+class PartLibrary:
+    """Parts by name, read from a folder on request, and read again when a file changes.
+
+    Parameters
+    ----------
+    folder : Path
+        Contains <name>.<format>, with one of FILE_FORMATS, and an optional <name>.yaml with unit,
+        density (kg/m^3) or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia
+        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), and body (number,
+        from 1, or name of the body in a mesh with several).
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder)
+        self._loaded: dict[str, tuple[Stamp, Part | RestingAspectsError]] = {}
+
+    def names(self) -> list[str]:
+        """Return the names of the registered parts, sorted."""
+        return sorted(self._meshes())
+
+    def stamps(self) -> dict[str, Stamp]:
+        """Return a stamp for each registered part, which changes when one of its files changes."""
+        return {
+            name: (_stamp(mesh), _stamp(mesh.with_suffix('.yaml')))
+            for name, mesh in self._meshes().items()
+        }
+
+    def problems(self) -> list[str]:
+        """Return a message for each file that looks like a part but is not registered."""
+        where = f'in {str(self.folder)!r}'
+        by_stem = self._by_stem()
+        found = (
+            []
+            if os.access(self.folder, os.R_OK | os.X_OK) and self.folder.is_dir()
+            else [f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
+        )
+        found += [
+            f'{printable(file.name)} {where} is not used: expected the name <part>.yaml, with a '
+            'mesh of the same name'
+            for file in self._files()
+            if file.suffix.lower() in ('.yaml', '.yml')
+            and not (file.suffix == '.yaml' and file.stem in by_stem)
+        ]
+        return found + list(dict.fromkeys(self.not_registered().values()))
+
+    def not_registered(self) -> dict[str, str]:
+        """Return the reason for each mesh file that is not registered as a part."""
+        where = f'in {str(self.folder)!r}'
+        found: dict[str, str] = {}
+        for stem, files in self._by_stem().items():
+            names = ', '.join(printable(file.name) for file in files)
+            if not is_valid_name(stem):
+                why = (
+                    f'{names} {where} is not registered: expected a name of lower case letters, '
+                    f'digits and _, a letter first, at most {MAX_NAME} characters'
+                )
+            elif len(files) > 1:
+                why = f'{names} {where} are not registered: expected one mesh for part {stem!r}'
+            else:
+                continue
+            found |= {printable(file.name): why for file in files}
+        return found
+
+    def load(self, name: str) -> Part:
+        """Return the part with this name.
+
+        Raises
+        ------
+        UnknownPartError
+            If no part has this name; the message lists the registered parts.
+        PartError, InvalidValueError
+            If the mesh or the YAML file cannot be used.
+        """
+        mesh = self._meshes().get(name)
+        if mesh is None:
+            raise UnknownPartError(self._unknown(name))
+        yaml_file = mesh.with_suffix('.yaml')
+        stamp = (_stamp(mesh), _stamp(yaml_file))
+        loaded = self._loaded.get(name)
+        if loaded is None or loaded[0] != stamp:
+            loaded = self._loaded[name] = stamp, _read(mesh, yaml_file if stamp[1] else None)
+        result = loaded[1]
+        if isinstance(result, RestingAspectsError):
+            raise type(result)(str(result))
+        return result
+
+    def _meshes(self) -> dict[str, Path]:
+        return {
+            stem: files[0]
+            for stem, files in self._by_stem().items()
+            if len(files) == 1 and is_valid_name(stem)
+        }
+
+    def _by_stem(self) -> dict[str, list[Path]]:
+        found: dict[str, list[Path]] = {}
+        for file in self._files():
+            if file.suffix.lower().removeprefix('.') in FILE_FORMATS:
+                found.setdefault(file.stem, []).append(file)
+        return found
+
+    def _files(self) -> list[Path]:
+        try:
+            return sorted(filter(is_file, self.folder.iterdir()))
+        except OSError:  # problems() reports it
+            return []
+
+    def _unknown(self, name: str) -> str:
+        names = self.names()
+        hint = did_you_mean(name, names)
+        related = [problem for problem in self.problems() if printable(str(name)) in problem]
+        hint += ''.join(f'; {problem}' for problem in related)
+        return unknown_part_text(name, names, f'none in {str(self.folder)!r}') + hint
+
+
+def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
+    """Return the error message for an unknown part name; ``none`` replaces an empty list."""
+    names = ', '.join(sorted(known)) or none
+    return f'part {shown(str(name))} is not known; known parts: {names}'
+
+
+def _read(mesh: Path, yaml_file: Path | None) -> Part | RestingAspectsError:
+    """Return the part or the error, so that an invalid file is not read again either."""
+    try:
+        return load_part(mesh, mesh.stem, **(read_part_yaml(yaml_file, mesh) if yaml_file else {}))
+    except RestingAspectsError as error:
+        return error
+
+
+def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
+    """Return the values of the YAML file of a mesh as arguments of load_part, in SI units.
+
+    Raises
+    ------
+    PartError
+        If the file cannot be read, has an unknown key, a value of the wrong kind, or a centre of
+        mass without a unit beside a mesh that has its own.
+    """
+    label = named('part file', path)
+    content = read_yaml(path, 'part file', error=PartError)
+    if content is None:
+        return {}
+    checked = validated(PartFile, content, label, EXPECTED, PartError)
+    given: dict[str, Any] = {key: getattr(checked, key) for key in content}
+    for key in given.keys() & {'density', 'mass'}:
+        given[key] = float(given[key])
+    if 'centre_of_mass' in given:
+        if 'unit' not in given and mesh.suffix.lower().removeprefix('.') in SCENE_FORMATS:
+            raise PartError(
+                f'missing unit in {label}: expected the unit of {named("mesh", mesh)}, in which '
+                'the centre_of_mass is given'
+            )
+        metres = UNITS[given.get('unit', DEFAULT_UNIT)]
+        given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
+    return given
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return the modification time and the size of a file; None if it does not exist."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size

@@ -1,0 +1,536 @@
+"""A run of drops: its description, its planning, and the job of the workers."""
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.find import JoinedMinima, join_minima
+from resting_aspects_ros.aspects.landscape import Landscape, RestRule
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.part.hull import SAME_FACET
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import convex_pieces
+from resting_aspects_ros.simulation.action_starts import below_edge
+from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.starts import Edge, Motion, Starts
+from resting_aspects_ros.statistics.intervals import check_precision
+
+# -- Description ----------------------------------------------------------------------------------
+
+
+MAX_DROPS = 2_000_000
+MAX_SEED = 2**64 - 1
+_MAX_RUN_ID_LENGTH = 64
+# The run id is a part of the name of the run's log.
+_RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_RUN_ID_LENGTH - 1}}}')
+# The default seed is fixed, so that identical requests have identical results.
+DEFAULT_SEED = 1
+DEFAULT_DROPS = 1000
+# The engines: the kernel, for parts that only touch planes, also on a GPU, and Bullet.
+KERNEL, CUDA, BULLET = 'kernel', 'cuda', 'bullet'
+# The version of the law and its numerical parameters: poses of another version can differ.
+KERNEL_VERSION = '1'
+
+
+@dataclass(frozen=True)
+class RunDescription:
+    """Drops of one part under one set of conditions and one seed; has the message's fields.
+
+    ``time_step`` is in s, ``started`` in ns since the epoch.
+    """
+
+    run_id: str
+    part: str
+    part_sha256: str
+    conditions: DropConditions
+    seed: int
+    first_drop: int
+    drops: int
+    precision: float
+    engine: str
+    engine_version: str
+    suite_version: str
+    time_step: float
+    started: int
+
+    @property
+    def end(self) -> int:
+        """Index after the last requested drop."""
+        return self.first_drop + self.drops
+
+    def document(self) -> dict[str, object]:
+        """Return the description as plain JSON types."""
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        return {**values, 'conditions': self.conditions.document()}
+
+    def sequence(self) -> tuple[object, ...]:
+        """Return the inputs that, together with a drop's index, determine its resting pose."""
+        return (
+            self.part_sha256,
+            self.conditions.key(),
+            self.seed,
+            self.engine,
+            self.engine_version,
+            self.suite_version,
+            self.time_step,
+        )
+
+
+def check_drops(drops: int) -> None:
+    """Raise InvalidValueError if the number of drops of a run is out of bounds."""
+    _check_integer('drops', drops, 1, MAX_DROPS)
+
+
+def check_seed(seed: int) -> None:
+    """Raise InvalidValueError if the seed is out of bounds."""
+    _check_integer('seed', seed, 0, MAX_SEED)
+
+
+def check_run_id(run_id: str) -> None:
+    """Raise InvalidValueError if the run id is invalid; an empty one requests a new id."""
+    if run_id and not _RUN_ID.fullmatch(run_id):
+        raise InvalidValueError(
+            f'invalid run_id {shown(run_id)}: expected up to {_MAX_RUN_ID_LENGTH} letters, '
+            'digits, "_", "-" and ".", a letter or digit first'
+        )
+
+
+def check_first_drop(first_drop: int, drops: int) -> None:
+    """Raise InvalidValueError if the first drop is out of bounds for this number of drops."""
+    _check_integer('first_drop', first_drop, 0, MAX_SEED - drops)
+
+
+def _check_integer(name: str, value: object, low: int, high: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InvalidValueError(
+            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
+        )
+
+
+# -- Job ------------------------------------------------------------------------------------------
+
+
+# Time steps per T of lasting contact in the kernel.
+CONTACT_STEPS = 40
+# Number of drops that a worker makes at once. It affects no pose.
+CHUNKS = {KERNEL: 500, CUDA: 100_000, BULLET: 125}
+# Bullet's minimum number of time steps per T. Finer steps change no probability of an L bracket by
+# more than the sampling error.
+STEPS_PER_T = 160
+# The same while the surface moves. A plate that hardly tilts hits a part that lies flat with one
+# corner after the other, which finer steps resolve. In the worst case found (a box with
+# restitution 0.3 on a plate of 25 Hz, 1.5 mm and 0.001 rad), a share of 0.20 with 640 and 1280
+# steps was 0.22 with 320 and 0.25 with 160 steps (standard error 0.01).
+MOTION_STEPS_PER_T = 320
+# The same for the first impacts of parts that fall from an edge. They hit the lower belt with two
+# corners at almost the same time, because they turn about the edge. In the worst case found (a box
+# that falls onto a side, n = 3000), a share of 0.021 with 2560 steps was 0.021 with 1280, 0.037
+# with 640, 0.056 with 320 and 0.085 with 160 steps; the differences to 2560 steps have standard
+# errors of 0.002 to 0.005. Other shares still change by up to 0.007 from 1280 to 2560 steps.
+EDGE_STEPS_PER_T = 2560
+# Checks per T of parts that move over an edge; a multiple of it is the number of steps per T.
+EDGE_CHECKS_PER_T = 8
+# Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
+# and for up to 3 standard deviations of speed and spin at release.
+TRAVEL_PER_STEP = 0.05
+# Maximum number of time steps while the surface moves.
+MAX_MOTION_STEPS = 500_000
+# Maximum time, T, in which an upper belt carries a part over its edge by the length R.
+MAX_BELT_TIME = 100.0
+# A part whose centre of mass is further than this, R, from the wall below an edge cannot touch it
+# when it rolls to its minimum: it turns about a point that is less than R away, and reaches R.
+WALL_DISTANCE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class DropJob:
+    """The data with which a worker simulates drops of a part; the same for every drop of a run.
+
+    hull : (k, 3) float
+        Hull vertices relative to the centre of mass, in principal axes and in units of R.
+    moments : (3,) float
+        Principal moments of inertia in units of mass x R^2.
+    axes : (4,) float
+        Unit quaternion xyzw, part from body. The axes of the body frame are the principal axes.
+    centre_of_mass : (3,) float
+        In the part frame, m.
+    radius : float
+        R, the hull radius, m.
+    rest : RestRule
+        Rule that decides the aspect from the energy, in the part frame.
+    min_height : float
+        Minimum height of the centre of mass at rest, R.
+    rolling_length : float
+        Length that scales the rolling friction, R; see `plan.rolling_length`.
+    until_still : bool
+        Continue until the part is still, even after the energy has decided the aspect. Used to
+        verify the decision and to measure the time that it saves.
+    refinement : int
+        Factor by which the number of time steps is multiplied.
+    starts : Starts or None
+        Where and how the parts start; None if they are released as the conditions say.
+    scene : Scene or None
+        Surroundings; None: an infinite level plane.
+    pieces : tuple of (k, 3) float
+        Corners of convex pieces of the part, body axes, R, if edges or meshes touch it.
+    engine : str
+        KERNEL, CUDA or BULLET.
+
+    Raises
+    ------
+    InvalidValueError
+        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement, if an
+        upper belt is too slow, or if its restitution is more than 1.
+    """
+
+    hull: Array
+    moments: Array
+    axes: Array
+    centre_of_mass: Array
+    radius: float
+    conditions: DropConditions
+    seed: int
+    rest: RestRule
+    min_height: float
+    rolling_length: float
+    until_still: bool = False
+    refinement: int = 1
+    starts: Starts | None = None
+    scene: Scene | None = None
+    pieces: tuple[Array, ...] = ()
+    engine: str = KERNEL
+
+    def __post_init__(self) -> None:
+        if self.edge is not None:
+            self._check_edge(self.edge)
+        if self.motion is None:
+            return
+        step = min(self.time_step * self.refinement, self.motion.time_step)
+        longest = MAX_MOTION_STEPS * step
+        if self.motion.duration > longest:
+            raise InvalidValueError(
+                f'invalid duration {self.motion.duration:.4g} s: expected at most {longest:.4g} s '
+                f'for this part, which is {MAX_MOTION_STEPS} time steps'
+            )
+
+    def _check_edge(self, edge: Edge) -> None:
+        slowest = self.radius / (MAX_BELT_TIME * self.time_unit)
+        if edge.belt_speed < slowest:
+            raise InvalidValueError(
+                f'invalid belt speed {edge.belt_speed:.4g} m/s: expected at least {slowest:.4g} '
+                'm/s for this part'
+            )
+        restitution = self.conditions.restitution * edge.restitution_factor
+        if restitution > 1:
+            raise InvalidValueError(
+                f'invalid restitution {restitution:.4g} of the upper belt, which follows from the '
+                'restitution and the restitution factor: expected at most 1'
+            )
+
+    @property
+    def chunk(self) -> int:
+        """Number of drops that a worker makes at once."""
+        return CHUNKS[self.engine]
+
+    def clear_of_wall(self, x: Array, now: float) -> npt.NDArray[np.bool_]:
+        """Return whether parts (n,) at x, R, cannot touch the wall below an edge when they roll.
+
+        ``now`` is the time after they passed the edge, T. Without an edge there is no wall.
+        """
+        if self.edge is None:
+            return np.ones(len(x), dtype=np.bool_)
+        return np.asarray(x - self.wall_speed * now > WALL_DISTANCE)
+
+    @property
+    def wall_speed(self) -> float:
+        """Speed of the wall below an edge in the frame of the lower belt, R / T; 0 without one."""
+        return -self.lower_speed
+
+    @property
+    def lower_speed(self) -> float:
+        """Speed of the belt below an edge, R / T; 0 without one."""
+        return 0.0 if self.edge is None else self.edge.lower_speed * self.time_unit / self.radius
+
+    @property
+    def motion(self) -> Motion | None:
+        """Motion of the surface after the start; None if it stays at rest."""
+        return None if self.starts is None else self.starts.motion
+
+    @property
+    def edge(self) -> Edge | None:
+        """Edge that the parts pass before they are on the surface; None without one."""
+        return None if self.starts is None else self.starts.edge
+
+    def in_motion(self, now: float) -> bool:
+        """Return whether the surface still moves at ``now`` T after the start."""
+        return self.motion is not None and now * self.time_unit < self.motion.duration
+
+    def surface_states(self, made: int, steps: int) -> Iterator[tuple[list[float], ...]]:
+        """Yield position, orientation, velocity and spin of the moving surface, in R and T.
+
+        For the beginning of each of the steps after the first ``made`` steps, and for the end of
+        the last. The velocity is that in the middle of a step, which leads from one position to
+        the next.
+        """
+        assert self.motion is not None
+        step = self.time_unit / self.steps_per_t
+        times = np.arange(made, made + steps + 1, dtype=np.float64) * step
+        position, orientation = self.motion.pose(times)
+        velocity, spin = self.motion.velocity(times + step / 2)
+        unit, radius = self.time_unit, self.radius
+        scaled = (position / radius, orientation, velocity * (unit / radius), spin * unit)
+        return zip(*(values.tolist() for values in scaled), strict=True)
+
+    @property
+    def time_unit(self) -> float:
+        """T = sqrt(R / g), s."""
+        return math.sqrt(self.radius / self.conditions.gravity)
+
+    @property
+    def down(self) -> Array:
+        """(3,) direction of gravity, in the frame of the engine: that of the scene, if any."""
+        return np.array([0.0, 0.0, -1.0]) if self.scene is None else self.scene.down
+
+    @property
+    def frame_velocity(self) -> Array:
+        """(3,) velocity of the frame in which surroundings are simulated, R / T, scene frame."""
+        if self.scene is None or self.motion is not None:
+            return np.zeros(3)
+        return self.scene.frame_velocity * (self.time_unit / self.radius)
+
+    @property
+    def impact_speed(self) -> float:
+        """Speed at which the fastest point of the part hits the surface, m/s.
+
+        Assumes 3 standard deviations of the speed and the spin at release. The horizontal speed
+        is included, because friction converts it to spin.
+        """
+        if self.starts is not None:
+            return self.starts.max_speed
+        c = self.conditions
+        fall = 2 * c.gravity * c.height
+        thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)
+        belt = 0.0
+        if self.scene is not None:
+            belt = max(abs(body.contact.speed) for body in self.scene.bodies)
+        return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius + belt
+
+    @property
+    def steps_per_t(self) -> int:
+        """Number of Bullet's time steps per T; below an edge, that of the first impacts."""
+        if self.motion is not None:
+            resolved = math.ceil(self.time_unit / self.motion.time_step)
+            return self.steps(max(MOTION_STEPS_PER_T, resolved))
+        return self.steps(STEPS_PER_T if self.edge is None else EDGE_STEPS_PER_T)
+
+    def steps(self, least: int) -> int:
+        """Return the number of time steps per T, at least ``least`` and as the speed requires."""
+        speed = self.impact_speed * self.time_unit / self.radius
+        steps = max(least, math.ceil(speed / TRAVEL_PER_STEP))
+        if self.edge is not None:
+            steps = -(-steps // EDGE_CHECKS_PER_T) * EDGE_CHECKS_PER_T
+        return steps * self.refinement
+
+    @property
+    def time_step(self) -> float:
+        """Time step of the engine, s; the kernel makes such steps only in lasting contact."""
+        if self.engine != BULLET:
+            return self.time_unit / (CONTACT_STEPS * self.refinement)
+        return self.time_unit / self.steps_per_t
+
+
+# -- Planning -------------------------------------------------------------------------------------
+
+
+# A flat side is narrow if an edge is closer than this, R, to the point below the centre of mass.
+NARROW = 0.15
+# Faster impacts, R / T, are rejected: their many small steps would occupy a worker for hours.
+MAX_IMPACT = 100.0
+# Faster belts in surroundings, R / T, are rejected: the time steps that resolve their contact with
+# a part would be as many as for such an impact, but until the part is at rest.
+MAX_BELT = 20.0
+
+
+def plan_run(
+    part: Part,
+    conditions: DropConditions,
+    *,
+    seed: int,
+    drops: int,
+    run_id: str,
+    started: int,
+    first_drop: int = 0,
+    precision: float = 0.0,
+    landscape: Landscape | None = None,
+    starts: Starts | None = None,
+    engine: str = '',
+) -> tuple[DropJob, RunDescription]:
+    """Return the job and the description of a run; raises InvalidValueError.
+
+    Parameters
+    ----------
+    precision : float
+        Half width of the intervals at which the run stops; 0 if it simulates all its drops.
+    landscape : Landscape or None
+        Landscape of the part, if it was already computed.
+    starts : Starts or None
+        Where and how the parts start; None: they are released as the conditions say.
+    engine : str
+        'kernel', 'cuda' (the kernel on a GPU), 'bullet', or '': the kernel for everything that it
+        can simulate.
+    """
+    check_drops(drops)
+    if precision != 0:
+        check_precision(precision)
+        if first_drop != 0:
+            raise InvalidValueError(
+                f'invalid first_drop {first_drop}: expected 0 for a run that stops at a precision'
+            )
+    check_seed(seed)
+    check_first_drop(first_drop, drops)
+    job = make_job(part, conditions, seed, landscape=landscape, starts=starts, engine=engine)
+    return job, RunDescription(
+        run_id=run_id,
+        part=part.name,
+        part_sha256=part.part_sha256,
+        conditions=conditions,
+        seed=seed,
+        first_drop=first_drop,
+        drops=drops,
+        precision=precision,
+        engine=job.engine,
+        engine_version=engine_version(job.engine),
+        suite_version=__version__,
+        time_step=job.time_step,
+        started=started,
+    )
+
+
+def make_job(
+    part: Part,
+    conditions: DropConditions,
+    seed: int,
+    *,
+    until_still: bool = False,
+    refinement: int = 1,
+    landscape: Landscape | None = None,
+    starts: Starts | None = None,
+    engine: str = '',
+) -> DropJob:
+    """Return the job for a part; InvalidValueError if the conditions do not fit the part.
+
+    See DropJob for ``until_still`` and ``refinement``, and plan_run for the others.
+    """
+    radius = part.hull_radius
+    released = starts is None
+    if (
+        released
+        and conditions.height_of is HeightOf.CENTRE_OF_MASS
+        and conditions.height <= radius
+    ):
+        raise InvalidValueError(
+            f'invalid height of the centre of mass {conditions.height:g} m: expected more than '
+            f'{radius:.4g} m for {part.name}, which could otherwise touch the surface at release'
+        )
+    landscape = Landscape(part) if landscape is None else landscape
+    aspects = join_minima(landscape)
+    scene = None
+    pieces: tuple[Array, ...] = ()
+    if conditions.surroundings is not None:
+        scene = conditions.surroundings.scene(conditions, radius)
+        if starts is not None and starts.edge is not None:
+            scene = below_edge(scene, starts.edge)
+        if not scene.flat:
+            pieces = tuple(
+                (corners - part.centre_of_mass) @ part.principal_axes / radius
+                for corners in convex_pieces(part).corners
+            )
+    job = DropJob(
+        hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
+        moments=part.principal_moments / (part.mass * radius**2),
+        axes=Rotation.from_matrix(part.principal_axes).as_quat(),
+        centre_of_mass=part.centre_of_mass,
+        radius=radius,
+        conditions=conditions,
+        seed=seed,
+        rest=RestRule(landscape, aspects),
+        min_height=float(landscape.heights.min()) / radius,
+        rolling_length=rolling_length(landscape, aspects),
+        until_still=until_still,
+        refinement=refinement,
+        starts=starts,
+        scene=scene,
+        pieces=pieces,
+        engine=_engine(engine, scene, starts),
+    )
+    fastest = MAX_IMPACT * job.radius / job.time_unit
+    if job.impact_speed > fastest:
+        source = 'height, speed and spin at release' if released else 'the state at the start'
+        raise InvalidValueError(
+            f'invalid impact speed {job.impact_speed:.4g} m/s of {part.name}, which follows from '
+            f'{source}: expected at most '
+            f'{fastest:.4g} m/s for its size and gravity'
+        )
+    if scene is not None:
+        _check_belts(job, scene)
+    return job
+
+
+def engine_version(engine: str) -> str:
+    """Return the version of an engine; it is not imported, because only the workers need it."""
+    return version('pybullet') if engine == BULLET else KERNEL_VERSION
+
+
+def _engine(wanted: str, scene: Scene | None, starts: Starts | None) -> str:
+    """Return the engine of a job; raises InvalidValueError if it cannot simulate it."""
+    if wanted not in {'', KERNEL, CUDA, BULLET}:
+        raise InvalidValueError(
+            f'invalid engine {shown(wanted)}: expected {KERNEL}, {CUDA} or {BULLET}'
+            f'{did_you_mean(wanted, [KERNEL, CUDA, BULLET])}'
+        )
+    edges = starts is not None and starts.edge is not None
+    if edges or not (scene is None or scene.flat):
+        if wanted in {KERNEL, CUDA}:
+            raise InvalidValueError(
+                f'invalid engine {wanted}: expected {BULLET} where parts fall from an edge, or '
+                'touch blocks or a mesh'
+            )
+        return BULLET
+    return wanted or KERNEL
+
+
+def _check_belts(job: DropJob, scene: Scene) -> None:
+    """Raise InvalidValueError if a surface moves faster than the time step resolves."""
+    fastest = MAX_BELT * job.radius / job.time_unit
+    for body in scene.bodies:
+        if abs(body.contact.speed) > fastest:
+            raise InvalidValueError(
+                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
+                f'{fastest:.3g} m/s for the size of this part and gravity'
+            )
+
+
+def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:
+    """Return the length that scales the rolling friction, R: 1 except for slender parts.
+
+    Rolling friction stops rolling parts. For a slender part, a fraction of R is a lever arm that
+    could hold the part tilted on an edge. Its length is therefore proportional to its narrowest
+    flat side, but not less than the minimum height of the centre of mass, which is the radius on
+    which a slender roller rolls.
+    """
+    hull = landscape.hull
+    flat = landscape.minima[[a.minima[0] for a in aspects if not a.curved]]
+    at_edges = np.isin(hull.sides, flat) & (hull.angles > SAME_FACET)[:, None]
+    narrowest = hull.margins[at_edges].min() if at_edges.any() else 0.0
+    lowest = landscape.heights.min() / landscape.radius
+    return float(min(1.0, max(narrowest / NARROW, lowest)))

@@ -1,0 +1,454 @@
+"""Surroundings of drops: how they are described, named and changed."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    DropConditions,
+    Quantity,
+    described_kind,
+    made_from,
+    quantities_of,
+    surroundings_folder,
+)
+from resting_aspects_ros.simulation.scene import MeshBody, PairValues, Scene, check_release
+from resting_aspects_ros.simulation.surroundings_kinds import (
+    BowlTrack,
+    Chute,
+    Corner,
+    Kind,
+    MeshFile,
+    MeshSurface,
+    Plane,
+    Slope,
+    Tray,
+    VGroove,
+    Wall,
+    ground_of,
+    read_mesh,
+    tray_from_scene,
+)
+
+
+def group_text(
+    name: str,
+    values: Mapping[str, float],
+    quantities: Mapping[str, Quantity],
+    texts: Iterable[str] = (),
+) -> str:
+    """Return a name and its values: 'chute (roll 45 deg, pitch 0 deg)'.
+
+    ``texts`` are shown before the values.
+    """
+    words = [
+        f'{quantities[key].label} {value_text(value, quantities[key].unit)}'
+        for key, value in values.items()
+    ]
+    inner = ', '.join([*texts, *words])
+    label = name.replace('_', ' ')
+    return f'{label} ({inner})' if inner else label
+
+
+def value_text(value: float, unit: str) -> str:
+    """Return a value of SI unit ``unit`` as people read it: angles in degrees, lengths in mm."""
+    if unit == 'rad':
+        return f'{math.degrees(value):.6g} deg'
+    if unit == 'm':
+        return f'{1000 * value:.6g} mm'
+    return f'{value:g} {unit}'.rstrip()
+
+
+# -- Description ----------------------------------------------------------------------------------
+
+
+KINDS: dict[str, type[Any]] = {
+    each.kind: each
+    for each in (Plane, Slope, Wall, VGroove, Chute, Corner, BowlTrack, Tray, MeshSurface)
+}
+# Values of a body; those of the pair are taken from the conditions unless they are given.
+BODY_VALUES: dict[str, Quantity] = {
+    **{name: QUANTITIES[name] for name in ('friction', 'restitution', 'rolling_friction')},
+    'speed': Quantity('speed', 'm/s', 'speed of the surface', low=-100.0, high=100.0),
+}
+# Where parts are released, m in the tray frame: x and y are those of the centre of mass.
+RELEASE_VALUES: dict[str, Quantity] = {
+    name: Quantity(name.replace('_', ' '), 'm', text, low=-100.0, high=100.0)
+    for name, text in {
+        'x_min': 'lowest x of the release',
+        'x_max': 'highest x of the release',
+        'y_min': 'lowest y of the release',
+        'y_max': 'highest y of the release',
+    }.items()
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Surroundings of a drop: a kind with its dimensions, values of its bodies, and the release.
+
+    Parameters
+    ----------
+    shape : Kind
+        Such as ``Slope(angle=0.3)``; one of the classes in KINDS.
+    bodies : mapping of str to mapping of str to float
+        Values of a body that differ from the conditions, by the name of the body, such as
+        ``{'belt': {'friction': 0.4, 'speed': 0.1}}``; see BODY_VALUES.
+    release : mapping of str to float
+        Place of release; see RELEASE_VALUES. A value that is not given follows from the kind and
+        the size of the part.
+    orientation : (4,) sequence of float, optional
+        Orientation at release, xyzw, tray from part; by default uniformly random.
+    name : str
+        Name of the surroundings; not part of their values, which are compared.
+
+    Raises
+    ------
+    InvalidValueError
+        If a name is not known, or a value is out of bounds.
+    """
+
+    shape: Kind
+    bodies: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    release: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    orientation: tuple[float, ...] | None = None
+    name: str = ''
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, tuple(KINDS.values())):
+            raise InvalidValueError(
+                f'invalid surroundings {shown(self.shape)}: expected one of '
+                f'{", ".join(each.__name__ for each in KINDS.values())}'
+            )
+        names = self.shape.body_names
+        bodies = _mapping('bodies', self.bodies, names)
+        for body, values in bodies.items():
+            bodies[body] = _checked(body, values, BODY_VALUES)
+        release = _checked('release', self.release, RELEASE_VALUES)
+        for axis in 'xy':
+            low, high = release.get(f'{axis}_min'), release.get(f'{axis}_max')
+            if low is not None and high is not None and low > high:
+                raise InvalidValueError(
+                    f'invalid release {axis}_min {low:g}: expected at most {axis}_max, {high:g} m'
+                )
+        object.__setattr__(self, 'bodies', {k: bodies[k] for k in names if bodies.get(k)})
+        object.__setattr__(self, 'release', release)
+        if self.orientation is not None:
+            object.__setattr__(self, 'orientation', _quaternion(self.orientation))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Surroundings) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    @property
+    def level(self) -> bool:
+        """Whether these are the infinite level plane, with the values of the conditions."""
+        flat = isinstance(self.shape, Plane) or (
+            isinstance(self.shape, Slope) and self.shape.angle == 0
+        )
+        return flat and not self.bodies and self.orientation is None
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Everything that the simulation depends on, as a mapping of plain values."""
+        document: dict[str, Any] = {'kind': self.shape.kind, **self.shape_values}
+        if self.bodies:
+            document['bodies'] = {k: dict(v) for k, v in self.bodies.items()}
+        if self.release:
+            document['release'] = dict(self.release)
+        if self.orientation is not None:
+            document['orientation'] = list(self.orientation)
+        return document
+
+    @property
+    def shape_values(self) -> dict[str, Any]:
+        """Dimensions of the kind, SI units."""
+        values = {name: getattr(self.shape, name) for name in quantities_of(self.shape)}
+        return {**values, **getattr(self.shape, 'texts', {})}
+
+    @property
+    def known(self) -> bool:
+        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
+        return not isinstance(self.shape, MeshSurface) or self.shape.file is not None
+
+    @cached_property
+    def key(self) -> str:
+        """The document as canonical JSON; equal for equal surroundings, empty if level."""
+        if self.level:
+            return ''
+        return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
+
+    @property
+    def text(self) -> str:
+        """The surroundings in words: 'chute (roll 45 deg), belt (friction 0.4)'."""
+        shape = quantities_of(self.shape)
+        texts = [Path(text).name for key, text in self.shape_values.items() if key == 'mesh']
+        values = {name: getattr(self.shape, name) for name in shape}
+        if isinstance(self.shape, MeshSurface):  # its pose, if it is not that of the file
+            values = {name: value for name, value in values.items() if value}
+        parts = [group_text(self.name or self.shape.kind, values, shape, texts)]
+        parts += [group_text(body, each, BODY_VALUES) for body, each in self.bodies.items()]
+        if self.release:
+            parts.append(group_text('release', self.release, RELEASE_VALUES))
+        if self.orientation is not None:
+            parts.append('given orientation')
+        return ', '.join(parts)
+
+    def scene(self, conditions: DropConditions, radius: float) -> Scene:
+        """Return bodies, gravity and release for a part of a hull radius, m.
+
+        Raises InvalidValueError if a part could touch a body at the release.
+        """
+        contacts = {name: self._contact(name, conditions) for name in self.shape.body_names}
+        bodies, region = self.shape.bodies(contacts), self._region(radius)
+        scene = Scene(
+            bodies=bodies,
+            tray_from_scene=tray_from_scene(*self.shape.tilt),
+            free=self.shape.free,
+            region=region,
+            ground=max(
+                (ground_of(b, region, radius) for b in bodies if isinstance(b, MeshBody)),
+                default=0.0,
+            ),
+            lost=self.shape.lost(radius),
+            orientation=None if self.orientation is None else np.array(self.orientation),
+        )
+        check_release(scene, radius)
+        return self._merged(scene, radius)
+
+    def _merged(self, scene: Scene, radius: float) -> Scene:
+        shape = self.shape
+        if not isinstance(shape, MeshSurface):
+            return scene
+        merged = [shape.merged(b, radius) for b in scene.bodies if isinstance(b, MeshBody)]
+        return dataclasses.replace(scene, bodies=tuple(merged))
+
+    def _contact(self, name: str, conditions: DropConditions) -> PairValues:
+        pair = {k: getattr(conditions, k) for k in BODY_VALUES if k != 'speed'}
+        return PairValues(**{**pair, **self.bodies.get(name, {})})
+
+    def _region(self, radius: float) -> tuple[Any, Any]:
+        low, high = (radius * r for r in self.shape.across)
+        centre = getattr(self.shape, 'centre', (0.0, 0.0))
+        found = []
+        for axis, middle, ends in (('x', centre[0], (0.0, 0.0)), ('y', centre[1], (low, high))):
+            given = self.release.get(f'{axis}_min'), self.release.get(f'{axis}_max')
+            if given == (None, None):
+                found.append(np.array([middle + ends[0], middle + ends[1]]))
+            else:
+                first = given[0] if given[0] is not None else given[1]
+                last = given[1] if given[1] is not None else given[0]
+                found.append(np.array([first, last]))
+        return found[0], found[1]
+
+
+def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f'invalid {name} {shown(given)}: expected a mapping')
+    unknown = [key for key in given if key not in allowed]
+    if unknown:
+        raise InvalidValueError(
+            f'invalid name {shown(unknown[0])} in {name}: expected one of {", ".join(allowed)}'
+            f'{did_you_mean(unknown[0], allowed)}'
+        )
+    return dict(given)
+
+
+def _checked(name: str, given: Any, quantities: Mapping[str, Quantity]) -> dict[str, float]:
+    values = _mapping(name, given, quantities)
+    return {
+        k: each.check(f'{name} {k}', values[k]) for k, each in quantities.items() if k in values
+    }
+
+
+def _quaternion(given: Any) -> tuple[float, ...]:
+    try:
+        xyzw = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        xyzw = np.zeros(0)
+    if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
+        )
+    return tuple(canonical(xyzw).tolist())
+
+
+# -- Names and changes ----------------------------------------------------------------------------
+
+
+ENDINGS = ('.yaml', '.yml')
+
+
+def surroundings_names() -> list[str]:
+    """Return the names of the surroundings in config/surroundings, sorted."""
+    return sorted(path.stem for path in surroundings_folder().glob('*.yaml'))
+
+
+def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = None) -> Surroundings:
+    """Return the surroundings of a name, a kind or a YAML file, with changed values.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path with a directory or an ending is a file; otherwise a name of `surroundings_names`,
+        or a kind, such as 'slope'.
+    changes : mapping, optional
+        Values by their names, such as ``{'roll': 0.8, 'belt.friction': '0.4', 'release.y_min':
+        '10mm'}``. A number is in SI units; a text may have a unit.
+
+    Raises
+    ------
+    InvalidValueError
+        If the name is not known, the file cannot be read, or a value is out of bounds.
+    """
+    text = str(name)
+    is_file = isinstance(name, Path) or '/' in text or text.endswith(ENDINGS)
+    file = Path(text) if is_file else surroundings_folder() / f'{text}.yaml'
+    if is_file or text in surroundings_names():
+        document = read_yaml(file, 'surroundings file')
+        where = named('surroundings file', file) if is_file else f'surroundings {text}'
+    elif text in KINDS:
+        document, where = {'kind': text}, f'surroundings {text}'
+    else:
+        known = sorted({*surroundings_names(), *KINDS})
+        raise InvalidValueError(
+            f'invalid surroundings {shown(text)}: expected a YAML file (with its folder or its '
+            f'ending) or one of '
+            f'{", ".join(known)}{did_you_mean(text, known)}'
+        )
+    try:
+        described_kind('surroundings', document, KINDS)
+        _resolve_mesh(document, file.parent)
+        values = _plain(document)
+        for key, value in (changes or {}).items():
+            _change(values, key, value)
+        title = file.stem if is_file or not changes else text
+        return make_surroundings(values, title, _mesh_of(values))
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{where}: {error}') from None
+
+
+def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surroundings:
+    """Return surroundings with changes; see named_surroundings. Raises InvalidValueError."""
+    values: dict[str, Any] = json.loads(json.dumps(base.document))
+    for key, value in changes.items():
+        _change(values, key, value)
+    mesh = base.shape.file if isinstance(base.shape, MeshSurface) else None
+    if 'mesh' in changes:
+        del values['mesh_sha256']
+        mesh = _mesh_of(values)
+    return make_surroundings(values, base.name, mesh)
+
+
+def surroundings_from(text: str, mesh: MeshFile | None = None) -> Surroundings | None:
+    """Return the surroundings with a key, or of a JSON document; None for an empty one.
+
+    Reads no file: without ``mesh``, a mesh surface has only the name and the hash of its mesh.
+    Raises InvalidValueError.
+    """
+    if not text:
+        return None
+    try:
+        document = json.loads(text)
+        if isinstance(document, dict) and document.get('kind') == MeshSurface.kind:
+            sha256 = document.get('mesh_sha256')
+            if not isinstance(sha256, str) or not sha256:
+                raise InvalidValueError(
+                    f'invalid mesh_sha256 {shown(sha256)}: expected the hash of the mesh'
+                )
+        return make_surroundings(document, mesh=mesh)
+    except (ValueError, RecursionError) as error:
+        raise InvalidValueError(f'invalid surroundings {shown(text)}: {error}') from None
+
+
+def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = None) -> Surroundings:
+    """Return the surroundings that a mapping describes; see Surroundings.document.
+
+    ``mesh`` is that of a mesh surface, if it was read already. Raises InvalidValueError, with the
+    name of the key.
+    """
+    kind, values, _ = described_kind('surroundings', document, KINDS)
+    others = ('bodies', 'release', 'orientation')
+    common = {key: values.pop(key) for key in others if key in values}
+    if mesh is not None:
+        values.setdefault('mesh_sha256', mesh.sha256)
+    shape = made_from(KINDS, 'surroundings', kind, values, others)
+    if mesh is not None:
+        shape = dataclasses.replace(shape, file=mesh)
+    return Surroundings(shape, name=name, **common)
+
+
+def _mesh_of(values: Mapping[str, Any]) -> MeshFile | None:
+    """Return the mesh that a description names by its path, if it is a mesh surface."""
+    if values['kind'] != MeshSurface.kind or not isinstance(values.get('mesh'), str | Path):
+        return None
+    return read_mesh(Path(values['mesh']))
+
+
+def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:
+    """Make the path of a mesh relative to the folder of the YAML file."""
+    mesh = document.get('mesh')
+    if isinstance(mesh, str) and not Path(mesh).is_absolute():
+        document['mesh'] = str(folder / mesh)
+
+
+def _plain(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a description with numbers instead of texts with units."""
+    values = dict(document)
+    shape = quantities_of(KINDS[values['kind']])
+    for name, value in values.items():
+        if name in shape:
+            values[name] = _number(name, value, shape[name])
+    if isinstance(values.get('release'), dict):
+        values['release'] = _numbers('release', values['release'], RELEASE_VALUES)
+    if isinstance(values.get('bodies'), dict):
+        values['bodies'] = {
+            body: _numbers(str(body), each, BODY_VALUES) if isinstance(each, dict) else each
+            for body, each in values['bodies'].items()
+        }
+    return values
+
+
+def _numbers(name: str, given: dict[str, Any], known: Mapping[str, Quantity]) -> dict[str, Any]:
+    return {
+        key: _number(f'{name} {key}', value, known[key]) if key in known else value
+        for key, value in given.items()
+    }
+
+
+def _number(name: str, value: Any, quantity: Quantity) -> Any:
+    return parse_quantity(name, value, quantity.unit) if isinstance(value, str) else value
+
+
+def _change(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set a value of a description; a body or the release is named before a dot."""
+    group, dot, name = key.partition('.')
+    if key == 'kind':
+        raise InvalidValueError(
+            'invalid name kind of a value: expected another value; a kind is chosen instead of '
+            'the name of the surroundings'
+        )
+    if not dot:
+        shape = quantities_of(KINDS[values['kind']])
+        values[key] = _number(key, value, shape[key]) if key in shape else value
+        return
+    if group == 'release':
+        target, known = values.setdefault('release', {}), RELEASE_VALUES
+    else:
+        target, known = values.setdefault('bodies', {}).setdefault(group, {}), BODY_VALUES
+    if not isinstance(target, dict):
+        raise InvalidValueError(f'invalid {group} {shown(target)}: expected a mapping')
+    target[name] = _number(key, value, known[name]) if name in known else value

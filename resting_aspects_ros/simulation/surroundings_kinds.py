@@ -1,0 +1,550 @@
+"""The kinds of surroundings: which bodies each has, in the scene frame; see scene.py.
+
+The metadata of the fields is the only declaration of units, bounds and descriptions. A document
+of a mesh surface has the name of the file and its hash. Where only the document is known, the
+mesh surface has no triangles: drops are counted and described, but cannot be made.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import named, read_input
+from resting_aspects_ros.part.mesh_files import read_triangles
+from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, check_size
+from resting_aspects_ros.simulation.conditions import check_quantities, quantity
+from resting_aspects_ros.simulation.scene import (
+    Block,
+    HalfSpace,
+    MeshBody,
+    PairValues,
+    SceneBody,
+    ground_below,
+)
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.mesh_simplification import MergedMesh
+
+
+# Maximum inclination, rad: 85 degrees.
+MAX_TILT = math.radians(85)
+X, Y, Z = np.eye(3)
+# Depth of blocks below the surface on which parts rest, m.
+DEPTH = 1.0
+# Length of a track along x in both directions, m, as it is drawn; parts meet no end of it.
+LENGTH = 10.0
+
+Contacts = Mapping[str, PairValues]
+
+
+class Kind(Protocol):
+    """A kind of surroundings with its dimensions."""
+
+    kind: ClassVar[str]
+    body_names: ClassVar[tuple[str, ...]]
+    free: ClassVar[int]
+    # Lowest and highest place of release across x, in hull radii from the origin of the tray.
+    across: ClassVar[tuple[float, float]]
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """Roll about x, and then pitch about y, of the scene in the tray frame, rad."""
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """Return the bodies; ``contacts`` by their names."""
+
+    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
+        """Return where a part of a hull radius, m, has left the surroundings."""
+
+
+def _angle(label: str, text: str, *, low: float = -MAX_TILT, **more: Any) -> Any:
+    return quantity(label, 'rad', text, low=low, high=MAX_TILT, **more)
+
+
+_ROLL_TEXT = 'rotation about the direction along it, towards the wall'
+_PITCH_TEXT = 'inclination along it; positive: downhill in the direction x'
+
+
+class _Unbounded:
+    """Surroundings that a part cannot leave; level unless they have a roll or a pitch."""
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """See Kind."""
+        return getattr(self, 'roll', 0.0), getattr(self, 'pitch', 0.0)
+
+    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
+        """See Kind."""
+        del radius
+        return ()
+
+
+@dataclass(frozen=True)
+class Plane(_Unbounded):
+    """An infinite level plane."""
+
+    kind: ClassVar[str] = 'plane'
+    body_names: ClassVar[tuple[str, ...]] = ('floor',)
+    free: ClassVar[int] = 2
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return (_floor('floor', contacts),)
+
+
+@dataclass(frozen=True)
+class Slope(_Unbounded):
+    """An infinite inclined plane; x is downhill."""
+
+    kind: ClassVar[str] = 'slope'
+    body_names: ClassVar[tuple[str, ...]] = ('floor',)
+    free: ClassVar[int] = 2
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    angle: float = _angle('angle', 'inclination', low=0.0)
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """See Kind."""
+        return 0.0, self.angle
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return (_floor('floor', contacts),)
+
+
+@dataclass(frozen=True)
+class Wall(_Unbounded):
+    """A level plane with a vertical wall along x, on the side of negative y."""
+
+    kind: ClassVar[str] = 'wall'
+    body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall')
+    free: ClassVar[int] = 1
+    across: ClassVar[tuple[float, float]] = (1.0, 3.0)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return _floor('floor', contacts), HalfSpace('wall', contacts['wall'], X, Y)
+
+
+@dataclass(frozen=True)
+class VGroove(_Unbounded):
+    """Two planes that meet along x; without roll, both are equally steep."""
+
+    kind: ClassVar[str] = 'v_groove'
+    body_names: ClassVar[tuple[str, ...]] = ('right', 'left')
+    free: ClassVar[int] = 1
+    across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
+
+    opening: float = quantity(
+        'opening', 'rad', 'angle between the planes', low=math.radians(5), high=math.radians(179)
+    )
+    roll: float = _angle('roll', 'rotation about the direction along the groove', default=0.0)
+    pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind. The plane on the right is that at negative y, seen in the direction x."""
+        c, s = math.cos(self.opening / 2), math.sin(self.opening / 2)
+        right, left = np.array([0.0, c, s]), np.array([0.0, -c, s])
+        return (
+            HalfSpace('right', contacts['right'], X, right),
+            HalfSpace('left', contacts['left'], X, left),
+        )
+
+
+@dataclass(frozen=True)
+class Chute(_Unbounded):
+    """A belt and a wall at a right angle, an L, rolled towards the wall and pitched along x."""
+
+    kind: ClassVar[str] = 'chute'
+    body_names: ClassVar[tuple[str, ...]] = ('belt', 'wall')
+    free: ClassVar[int] = 1
+    across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
+
+    roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(45))
+    pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return _floor('belt', contacts), HalfSpace('wall', contacts['wall'], X, Y)
+
+
+@dataclass(frozen=True)
+class Corner(_Unbounded):
+    """A plane, a wall along x and a wall across x, tilted towards both walls."""
+
+    kind: ClassVar[str] = 'corner'
+    body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall', 'end_wall')
+    free: ClassVar[int] = 0
+    across: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(20))
+    pitch: float = _angle('pitch', 'inclination towards the end wall', default=math.radians(20))
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return (
+            _floor('floor', contacts),
+            HalfSpace('wall', contacts['wall'], X, Y),
+            HalfSpace('end_wall', contacts['end_wall'], Y, -X),
+        )
+
+
+@dataclass(frozen=True)
+class Tray(_Unbounded):
+    """A level plane with four walls."""
+
+    kind: ClassVar[str] = 'tray'
+    body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall')
+    free: ClassVar[int] = 0
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    length: float = quantity('length', 'm', 'inner length, along x', high=10.0, above=True)
+    width: float = quantity('width', 'm', 'inner width, along y', high=10.0, above=True)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        walls = [
+            HalfSpace('wall', contacts['wall'], along, normal, -size / 2)
+            for along, axis, size in ((Y, X, self.length), (X, Y, self.width))
+            for normal in (axis, -axis)
+        ]
+        return _floor('floor', contacts), *walls
+
+
+@dataclass(frozen=True)
+class BowlTrack(_Unbounded):
+    """A track that is rolled towards a wall, with an edge over which parts fall off."""
+
+    kind: ClassVar[str] = 'bowl_track'
+    body_names: ClassVar[tuple[str, ...]] = ('track', 'wall')
+    free: ClassVar[int] = 1
+    across: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    width: float = quantity('width', 'm', 'width of the track', high=10.0, above=True)
+    roll: float = _angle('roll', _ROLL_TEXT, low=0.0, default=math.radians(5))
+    pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        low, high = np.array([-LENGTH, -DEPTH, -DEPTH]), np.array([LENGTH, self.width, 0.0])
+        return (
+            Block('track', contacts['track'], X, low, high, Z),
+            HalfSpace('wall', contacts['wall'], X, Y),
+        )
+
+    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
+        """See Kind: a part whose centre of mass is below the track has fallen off."""
+        return (HalfSpace('below', NO_CONTACT, X, Z, -radius),)
+
+
+NO_CONTACT = PairValues(0.0, 0.0, 0.0)
+
+
+def _floor(name: str, contacts: Contacts) -> HalfSpace:
+    return HalfSpace(name, contacts[name], X, Z)
+
+
+def tray_from_scene(roll: float, pitch: float) -> Array:
+    """Return the quaternion (4,) of a roll about x, followed by a pitch about y, rad."""
+    a, b = math.sin(roll / 2), math.cos(roll / 2)
+    c, d = math.sin(pitch / 2), math.cos(pitch / 2)
+    return np.array([a * d, b * c, -a * c, b * d])
+
+
+# -- The ground of a mesh -------------------------------------------------------------------------
+
+
+# Extent of a mesh in hull radii of the part; one that is smaller or larger has a wrong unit.
+MIN_EXTENT, MAX_EXTENT = 1.0, 5000.0
+# A gap that is wider than this, in hull radii, is open for a part above it.
+GAP = 1.0
+# Places in each direction at which the region of release is checked.
+PLACES = 5
+
+
+def ground_of(mesh: MeshBody, region: tuple[Array, Array], radius: float) -> float:
+    """Return the highest z of a mesh below the place of release of a part of a hull radius, m.
+
+    Raises InvalidValueError if the mesh is too small or too large for the part, if it is open
+    below the release, or if it is seen from inside there.
+    """
+    _check_extent(mesh, radius)
+    low, high = np.transpose(region)
+    places = itertools.product(*(np.unique(np.linspace(a, b, PLACES)) for a, b in region))
+    for place in map(np.array, places):
+        half = GAP * radius / 2
+        if ground_below(mesh.vertices, mesh.triangles, place - half, place + half) is None:
+            raise InvalidValueError(
+                f'invalid release at {_text(place)}: expected a place above the mesh, which has '
+                'no triangle there'
+            )
+        _check_outside(mesh, place)
+    top = ground_below(mesh.vertices, mesh.triangles, low - radius, high + radius)
+    assert top is not None
+    return top
+
+
+def _check_extent(mesh: MeshBody, radius: float) -> None:
+    size = np.ptp(mesh.vertices, axis=0)
+    least, most = MIN_EXTENT * radius, MAX_EXTENT * radius
+    if not least <= size[:2].max() <= most or size[:2].min() < least:
+        x, y, z = (1000 * size).tolist()
+        raise InvalidValueError(
+            f'invalid size {x:.4g} x {y:.4g} x {z:.4g} mm of the mesh of the surroundings: '
+            f'expected {1000 * least:.4g} mm to {1000 * most:.4g} mm along x and y for this part; '
+            'is its unit right?'
+        )
+
+
+def _check_outside(mesh: MeshBody, place: Array) -> None:
+    """Raise InvalidValueError if the highest triangle at a place (2,) points down."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    one, other, way = (b - a)[:, :2], (c - a)[:, :2], place - a[:, :2]
+    double = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    upright = double == 0
+    double[upright] = 1.0
+    u = (way[:, 0] * other[:, 1] - way[:, 1] * other[:, 0]) / double
+    v = (one[:, 0] * way[:, 1] - one[:, 1] * way[:, 0]) / double
+    hit = np.flatnonzero(~upright & (u >= 0) & (v >= 0) & (u + v <= 1))
+    height = (a + u[:, None] * (b - a) + v[:, None] * (c - a))[hit, 2]
+    if len(hit) and double[hit[np.argmax(height)]] < 0:
+        raise InvalidValueError(
+            f'invalid mesh of the surroundings: its highest triangle at {_text(place)} points '
+            'down; expected triangles that point outward'
+        )
+
+
+def _text(place: Array) -> str:
+    x, y = (1000 * place).tolist()
+    return f'x {x:.4g} mm, y {y:.4g} mm'
+
+
+# -- A mesh as the surface ------------------------------------------------------------------------
+
+
+# Triangles that are near a part are tested in every step.
+MAX_TRIANGLES = 100_000
+MAX_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """The file of a mesh surface.
+
+    name : str
+        Name of the file, without folders.
+    data : bytes
+    vertices, triangles : (n, 3) float and (m, 3) int
+        As in the file: in its unit.
+    """
+
+    name: str
+    data: bytes
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
+    """Return the mesh in the bytes of an STL, OBJ, PLY or OFF file; ``label`` is for errors.
+
+    Raises InvalidValueError or PartError. It parses untrusted data: a node calls it in a
+    FileWorker.
+    """
+    name = Path(name).name
+    mesh_format = Path(name).suffix.lower().lstrip('.')
+    vertices, triangles, _ = read_triangles(data, mesh_format, label)
+    if len(triangles) > MAX_TRIANGLES:
+        raise InvalidValueError(
+            f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
+        )
+    return MeshFile(name, data, vertices, triangles)
+
+
+def read_mesh(path: Path) -> MeshFile:
+    """Return the mesh in a file; raises InvalidValueError or PartError."""
+    data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
+    return mesh_file(data, path.name, named('mesh of the surroundings', path))
+
+
+@functools.lru_cache(maxsize=16)
+def _merged(surface: 'MeshSurface', radius: float) -> 'MergedMesh':
+    # Shapely is needed for meshes only.
+    from resting_aspects_ros.simulation.mesh_simplification import merged_mesh
+
+    return merged_mesh(surface.vertices, surface.triangles, radius)
+
+
+def _position(axis: str) -> Any:
+    return quantity(
+        axis, 'm', f'{axis} of the origin of the file', low=-100, high=100, default=0.0
+    )
+
+
+def _angle_mesh_surface(axis: str) -> Any:
+    return quantity(
+        f'rotation about {axis}',
+        'rad',
+        f'rotation of the mesh about {axis}, in the order x, y, z about the axes of the tray',
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        default=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class MeshSurface:
+    """A mesh whose triangles point outward, with its pose in the tray frame.
+
+    mesh : str
+        Path of an STL, OBJ, PLY or OFF file, which is read; it becomes the name of the file.
+    unit : str
+        Unit of its coordinates.
+    x, y, z, rx, ry, rz : float
+        Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
+        rad.
+    mesh_sha256 : str
+        Hash of the file. If it is given, no file is read.
+    file : MeshFile, optional
+        The mesh, if it was read already.
+
+    Raises
+    ------
+    InvalidValueError, PartError
+        If a value is out of bounds, the hash differs, or the file cannot be read.
+    """
+
+    kind: ClassVar[str] = 'mesh'
+    body_names: ClassVar[tuple[str, ...]] = ('surface',)
+    free: ClassVar[int] = 0
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    mesh: str
+    unit: str = DEFAULT_UNIT
+    x: float = _position('x')
+    y: float = _position('y')
+    z: float = _position('z')
+    rx: float = _angle_mesh_surface('x')
+    ry: float = _angle_mesh_surface('y')
+    rz: float = _angle_mesh_surface('z')
+    mesh_sha256: str = ''
+    file: MeshFile | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.unit not in UNITS:
+            raise InvalidValueError(
+                f'invalid unit {shown(self.unit)}: expected one of {", ".join(UNITS)}'
+            )
+        if not isinstance(self.mesh, str | Path):
+            raise InvalidValueError(f'invalid mesh {shown(self.mesh)}: expected a path')
+        mesh = self.file
+        if mesh is None and not self.mesh_sha256:
+            mesh = read_mesh(Path(self.mesh))
+        label = named('mesh of the surroundings', Path(self.mesh))
+        set_field = object.__setattr__
+        set_field(self, 'mesh', Path(self.mesh).name)
+        if mesh is None:
+            return
+        if self.mesh_sha256 not in ('', mesh.sha256):
+            raise InvalidValueError(
+                f'invalid {label}: it has changed; expected the hash {shown(self.mesh_sha256)}'
+            )
+        check_size(mesh.vertices, self.unit, label)
+        set_field(self, 'file', mesh)
+        set_field(self, 'mesh_sha256', mesh.sha256)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(n, 3) corners in the tray frame, m; raises InvalidValueError without the mesh."""
+        return self._placed(self._known.vertices * UNITS[self.unit])
+
+    @property
+    def triangles(self) -> npt.NDArray[np.int64]:
+        """(m, 3) indices of the corners; raises InvalidValueError without the mesh."""
+        return self._known.triangles
+
+    @property
+    def _known(self) -> MeshFile:
+        if self.file is None:
+            raise InvalidValueError(
+                f'invalid mesh {shown(self.mesh)} of surroundings: expected its triangles, but '
+                'only its name and hash are known'
+            )
+        return self.file
+
+    def _placed(self, points: Array) -> Array:
+        """Return points (n, 3) of the file in the tray frame, m."""
+        for axis, angle in enumerate((self.rx, self.ry, self.rz)):
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            turned = points.copy()
+            turned[:, a] = math.cos(angle) * points[:, a] - math.sin(angle) * points[:, b]
+            turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
+            points = turned
+        return np.asarray(points + np.array([self.x, self.y, self.z]))
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Values of the description that are not numbers."""
+        return {'mesh': self.mesh, 'unit': self.unit, 'mesh_sha256': self.mesh_sha256}
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """See Kind."""
+        return 0.0, 0.0
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the mesh seen from above, m."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        x, y = ((low + high) / 2)[:2].tolist()
+        return x, y
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return (MeshBody('surface', contacts['surface'], X, self.vertices, self.triangles),)
+
+    def merged(self, body: MeshBody, radius: float) -> MeshBody:
+        """Return the body in the shapes that are simulated, for a part of a hull radius, m."""
+        found = _merged(self, radius)
+        return dataclasses.replace(
+            body,
+            prisms=found.prisms,
+            remaining=found.vertices[found.triangles],
+            sides=found.sides,
+            distance=found.distance,
+        )
+
+    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
+        """See Kind: a part that is below the mesh or beside it has left it."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        reach = 2 * radius
+        return (
+            HalfSpace('below', NO_CONTACT, X, Z, float(low[2]) - radius),
+            *(
+                HalfSpace('beside', NO_CONTACT, X, sign * axis, float(sign * end[k]) - reach)
+                for k, axis in enumerate((X, Y))
+                for sign, end in ((1.0, low), (-1.0, high))
+            ),
+        )

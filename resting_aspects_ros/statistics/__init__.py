@@ -1,0 +1,1 @@
+"""Statistics of counts over aspects, and Markov chains of actions."""

@@ -1,0 +1,310 @@
+"""From the image of a camera above the tray to the tray, and from the tray to the robot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.rotations import canonical
+from resting_aspects_ros.vision.location import Pose
+
+# -- Homography -----------------------------------------------------------------------------------
+
+
+MIN_PAIRS = 4
+# Points are degenerate if the second smallest singular value of the system of equations is smaller
+# than this share of the largest: three points on a line or two equal ones leave a freedom.
+DEGENERATE = 1e-4
+# Marks farther from the origin of the tray than this, m, are given in another unit.
+MAX_DISTANCE = 10.0
+# The corners of the largest image, px.
+LARGEST_IMAGE = 20_000.0 * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+MIRRORS = (
+    'invalid homography that mirrors the image: expected pixels with u to the right and v down, '
+    'seen by a camera above the tray, and points [x, y] with z up; a mirrored image shows a part '
+    'as if it were turned over'
+)
+
+
+def find_homography(pixels: npt.ArrayLike, points: npt.ArrayLike) -> Array:
+    """Return the homography (3, 3) from the image to the surface, from pairs of points.
+
+    With more than four pairs, the sum of the squared distances on the tray is minimized. The start
+    is the direct linear transform of normalized points (Hartley 1997).
+
+    Parameters
+    ----------
+    pixels : (n, 2) float
+        u to the right, v down, px.
+    points : (n, 2) float
+        The same points in the tray frame, m; z = 0.
+
+    Raises
+    ------
+    InvalidValueError
+        There are fewer than four pairs, the points are degenerate (three of four on one line, or
+        equal, or on both sides of the horizon), or the image is mirrored: v is not down, x and y
+        are exchanged, or the camera is below the tray. Points of the tray are more than 10 m from
+        the origin, and so probably in mm.
+    """
+    source, target = checked_points('pixels', pixels), checked_points('points', points)
+    if len(source) != len(target) or len(source) < MIN_PAIRS:
+        raise InvalidValueError(
+            f'invalid pairs, {len(source)} pixels and {len(target)} points: expected at least '
+            f'{MIN_PAIRS} of each'
+        )
+    farthest = float(np.abs(target).max())
+    if farthest > MAX_DISTANCE:
+        raise InvalidValueError(
+            f'invalid points up to {farthest:.4g} m from the origin of the tray frame: expected '
+            f'at most {MAX_DISTANCE:g} m; they are probably in mm, and must be in m'
+        )
+    before, after = _normalization(source), _normalization(target)
+    a, b = mapped(before, source), mapped(after, target)
+    ones, zeros = np.ones((len(a), 1)), np.zeros((len(a), 3))
+    u = np.hstack([a, ones])
+    rows = np.vstack([np.hstack([u, zeros, -b[:, :1] * u]), np.hstack([zeros, u, -b[:, 1:] * u])])
+    _, sizes, vectors = np.linalg.svd(rows)
+    if sizes[7] < DEGENERATE * sizes[0]:
+        raise _degenerate()
+    start = vectors[-1]
+    if len(source) > MIN_PAIRS:
+
+        def error(values: Array) -> Array:
+            return np.asarray((mapped(values.reshape(3, 3), a) - b).ravel())
+
+        start = least_squares(error, start / np.linalg.norm(start), x_scale='jac').x
+    found = start.reshape(3, 3)
+    stretch = np.linalg.svd(found, compute_uv=False)
+    behind = np.ptp(np.sign(np.column_stack([a, ones]) @ found[2])) != 0
+    if stretch[2] < DEGENERATE * stretch[0] or behind:
+        raise _degenerate()
+    return checked_homography(np.linalg.inv(after) @ found @ before, source)
+
+
+def _degenerate() -> InvalidValueError:
+    return InvalidValueError(
+        'invalid point pairs: expected four that are different and of which no three are on one '
+        'line, in the same order in the image and on the tray'
+    )
+
+
+def checked_points(name: str, given: npt.ArrayLike) -> Array:
+    """Return points as (n, 2) floats; raises InvalidValueError with the name."""
+    try:
+        points = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        points = np.zeros(0)
+    # OpenCV gives contours with the shape (n, 1, 2).
+    if points.ndim == 3 and points.shape[1] == 1:
+        points = points[:, 0]
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise InvalidValueError(
+            f'invalid {name} of shape {points.shape}: expected (n, 2) finite numbers'
+        )
+    return points
+
+
+def checked_homography(homography: npt.ArrayLike, pixels: Array | None = None) -> Array:
+    """Return a homography that is positive, (u, v, 1) -> w > 0, where it does not mirror.
+
+    Its last entry is 1 or -1, if possible. The Jacobian of the mapping has the determinant
+    det(H) / w^3, so the pixels on one side of the horizon, w = 0, are mirrored. The homography is
+    refused if the pixels (n, 2) that are used are mirrored; by default, if all of an image are.
+    """
+    found = np.asarray(homography, dtype=np.float64)
+    if found.shape != (3, 3) or not np.isfinite(found).all() or np.linalg.det(found) == 0:
+        raise InvalidValueError(
+            f'invalid homography {shown(found.tolist())}: expected an invertible 3 x 3 matrix'
+        )
+    found = -found * np.sign(np.linalg.det(found)) / (abs(found[2, 2]) or 1.0)
+    used = LARGEST_IMAGE if pixels is None else pixels
+    if (np.column_stack([used, np.ones(len(used))]) @ found[2]).max() <= 0:
+        raise InvalidValueError(MIRRORS)
+    return np.asarray(found)
+
+
+def on_tray(homography: Array, pixels: Array) -> Array:
+    """Return the points (n, 2) of the tray at pixels (n, 2), m; see checked_homography.
+
+    Raises InvalidValueError if a pixel is beyond the horizon, or mirrored.
+    """
+    beyond = np.column_stack([pixels, np.ones(len(pixels))]) @ homography[2] <= 0
+    if beyond.all() and len(pixels):
+        raise InvalidValueError(MIRRORS)
+    if beyond.any():
+        raise InvalidValueError(
+            f'invalid pixel {shown(pixels[beyond][0].tolist())}: expected pixels that show the '
+            'tray, not beyond its horizon'
+        )
+    return mapped(homography, pixels)
+
+
+def mapped(homography: npt.ArrayLike, points: Array) -> Array:
+    """Return the images (n, 2) of points (n, 2)."""
+    images = np.column_stack([points, np.ones(len(points))]) @ np.asarray(homography).T
+    return np.asarray(images[:, :2] / images[:, 2:])
+
+
+def _normalization(points: Array) -> Array:
+    """Return the matrix that moves the mean to 0 and scales the mean distance to sqrt(2)."""
+    mean = points.mean(axis=0)
+    size = float(np.linalg.norm(points - mean, axis=1).mean()) / np.sqrt(2)
+    if size == 0:
+        raise _degenerate()
+    scaled = np.array([[1, 0, -mean[0]], [0, 1, -mean[1]], [0, 0, size]]) / size
+    return np.asarray(scaled, dtype=np.float64)
+
+
+# -- Camera ---------------------------------------------------------------------------------------
+
+
+# Maximum deviation of a rotation matrix from an orthonormal one.
+RIGID = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Telecentric:
+    """A camera whose rays are vertical: heights have no effect.
+
+    homography : (3, 3) float
+        Maps (u, v, 1) px to (x, y, 1) m up to a factor.
+    """
+
+    homography: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'homography', checked_homography(self.homography))
+
+    def to_tray(self, pixels: npt.ArrayLike) -> Array:
+        """Return the points (n, 2) of the surface, m, that are seen at pixels (n, 2).
+
+        Raises InvalidValueError if a pixel is beyond the horizon of the tray.
+        """
+        return on_tray(self.homography, checked_points('pixels', pixels))
+
+    def to_image(self, points: npt.ArrayLike) -> Array:
+        """Return the pixels (n, 2) at which points (n, 2) of the surface, m, are seen."""
+        return mapped(np.linalg.inv(self.homography), checked_points('points', points))
+
+    def projected(self, polygon: shapely.Polygon, height: float) -> shapely.Polygon:  # noqa: ARG002
+        """Return the outline of a part of a height from its image on the surface."""
+        return polygon
+
+
+@dataclass(frozen=True, eq=False)
+class Pinhole(Telecentric):
+    """A camera with a centre of projection: high points appear magnified about its foot point.
+
+    homography : (3, 3) float
+        Maps (u, v, 1) px to (x, y, 1) m of the surface, up to a factor.
+    position : (3,) float
+        Centre of projection in the tray frame, m: the foot point x, y and the height H.
+    """
+
+    position: Array
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            position = np.asarray(self.position, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            position = np.zeros(0)
+        if position.shape != (3,) or not np.isfinite(position).all() or position[2] <= 0:
+            given = position.tolist() if position.size else self.position
+            raise InvalidValueError(
+                f'invalid position of the camera {shown(given)}: expected x, y and a height above '
+                '0 m'
+            )
+        object.__setattr__(self, 'position', position)
+
+    def projected(self, polygon: shapely.Polygon, height: float) -> shapely.Polygon:
+        """Return the outline of a part of a height from its image on the surface.
+
+        It is exact if all edges of the silhouette are at ``height``: those of a prism below the
+        camera, whose top edge is seen. An edge of the silhouette at another height z is displaced
+        radially by at most r (height - z) / H, with its distance r from the foot point; for a
+        prism beside the foot point this is r height / H at its near side, where the camera sees
+        the bottom edge.
+
+        Parameters
+        ----------
+        polygon : Polygon
+            The image of the part on the surface, m, tray frame.
+        height : float
+            Height of the edge of the silhouette above the surface, m.
+
+        Raises
+        ------
+        InvalidValueError
+            The height is negative or not below the camera.
+        """
+        x, y, top = self.position
+        if not 0 <= height < top:
+            raise InvalidValueError(
+                f'invalid height {height:.4g} m: expected 0 or more, and less than the height '
+                f'{top:g} m of the camera'
+            )
+        foot, factor = np.array([x, y]), (top - height) / top
+        return shapely.transform(polygon, lambda points: foot + factor * (points - foot))
+
+    def moved(self, foot: npt.ArrayLike) -> 'Pinhole':
+        """Return the camera above another point of the surface, m."""
+        return Pinhole(self.homography, np.append(foot, self.position[2]))
+
+    def seen(self, points: npt.ArrayLike) -> Array:
+        """Return where points (n, 3), m, tray frame, appear on the surface, (n, 2) m."""
+        given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        top = self.position[2]
+        if not (given[:, 2] < top).all():
+            raise InvalidValueError(
+                f'invalid points: expected heights below {top:g} m, the camera'
+            )
+        foot = self.position[:2]
+        return np.asarray(foot + (given[:, :2] - foot) * (top / (top - given[:, 2]))[:, None])
+
+
+def surface_pinhole(position: npt.ArrayLike) -> Pinhole:
+    """Return a pinhole camera at a position (3,), m, whose pixels are points of the surface, m."""
+    return Pinhole(np.diag([1.0, -1.0, 1.0]), np.asarray(position, dtype=np.float64))
+
+
+def transformed_pose(matrix: npt.ArrayLike, pose: Pose) -> Pose:
+    """Return a pose in another frame, such as that of the robot.
+
+    Parameters
+    ----------
+    matrix : (4, 4) float
+        Robot from tray: a rotation and a translation, m.
+    pose : Pose
+        Pose of a part, tray frame.
+
+    Raises
+    ------
+    InvalidValueError
+        The matrix is not that of a rigid motion.
+    """
+    given = np.asarray(matrix, dtype=np.float64)
+    if (
+        given.shape != (4, 4)
+        or not np.isfinite(given).all()
+        or not np.allclose(given[:3, :3] @ given[:3, :3].T, np.eye(3), atol=RIGID)
+        or np.linalg.det(given[:3, :3]) < 0
+        or not np.allclose(given[3], (0, 0, 0, 1), atol=RIGID)
+    ):
+        raise InvalidValueError(
+            f'invalid transform {shown(given.tolist())}: expected a 4 x 4 matrix of a rotation '
+            'and a translation in m, with the last row 0 0 0 1'
+        )
+    rotation = Rotation.from_matrix(given[:3, :3])
+    return Pose(
+        pose.aspect,
+        given[:3, :3] @ pose.position + given[:3, 3],
+        canonical((rotation * Rotation.from_quat(pose.orientation)).as_quat()),
+        pose.yaw_known,
+    )

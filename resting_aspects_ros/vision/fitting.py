@@ -1,0 +1,420 @@
+"""Fit of outlines to seen ones: poses of least squares, residuals, and their probability."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.optimize import minimize
+from shapely import affinity
+from shapely.geometry.polygon import orient
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.vision.boundary import (
+    RAYS,
+    ROUGH,
+    SAME,
+    Boundary,
+    common_area,
+    normal_equations,
+    turn,
+    turned,
+)
+
+# Number of points on a boundary at equal distances along it.
+SAMPLES = 240
+# Maximum number of yaws that are tried, and of those that are refined, the nearest ones after one
+# step; every how many points and how often.
+MAX_TRIED, MAX_YAWS, EVERY, ITERATIONS = 12, 4, 2, 4
+# Yaws whose signatures match worse than the best by more than this share are not tried.
+MAX_WORSE = 0.05
+# Yaws closer than this are the same, rad; signatures that vary less are round.
+SAME_YAW, ROUND = 0.02, 1e-6
+
+
+class Shape:
+    """A polygon with what its fits need.
+
+    polygon : shapely.Polygon
+    boundary : Boundary
+        About the centroid of the polygon.
+    samples : (m, 2) float
+        Points on all rings at equal distances, relative to the centroid, m.
+    area, perimeter, moment : float
+        m^2, m, and the polar moment of the area about the centroid, m^4.
+    lever : float
+        Perimeter times the root mean square of the squared radius on the boundary, m^3.
+    """
+
+    def __init__(self, polygon: shapely.Polygon) -> None:
+        self.polygon = polygon = orient(polygon)  # signatures depend on the direction of rings
+        self.boundary = Boundary(polygon)
+        self.area, self.perimeter = float(polygon.area), float(polygon.length)
+        rings = [polygon.exterior, *polygon.interiors]
+        points = [_points_on(ring, SAMPLES / self.perimeter) for ring in rings]
+        self.samples = np.concatenate(points) - self.boundary.centre
+        self.moment = sum(_moment(ring, self.boundary.centre) for ring in rings)
+        self.lever = self.perimeter * np.sqrt(((self.samples**2).sum(axis=1) ** 2).mean())
+
+    def difference(self, other: 'Shape') -> float:
+        """Return a lower bound of the root mean square distance after the best fit, m.
+
+        A boundary that moves by a distance d changes the area by the integral of d, and the polar
+        moment of the area about its centroid by that of d times the squared radius, to first
+        order; both are bounded by the root mean square of d (Cauchy and Schwarz).
+        """
+        areas = abs(self.area - other.area) / max(self.perimeter, other.perimeter)
+        moments = abs(self.moment - other.moment) / max(self.lever, other.lever)
+        return float(max(areas, moments))
+
+    def distance(self, other: 'Shape') -> float:
+        """Return the root mean square distance of the boundaries about their centroids, m."""
+        there, _ = other.boundary.nearest(self.samples)
+        back, _ = self.boundary.nearest(other.samples)
+        return float(np.sqrt(((there**2).sum(axis=1).mean() + (back**2).sum(axis=1).mean()) / 2))
+
+    @cached_property
+    def signature(self) -> Array:
+        """(2, RAYS) float: the signature of the boundary."""
+        return self.boundary.signature()
+
+    @cached_property
+    def spectrum(self) -> Array:
+        """Fourier transform of the signature."""
+        return np.asarray(np.fft.rfft(self.signature))
+
+    @cached_property
+    def squares(self) -> Array:
+        """(2,) float: sums of the squares of the signature."""
+        return np.asarray((self.signature**2).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A pose of a model on an observed polygon: a local minimum of the residuals.
+
+    yaw : float
+        rad, from -pi to pi.
+    x, y : float
+        m, so that seen = R(yaw) model + (x, y).
+    square : float
+        Mean square of the distances between the boundaries, of both directions, m^2.
+    largest : float
+        Largest of these distances, m.
+    stiffness : float
+        Half the second derivative of the mean square over yaw, (x, y) being optimal, m^2.
+    """
+
+    yaw: float
+    x: float
+    y: float
+    square: float
+    largest: float
+    stiffness: float
+
+    def overlap(self, model: shapely.Polygon, seen: shapely.Polygon) -> float:
+        """Return the intersection over the union of the polygons."""
+        move = np.array([self.x, self.y])
+        moved = shapely.transform(model, lambda points: points @ turn(self.yaw).T + move)
+        common = common_area(moved, seen)
+        return common / (float(model.area) + float(seen.area) - common)
+
+
+@lru_cache(maxsize=256)
+def shape_of(polygon: shapely.Polygon) -> Shape:
+    """Return the shape of a polygon; the latest ones are kept."""
+    return Shape(polygon)
+
+
+def fit(model: Shape, seen: Shape, order: int = 1) -> tuple[Fit, ...]:
+    """Return the fits of a model to a seen outline, the least residual first.
+
+    ``order`` is the yaw symmetry of the model (0: round): of solutions that differ by a rotation
+    of the model onto itself, one is returned.
+    """
+    return refined(model, seen, candidate_yaws(model, seen, order), order)
+
+
+def refined(
+    model: Shape, seen: Shape, yaws: Array, order: int = 1, iterations: int = ITERATIONS
+) -> tuple[Fit, ...]:
+    """Return the fits near yaws (k,), rad, the least residual first.
+
+    They minimize the squared distances of the seen samples to the lines of the nearest pieces of
+    the model (Chen and Medioni 1992).
+    """
+    shifts = np.zeros((len(yaws), 2))
+    some = seen.samples[::EVERY]
+    scale = model.boundary.radius
+    for step in range(iterations + 1):
+        points = turned(some[None] - shifts[:, None], -yaws)
+        way, piece = model.boundary.nearest(points.reshape(-1, 2))
+        if step == 1 and len(yaws) > MAX_YAWS:
+            nearest = (way**2).sum(axis=1).reshape(len(yaws), -1).sum(axis=1)
+            kept = np.sort(np.argsort(nearest, kind='stable')[:MAX_YAWS])
+            yaws, shifts, points = yaws[kept], shifts[kept], points[kept]
+            way = way.reshape(len(nearest), -1, 2)[kept].reshape(-1, 2)
+            piece = piece.reshape(len(nearest), -1)[kept].ravel()
+        normals = model.boundary.normals[piece].reshape(points.shape)
+        square, right = normal_equations(points, way.reshape(points.shape), normals, scale)
+        if step == iterations:
+            break
+        moved = np.asarray(np.linalg.solve(square, right[..., None]), np.float64)[..., 0]
+        shifts = shifts - turned(moved[:, None, 1:], yaws)[:, 0]
+        yaws = yaws - moved[:, 0] / scale
+    stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
+    there, back = _distances(model, seen, yaws, shifts)
+    squares = ((there**2).mean(axis=1) + (back**2).mean(axis=1)) / 2
+    found: list[Fit] = []
+    for k in np.argsort(squares, kind='stable'):
+        yaw = float(np.angle(np.exp(1j * yaws[k])))
+        if any(_same(yaw, other.yaw, order) for other in found):
+            continue
+        x, y = seen.boundary.centre + shifts[k] - turn(yaw) @ model.boundary.centre
+        largest = float(max(there[k].max(), back[k].max()))
+        found.append(Fit(yaw, float(x), float(y), float(squares[k]), largest, float(stiffness[k])))
+    return tuple(found)
+
+
+def mismatch(spectra: Array, squares: Array, seen: Shape) -> Array:
+    """Return how much signatures (..., 2) differ from that of a seen outline, (..., RAYS).
+
+    It is relative, for each rotation by 2 pi k / RAYS; ``spectra`` are those of the signatures,
+    ``squares`` their sums of squares.
+    """
+    match = np.fft.irfft(spectra.conj() * seen.spectrum, RAYS)
+    norms = squares + seen.squares
+    return np.asarray((1 - 2 * match / norms[..., None]).mean(axis=-2))
+
+
+def candidate_yaws(model: Shape, seen: Shape, order: int = 1) -> Array:
+    """Return yaws (k,), rad, at which the signatures match, best first, one of each symmetry."""
+    off = mismatch(model.spectrum, model.squares, seen)
+    if order == 0 or np.ptp(off) < ROUND:
+        return np.zeros(1)
+    before, after = np.roll(off, 1), np.roll(off, -1)
+    low = np.flatnonzero((off <= before) & (off < after))
+    low = low[np.argsort(off[low], kind='stable')]
+    low = low[off[low] <= off[low[0]] + MAX_WORSE]
+    curve = before[low] + after[low] - 2 * off[low]
+    chosen: list[float] = []
+    for yaw in (low + (before[low] - after[low]) / (2 * curve)) * 2 * np.pi / RAYS:
+        if not any(_same(yaw, other, order) for other in chosen):
+            chosen.append(float(yaw))
+        if len(chosen) == MAX_TRIED:
+            break
+    return np.array(chosen)
+
+
+def _points_on(ring: shapely.LinearRing, density: float) -> Array:
+    """Return points (m, 2) at equal distances along a ring, ``density`` of them in a metre."""
+    corners = shapely.get_coordinates(ring)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    count = max(3, round(density * float(along[-1])))
+    places = (np.arange(count) + 0.5) / count * along[-1]
+    return np.stack([np.interp(places, along, axis) for axis in corners.T], axis=1)
+
+
+def _moment(ring: shapely.LinearRing, centre: Array) -> float:
+    """Return the polar moment of the area inside a ring, negative if it is clockwise, m^4."""
+    points = shapely.get_coordinates(ring) - centre
+    a, b = points[:-1], points[1:]
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return float((cross * ((a**2 + a * b + b**2).sum(axis=1))).sum() / 12)
+
+
+def _same(one: float, other: float, order: int) -> bool:
+    return order == 0 or abs(np.angle(np.exp(1j * order * (one - other)))) < order * SAME_YAW
+
+
+def _distances(model: Shape, seen: Shape, yaws: Array, shifts: Array) -> tuple[Array, Array]:
+    """Return the distances (k, m) of the observed samples and of those of the model, m."""
+    points = turned(seen.samples[None] - shifts[:, None], -yaws)
+    there, _ = model.boundary.nearest(points.reshape(-1, 2))
+    points = turned(np.broadcast_to(model.samples, (len(yaws), *model.samples.shape)), yaws)
+    back, _ = seen.boundary.nearest((points + shifts[:, None]).reshape(-1, 2))
+    return (
+        np.linalg.norm(there, axis=1).reshape(len(yaws), -1),
+        np.linalg.norm(back, axis=1).reshape(len(yaws), -1),
+    )
+
+
+# -- Matches --------------------------------------------------------------------------------------
+
+
+# Yaw, rad, and shift (2,) of the centroid of a model relative to that of the seen outline, m.
+Pose = tuple[float, Array]
+
+# If the overlap after the best fit is below ALIKE, the outlines differ. The overlap is then
+# computed at YAWS yaws and maximized from the best TRIES of them, in steps of START (rad, and
+# radii), with outlines that are simplified to within COARSE, radii. Of overlaps that are equal
+# within EQUAL, the one with the closest boundaries counts.
+ALIKE, YAWS, TRIES, START, COARSE, EQUAL = 0.9, 36, 4, 0.1, 1e-3, 2e-3
+
+
+def same_outline(model: shapely.Polygon, seen: shapely.Polygon, play: float = 0.0) -> bool:
+    """Return whether two outlines are equal after some rotation and translation.
+
+    Their boundaries are closer than SAME times the larger radius about the centroid, in addition
+    to the effect of the tessellation and to ``play``, m.
+    """
+    one, other = shape_of(model), shape_of(seen)
+    a, b = one.boundary, other.boundary
+    # Boundaries that are so close enclose areas that differ by at most this times a perimeter.
+    reach = SAME * max(a.radius, b.radius) + play + a.skins.max() + b.skins.max()
+    if abs(one.area - other.area) > 1.1 * reach * max(one.perimeter, other.perimeter):
+        return False
+    return any(a.equals(b, *_pose(each, one, other), play) for each in fit(one, other))
+
+
+def best_overlap(model: shapely.Polygon, seen: shapely.Polygon) -> tuple[float, float]:
+    """Return the maximum intersection over union over all yaws and positions, and the distance.
+
+    The distance is the symmetric Hausdorff distance of the boundaries, with their holes, in that
+    pose, m.
+    """
+    one, other = (_simplified(each, ROUGH) for each in (model, seen))
+    poses = [_pose(each, one, other) for each in fit(one, other)]
+    # Outlines that differ may overlap more if only their centroids coincide.
+    yaw = float(candidate_yaws(one, other)[0])
+    poses.append((yaw, np.zeros(2)))
+    found = [(_overlap(one, other, *pose), pose) for pose in poses]
+    highest = max(overlap for overlap, _ in found)
+    if highest < ALIKE:
+        a, b = (_simplified(each, COARSE) for each in (model, seen))
+        yaws = (yaw + 2 * np.pi * np.arange(YAWS) / YAWS).tolist()
+        starts = sorted(yaws, key=lambda angle: -_overlap(a, b, angle, np.zeros(2)))[:TRIES]
+        # With one outline inside the other, many positions have the same overlap.
+        tried = [(angle, np.zeros(2)) for angle in starts]
+        tried += [_pose_of_maximum_overlap(a, b, angle) for angle in starts]
+        found += [(_overlap(one, other, *pose), pose) for pose in tried]
+        highest = max(overlap for overlap, _ in found)
+    ends = [row for row in found if row[0] >= highest - EQUAL]
+    return highest, min(_distance(one, other, *pose) for _, pose in ends)
+
+
+def _simplified(polygon: shapely.Polygon, tolerance: float) -> Shape:
+    """Return the shape of a polygon without points that move its boundary by less, radii."""
+    radius = shape_of(polygon).boundary.radius
+    simple = polygon.simplify(tolerance * radius)
+    return shape_of(simple if isinstance(simple, shapely.Polygon) else polygon)
+
+
+def mirrored(polygon: shapely.Polygon) -> shapely.Polygon:
+    """Return the mirror image of a polygon: x remains, y changes its sign."""
+    return shapely.geometry.polygon.orient(affinity.scale(polygon, 1.0, -1.0, origin=(0, 0)))
+
+
+def _pose(found: Fit, model: Shape, seen: Shape) -> Pose:
+    moved = turn(found.yaw) @ model.boundary.centre - seen.boundary.centre
+    return found.yaw, np.array([found.x, found.y]) + moved
+
+
+def _overlap(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
+    """Return the intersection over union."""
+    matrix = turn(yaw)
+    move = seen.boundary.centre + shift - matrix @ model.boundary.centre
+    moved = shapely.transform(model.polygon, lambda points: points @ matrix.T + move)
+    common = common_area(moved, seen.polygon)
+    return common / (model.area + seen.area - common)
+
+
+def _pose_of_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> Pose:
+    """Return the pose of the local maximum of the overlap near a yaw."""
+    scale = model.boundary.radius
+
+    def loss(step: Array) -> float:
+        return -_overlap(model, seen, yaw + step[0], scale * step[1:])
+
+    simplex = START * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    best = minimize(
+        loss,
+        np.zeros(3),
+        method='Nelder-Mead',
+        options={'initial_simplex': simplex, 'xatol': 1e-3, 'fatol': 1e-4},
+    )
+    return yaw + float(best.x[0]), scale * best.x[1:]
+
+
+def _distance(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
+    """Return the symmetric Hausdorff distance of the boundaries, m."""
+    matrix, one, other = turn(yaw), model.boundary, seen.boundary
+    there, _ = other.nearest(one.points @ matrix.T + shift)
+    back, _ = one.nearest((other.points - shift) @ matrix)
+    return float(np.linalg.norm(np.concatenate([there, back]), axis=1).max())
+
+
+# -- Probability ----------------------------------------------------------------------------------
+
+
+# Standard deviations of the noise that are possible for a known outline: log-normal around the
+# given one with this factor, within these multiples of it.
+UNCERTAIN, MIN_NOISE, MAX_NOISE = 2.0, 0.25, 1.5
+# The least deviation of an unknown outline, as a multiple of the noise.
+MIN_UNKNOWN = 2.0
+
+
+@dataclass(frozen=True)
+class OutlineNoise:
+    """Errors of the boundary of an observed polygon.
+
+    sd : float
+        Standard deviation normal to the boundary, m: noise, resolution, calibration, lighting.
+    correlation : float
+        Distance along the boundary after which errors are independent, m: the integral of their
+        autocorrelation from minus to plus infinity.
+    """
+
+    sd: float = 1e-4
+    correlation: float = 1e-3
+
+    def __post_init__(self) -> None:
+        values = {'standard deviation': self.sd, 'correlation length': self.correlation}
+        for name, value in values.items():
+            if not 1e-7 <= value <= 0.1:
+                raise InvalidValueError(
+                    f'invalid {name} of the noise {shown(value)} m: expected 1e-7 to 0.1 m'
+                )
+
+
+def known_likelihood(
+    one: Fit, model: Shape, order: int, noise: OutlineNoise, count: float
+) -> float:
+    """Return the log likelihood of a known outline, the noise and the yaw integrated out."""
+    factors = np.geomspace(MIN_NOISE, MAX_NOISE, 10)
+    weights = -0.5 * (np.log(factors) / np.log(UNCERTAIN)) ** 2
+    return _integrated(one, model, order, noise.sd * factors, weights, noise, count)
+
+
+def unknown_likelihood(
+    one: Fit, model: Shape, noise: OutlineNoise, count: float, size: float
+) -> float:
+    """Return the log likelihood of an unknown outline, whose most similar known one is given."""
+    largest = max(size / 2, 2 * MIN_UNKNOWN * noise.sd)
+    levels = np.geomspace(MIN_UNKNOWN * noise.sd, largest, 40)
+    return _integrated(one, model, 1, levels, np.zeros(40), noise, count)
+
+
+def _integrated(
+    one: Fit,
+    model: Shape,
+    order: int,
+    levels: Array,
+    weights: Array,
+    noise: OutlineNoise,
+    count: float,
+) -> float:
+    """Return the log of the mean likelihood over standard deviations, m, with log weights."""
+    likelihood = -count * one.square / (2 * levels**2) - count * np.log(levels / noise.sd)
+    least = (model.boundary.radius * 1e-3) ** 2
+    width = levels * np.sqrt(2 * np.pi / (count * max(one.stiffness, least)))
+    yaw = np.log(np.minimum(max(order, 1) * width / (2 * np.pi), 1.0)) if order else 0.0
+    return log_sum(likelihood + yaw + weights) - log_sum(weights)
+
+
+def log_sum(logs: npt.ArrayLike) -> float:
+    """Return the logarithm of a sum, from the logarithms of its terms."""
+    given = np.asarray(logs)
+    return float(given.max() + np.log(np.exp(given - given.max()).sum()))

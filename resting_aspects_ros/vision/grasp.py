@@ -1,0 +1,188 @@
+"""Grasps: where a gripper takes a part, what it covers, and whether there is room."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, product, rotate
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.location import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A pose of a gripper relative to a part that lies in an aspect, with its footprint.
+
+    z of the gripper frame is its approach direction, away from the robot: down on a tray.
+
+    aspect : int
+        One aspect of a symmetry class is sufficient: the poses of a class contain all its aspects.
+    position : (3,) float
+        Origin of the gripper frame in the part frame, m.
+    orientation : (4,) float
+        Unit quaternion xyzw, part from gripper.
+    length, width, radius : float
+        Footprint: all points within the radius of a rectangle, m, along x and y of the gripper
+        frame; a disc if length and width are 0.
+    """
+
+    aspect: int
+    position: Array
+    orientation: Array
+    length: float = 0.0
+    width: float = 0.0
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        position, xyzw = np.asarray(self.position, float), np.asarray(self.orientation, float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise InvalidValueError(
+                f'invalid position {shown(position.tolist())} of a grasp: expected x, y, z in m'
+            )
+        if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
+            raise InvalidValueError(
+                f'invalid orientation {shown(xyzw.tolist())} of a grasp: expected a unit '
+                'quaternion xyzw'
+            )
+        sides = (self.length, self.width, self.radius)
+        if not all(0 <= side < np.inf for side in sides) or not any(sides):
+            raise InvalidValueError(
+                f'invalid footprint {shown(sides)} of a grasp: expected lengths of 0 m or more, '
+                'one of them above 0'
+            )
+        object.__setattr__(self, 'position', position)
+        object.__setattr__(self, 'orientation', canonical(xyzw))
+
+
+def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:
+    """Return the poses of the gripper in the frame of the poses of a part.
+
+    Only poses in the aspect of the grasp give one, in their order; none if there are none.
+    """
+    return tuple(
+        Pose(
+            pose.aspect,
+            pose.position + rotate(pose.orientation, grasp.position[None])[0],
+            product(pose.orientation[None], grasp.orientation[None])[0],
+            pose.yaw_known,
+        )
+        for pose in poses
+        if pose.aspect == grasp.aspect
+    )
+
+
+def approach_angle(pose: Pose) -> float:
+    """Return the angle between z of a gripper and the vertical downward, rad."""
+    z = rotate(pose.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
+    return math.acos(min(max(-float(z[2]), -1.0), 1.0))
+
+
+def gripper_place(pose: Pose) -> tuple[float, float, float]:
+    """Return x and y of a gripper, m, and its yaw: the direction of its x axis from above, rad."""
+    x = rotate(pose.orientation, np.array([[1.0, 0.0, 0.0]]))[0]
+    return float(pose.position[0]), float(pose.position[1]), math.atan2(x[1], x[0])
+
+
+def gripper_area(grasp: Grasp, pose: Pose) -> shapely.Geometry:
+    """Return what a gripper in a pose of `gripper_poses` covers, seen from above, tray frame, m.
+
+    A gripper that is inclined covers less than this.
+    """
+    x, y, yaw = gripper_place(pose)
+    half = grasp.length / 2, grasp.width / 2
+    corners = [(a * half[0], b * half[1]) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    sides = shapely.MultiPoint(corners).convex_hull
+    turned = affinity.rotate(sides, yaw, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, x, y).buffer(grasp.radius)
+
+
+# -- Room -----------------------------------------------------------------------------------------
+
+
+class Detection(Protocol):
+    """A camera pose of a part, m and rad, and its distance to the next outline, m."""
+
+    @property
+    def x(self) -> float: ...  # noqa: D102
+    @property
+    def y(self) -> float: ...  # noqa: D102
+    @property
+    def yaw(self) -> float: ...  # noqa: D102
+    @property
+    def clearance(self) -> float: ...  # noqa: D102
+
+
+def free_grasps(
+    detections: Sequence[Detection],
+    classes: Sequence[int],
+    part: KnownPart,
+    grasps: Sequence[Grasp],
+) -> list[tuple[Pose, ...]]:
+    """Return the poses of the gripper, tray frame, for each detection; empty if none is free.
+
+    They are in the order of the grasps, and those of a grasp in the order of the poses of the
+    part. A grasp is free if the footprint of the gripper touches no other outline. The outline of
+    a detection that is not recognised, or is of another part, is not known: it is assumed to be
+    within the length of the longest outline of the part. If the clearance of a detection was
+    measured and the gripper stays within it, the other outlines do not matter.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        All of an image.
+    classes : sequence of int
+        Symmetry class of each; 0: not recognised, or another part.
+    """
+    longest = max(outline.length for outline in part.outlines)
+    areas = np.array(
+        [
+            _area(each, number, part, longest)
+            for each, number in zip(detections, classes, strict=True)
+        ],
+        dtype=object,
+    )
+    shapely.prepare(areas)
+    able = {grasp.aspect for grasp in grasps}
+    found = []
+    for k, (each, number) in enumerate(zip(detections, classes, strict=True)):
+        poses: tuple[Pose, ...] = ()
+        if number and able.intersection(part.outlines[number - 1].aspects):
+            room = areas[k]
+            if math.isfinite(each.clearance):
+                room = room.buffer(each.clearance)
+            others = np.delete(areas, k)
+            lying = part.placements[number - 1].poses(each.x, each.y, each.yaw)
+            poses = tuple(
+                pose
+                for grasp in grasps
+                for pose in gripper_poses(grasp, lying)
+                if _is_free(gripper_area(grasp, pose), room, others)
+            )
+        found.append(poses)
+    return found
+
+
+def _area(detection: Detection, number: int, part: KnownPart, longest: float) -> shapely.Geometry:
+    """Return what a detection covers on the tray; nothing if its place is not valid."""
+    if number:
+        polygon = part.outlines[number - 1].polygon
+        turned = affinity.rotate(polygon, detection.yaw, origin=(0, 0), use_radians=True)
+        return affinity.translate(turned, detection.x, detection.y)
+    if not (math.isfinite(detection.x) and math.isfinite(detection.y)):
+        return shapely.Point()
+    return shapely.Point(detection.x, detection.y).buffer(longest)
+
+
+def _is_free(
+    gripper: shapely.Geometry,
+    room: shapely.Geometry,
+    others: 'np.ndarray[tuple[int], np.dtype[np.object_]]',
+) -> bool:
+    return bool(room.covers(gripper) or not shapely.intersects(others, gripper).any())

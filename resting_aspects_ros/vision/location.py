@@ -1,0 +1,293 @@
+"""The 6D poses of a part that a camera sees in an aspect at (x, y, yaw), and the inverse."""
+
+import math
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, Aspect, AspectSet, Sweep
+from resting_aspects_ros.aspects.symmetry import Symmetry
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.rotations import (
+    LENGTH_TOLERANCE,
+    canonical,
+    down_in_part,
+    rotation_between,
+    turned_down,
+)
+from resting_aspects_ros.vision.outline import Outline
+
+# Maximum angle between equal directions, rad.
+SAME_DIRECTION = 0.01
+
+
+def rotation_to(symmetry: Symmetry | None, one: Array, other: Array) -> Array:
+    """Return the rotation (3, 3) of the part onto itself that comes closest to one -> other."""
+    if symmetry is None:
+        return np.eye(3)
+    if symmetry.kind == 'spherical':
+        return Rotation.from_quat(rotation_between(one, other)).as_matrix()
+    rotations = symmetry.rotations
+    if symmetry.axis is not None:
+        rotations = np.array([_about(symmetry.axis, r @ one, other) @ r for r in rotations])
+    return np.asarray(rotations[(rotations @ one @ other).argmax()])
+
+
+def _about(axis: Array, one: Array, other: Array) -> Array:
+    """Return the rotation (3, 3) about an axis that brings ``one`` closest to ``other``."""
+    along = np.cross(axis, one)
+    angle = np.arctan2(other @ along, other @ one - (axis @ one) * (axis @ other))
+    return Rotation.from_rotvec(angle * axis).as_matrix()
+
+
+def is_symmetry(symmetry: Symmetry | None, vector: Array, tolerance: float) -> bool:
+    """Return whether the turn of a rotation vector (3,) maps the part onto itself."""
+    turn = Rotation.from_rotvec(vector).as_matrix()
+    if symmetry is None:
+        return bool(np.linalg.norm(vector) <= tolerance)
+    if symmetry.kind == 'spherical':
+        return True
+    if symmetry.axis is not None:
+        image = turn @ symmetry.axis
+        cosines = symmetry.rotations @ symmetry.axis @ image
+        return bool(cosines.max() >= np.cos(tolerance))
+    traces = np.einsum('kij,ij->k', symmetry.rotations, turn)
+    return bool((traces.max() - 1) / 2 >= np.cos(tolerance))
+
+
+def vertical_order(symmetry: Symmetry | None, down: Array) -> int:
+    """Return how many rotations about a direction map the part onto itself; 0 if all do."""
+    if symmetry is None:
+        return 1
+    if all(is_symmetry(symmetry, angle * down, SAME_DIRECTION) for angle in (1.0, 2.2)):
+        return 0
+    if symmetry.axis is not None:  # of a body of revolution, beside the direction
+        return 2 if is_symmetry(symmetry, np.pi * down, SAME_DIRECTION) else 1
+    moved = np.linalg.norm(symmetry.rotations @ down - down, axis=1)
+    return int((moved < SAME_DIRECTION).sum())
+
+
+# A turn of the outline comes from the part if a rotation of the part differs by less, rad, and by
+# less than this share of the step of the outline.
+SAME_TURN, SAME_SHARE = 0.05, 0.25
+# Minimum horizontal part of the axis of a rolling aspect that determines the yaw.
+MIN_ACROSS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A pose of a part on the tray.
+
+    aspect : int
+    position : (3,) float
+        Position of the part frame in the tray frame, m.
+    orientation : (4,) float
+        Unit quaternion xyzw, tray from part.
+    yaw_known : bool
+        False if the outline is round and the part is not: then the yaw of the pose is arbitrary,
+        and the part may be turned by any angle about the centroid of the outline.
+    """
+
+    aspect: int
+    position: Array
+    orientation: Array
+    yaw_known: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPose:
+    """An aspect and its pose as a camera sees it: (x, y) m, yaw rad in (-pi, pi]."""
+
+    aspect: int
+    symmetry_class: int
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """All poses of a part that look like an outline at x = y = yaw = 0.
+
+    They are the aspects of the class, which rotations of the part map onto each other, each with
+    those rotations of the outline onto itself that no rotation of the part causes. Poses that
+    differ by a rotation of the part onto itself are given once for each aspect.
+    """
+
+    part: Part
+    aspects: AspectSet
+    outline: Outline
+
+    @cached_property
+    def members(self) -> Array:
+        """(k, 3, 3) float: tray from part for each aspect of the class, in the order of ids."""
+        first = self._aspect(self.outline.aspect)
+        start = Rotation.from_quat(self.outline.orientation).as_matrix()
+        symmetry = self.aspects.symmetry
+        found = []
+        for number in self.outline.aspects:
+            down = self._aspect(number).down_in_part
+            turn = rotation_to(symmetry, first.down_in_part, down)
+            almost = Rotation.from_matrix(start @ turn.T).as_quat()
+            exact = turned_down(almost[None], down[None])[0]
+            found.append(Rotation.from_quat(exact).as_matrix())
+        return np.array(found)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(n,) float: angles about the centroid, 0 first, that only the outline allows, rad."""
+        order = self.outline.yaw_symmetry
+        if order < 2:
+            return np.zeros(1)
+        step = 2 * np.pi / order
+        tolerance = min(SAME_TURN, SAME_SHARE * step)
+        down = self._aspect(self.outline.aspect).down_in_part
+        kept = [0.0]
+        for angle in step * np.arange(1, order):
+            # Seen from above, a turn by an angle is one by the opposite angle about `down`.
+            if not any(
+                is_symmetry(self.aspects.symmetry, -(angle - other) * down, tolerance)
+                for other in kept
+            ):
+                kept.append(float(angle))
+        return np.array(kept)
+
+    @cached_property
+    def yaw_known(self) -> bool:
+        """Whether the outline determines the yaw up to rotations of the part onto itself."""
+        down = self._aspect(self.outline.aspect).down_in_part
+        return self.outline.yaw_symmetry > 0 or all(
+            is_symmetry(self.aspects.symmetry, angle * down, SAME_TURN) for angle in (1.0, 2.2)
+        )
+
+    def poses(
+        self, x: float, y: float, yaw: float, orientation: Array | None = None
+    ) -> tuple[Pose, ...]:
+        """Return the poses of the part for a camera pose of the outline.
+
+        The first is that of the representative aspect without a turn; the solutions of all
+        aspects for one turn precede those for the next.
+
+        Parameters
+        ----------
+        x, y : float
+            Projection of the centre of mass, m, tray frame.
+        yaw : float
+            Counter-clockwise seen from above, rad.
+        orientation : (4,) float, optional
+            Tray from part at yaw 0 of a part that has rolled; see `outline.rolled`.
+
+        Raises
+        ------
+        InvalidValueError
+            A value is not a finite number.
+        """
+        for name, value in (('x', x), ('y', y), ('yaw', yaw)):
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+                raise InvalidValueError(f'invalid {name} {shown(value)}: expected a number')
+            if not -sys.float_info.max <= value <= sys.float_info.max:  # also refuses nan
+                raise InvalidValueError(f'invalid {name} {shown(value)}: expected a finite number')
+        if orientation is not None:
+            return self._rolled(x, y, yaw, orientation)
+        centroid = np.asarray(self.outline.centroid)
+        found = []
+        for turn in self.turns:
+            # The outline turns about its centroid, so the centre of mass moves.
+            moved = _turn(yaw)[:2, :2] @ centroid - _turn(yaw + turn)[:2, :2] @ centroid
+            for number, start in zip(self.outline.aspects, self.members, strict=True):
+                place = np.array([x + moved[0], y + moved[1], self._aspect(number).com_height])
+                found.append(self._pose(number, place, _turn(yaw + turn) @ start))
+        return tuple(found)
+
+    def _rolled(self, x: float, y: float, yaw: float, orientation: Array) -> tuple[Pose, ...]:
+        """Return the poses of a part that has rolled, one for each aspect of the class."""
+        rotation = Rotation.from_quat(orientation).as_matrix()
+        start = Rotation.from_quat(self.outline.orientation).as_matrix()
+        heights = (self.part.hull_vertices - self.part.centre_of_mass) @ rotation[2]
+        place = np.array([x, y, -heights.min()])
+        return tuple(
+            self._pose(number, place, _turn(yaw) @ rotation @ start.T @ member)
+            for number, member in zip(self.outline.aspects, self.members, strict=True)
+        )
+
+    def _pose(self, number: int, centre: Array, rotation: Array) -> Pose:
+        return Pose(
+            number,
+            centre - rotation @ self.part.centre_of_mass,
+            canonical(Rotation.from_matrix(rotation).as_quat()),
+            self.yaw_known,
+        )
+
+    def camera_pose(self, aspect: int, position: Array, orientation: Array) -> CameraPose:
+        """Return the camera pose of a 6D pose in an aspect of the class.
+
+        A rolled part has the yaw that remains after it is rolled back: the direction of its axis
+        if that is horizontal.
+        """
+        rotation = Rotation.from_quat(orientation).as_matrix()
+        start = self.members[self.outline.aspects.index(aspect)]
+        axis = self._aspect(aspect).axis
+        before, after = start @ axis, rotation @ axis
+        across = np.hypot(before[0], before[1])
+        if self._aspect(aspect).sweep in (Sweep.ARC, Sweep.RING) and across > MIN_ACROSS:
+            yaw = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
+        else:
+            turn = rotation @ start.T
+            yaw = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+        x, y, _ = position + rotation @ self.part.centre_of_mass
+        number = self.outline.symmetry_class
+        return CameraPose(aspect, number, float(x), float(y), -_wrapped(-float(yaw)))
+
+    def _aspect(self, number: int) -> Aspect:
+        return self.aspects.aspects[number - 1]
+
+
+def camera_pose(
+    placements: tuple[Placement, ...], position: Array, orientation: Array
+) -> CameraPose:
+    """Return the aspect and the camera pose of a part at rest: the inverse of Placement.poses.
+
+    Parameters
+    ----------
+    placements : tuple of Placement
+        One for each class of the part.
+    position : (3,) float
+        Position of the part frame in the tray frame, m.
+    orientation : (4,) float
+        Unit quaternion xyzw, tray from part.
+
+    Raises
+    ------
+    InvalidValueError
+        The pose is not finite, or in no aspect of the part (within 3 degrees).
+    """
+    position, orientation = np.asarray(position, float), np.asarray(orientation, float)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise InvalidValueError(f'invalid position {shown(position.tolist())}: expected x, y, z')
+    if orientation.shape != (4,) or not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid orientation {shown(orientation.tolist())}: expected a unit quaternion xyzw'
+        )
+    unit = canonical(orientation)
+    ids, angle = placements[0].aspects.locate(down_in_part(unit)[None])
+    for each in placements:
+        if angle[0] <= POSE_ANGLE and ids[0] in each.outline.aspects:
+            return each.camera_pose(int(ids[0]), position, unit)
+    raise InvalidValueError(
+        f'invalid orientation {shown(unit.round(4).tolist())}: expected one in an aspect of '
+        f'{placements[0].part.name}; it is {np.degrees(angle[0]):.1f} degrees from aspect {ids[0]}'
+    )
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _turn(yaw: float) -> Array:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

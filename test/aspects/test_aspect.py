@@ -1,0 +1,422 @@
+"""Aspects of parts, held to symmetry, to what was measured, and to what must not matter."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, AspectSet, Sweep
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import STABLE_MARGIN, Landscape
+from resting_aspects_ros.errors import PartError
+from resting_aspects_ros.rotations import (
+    down_in_part,
+    orientation_with_down,
+    random_orientations,
+    rotate,
+)
+
+FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
+turns = st.integers(0, 2**32 - 1).map(
+    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
+)
+some = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(some, max_examples=settings.default.max_examples // 10)
+
+
+def turned(mesh, matrix, shift=(0, 0, 0)):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = matrix, shift
+    return mesh.copy().apply_transform(pose)
+
+
+def mesh_of(part):
+    """The part as a mesh in mm."""
+    return trimesh.Trimesh(part.vertices * 1e3, part.faces, process=False)
+
+
+def irregular():
+    """A body without any symmetry."""
+    points = np.random.default_rng(3).standard_normal((14, 3)) * [10, 14, 19]
+    return trimesh.convex.convex_hull(points)
+
+
+def downs(aspects):
+    return np.array([a.down_in_part for a in aspects.aspects])
+
+
+def icosahedron():
+    return trimesh.creation.icosahedron().apply_scale(10)
+
+
+@given(turns)
+@few
+def test_platonic_solids_have_one_aspect_for_each_face(solid, turn):
+    tetrahedron = trimesh.Trimesh(
+        [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)],
+        [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)],
+    ).apply_scale(10)
+    for mesh, faces in (
+        (tetrahedron, 4),
+        (trimesh.creation.box((9, 9, 9)), 6),
+        (icosahedron(), 20),
+    ):
+        aspects = find_aspects(solid(turned(mesh, turn)))
+        assert len(aspects) == faces
+        share = [a.basin_share for a in aspects.aspects]
+        np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
+
+
+@given(turns, st.sampled_from(FORMATS))
+@few
+def test_l_bracket_has_five_aspects_in_any_file(part, solid, turn, ending):
+    aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
+    assert len(aspects) == 5
+    # The centre of mass is over the edge of the long leg's end face: that one is unstable.
+    directions = downs(aspects) @ turn
+    assert (directions @ [1, 0, 0]).max() < 0.6
+    expected = {(0, 0, 1), (0, 0, -1), (0, -1, 0), (-1, 0, 0)}
+    found = {tuple(np.round(d).astype(int) + 0) for d in directions}
+    assert expected <= found
+    # The fifth is on the two leg tips: the line between them rises 20 over 30.
+    tips = np.array([2, 3, 0]) / np.sqrt(13)
+    assert (directions @ tips).max() == pytest.approx(1, abs=1e-9)
+
+
+def test_aspects_are_numbered_by_height_then_share_then_direction(part):
+    for name in ('l_bracket', 'angle_45x30x8', 't_prism', 'u_bracket', 'box_10x20x30', 'washer'):
+        shape = part(name)
+        aspects = find_aspects(shape).aspects
+        assert [a.id for a in aspects] == list(range(1, len(aspects) + 1))
+        step = 1e-3
+        for low, high in pairwise(aspects):
+            rise = (high.com_height - low.com_height) / shape.hull_radius
+            assert rise >= -step
+            if rise <= step:
+                assert low.basin_share - high.basin_share >= -step
+
+
+def test_equal_aspects_are_numbered_by_the_intrinsic_frame(part):
+    # The large faces of the L bracket are alike but for the direction; z is a principal axis.
+    shape = part('l_bracket')
+    first, second = find_aspects(shape).aspects[:2]
+    along = np.array([shape.principal_axes.T @ a.down_in_part for a in (first, second)])
+    differing = np.flatnonzero(np.abs(along[0] - along[1]) > 1e-3)[0]
+    assert along[0, differing] > along[1, differing]
+
+
+@given(turns)
+@few
+def test_ids_follow_a_rotation_of_an_asymmetric_mesh(solid, turn):
+    mesh = irregular()
+    plain = find_aspects(solid(mesh))
+    moved = find_aspects(solid(turned(mesh, turn, (30, -200, 5))))
+    assert len(plain) == len(moved) > 4
+    np.testing.assert_allclose(downs(moved), downs(plain) @ turn.T, atol=1e-4)  # float32
+    for a, b in zip(plain.aspects, moved.aspects, strict=True):
+        assert b.com_height == pytest.approx(a.com_height, rel=1e-4)
+
+
+@pytest.mark.parametrize('name', ['angle_45x30x8', 'box_10x20x30', 'u_bracket', None])
+def test_ids_do_not_depend_on_how_a_part_is_meshed(part, solid, name):
+    mesh = irregular() if name is None else mesh_of(part(name))
+    order = np.random.default_rng(1).permutation(len(mesh.faces))
+    shuffled = trimesh.Trimesh(mesh.vertices, np.roll(mesh.faces[order], 1, axis=1))
+    plain = downs(find_aspects(solid(mesh)))
+    for other in (mesh.subdivide(), mesh.subdivide().subdivide(), shuffled):
+        np.testing.assert_allclose(downs(find_aspects(solid(other))), plain, atol=1e-5)
+
+
+def tipping_box(solid, inside):
+    """A box with its centre of mass near the face +x: it is near an edge of four of the others."""
+    corner = np.array([5.0, 10.0, 15.0])
+    centre = np.array([corner[0] - inside, 0, 0])
+    return solid(trimesh.creation.box(2 * corner), 'obj', centre_of_mass=centre * 1e-3)
+
+
+@pytest.mark.parametrize(('share', 'minima'), [(1.01, 6), (0.99, 2)])
+def test_facet_is_stable_beyond_the_margin(solid, share, minima):
+    radius = np.linalg.norm([10, 10, 15])  # to the far corners; the margin is 1e-4 of it
+    landscape = Landscape(tipping_box(solid, share * STABLE_MARGIN * radius))
+    assert len(landscape.minima) == minima
+
+
+@pytest.mark.parametrize(('inside', 'aspects'), [(0.7, 6), (0.5, 4), (0.4, 2)])
+def test_barrier_below_noise_does_not_separate_aspects(solid, inside, aspects):
+    # Over the edge the centre of mass rises by sqrt(h^2 + inside^2) - h, for h = 10 and 15; noise
+    # is up to 1e-3 h: 0.45 to the one side, 0.67 to the other.
+    found = find_aspects(tipping_box(solid, inside))
+    assert len(found) == aspects
+    assert abs(np.abs(downs(found)[:, 0]).sum() - 2) < 1e-12  # on +x and -x in any case
+
+
+def test_orientation_of_each_aspect_is_in_the_aspect(part):
+    shape = part('angle_45x30x8')
+    for aspect in find_aspects(shape).aspects:
+        np.testing.assert_allclose(
+            down_in_part(aspect.orientation), aspect.down_in_part, atol=1e-12
+        )
+        hull = rotate(aspect.orientation, shape.hull_vertices - shape.centre_of_mass)
+        assert -hull[:, 2].min() == pytest.approx(aspect.com_height)
+        # The support is what touches the surface, and the centre of mass is over its inside.
+        touching = hull[hull[:, 2] < hull[:, 2].min() + 1e-9, :2]
+        assert len(aspect.support) == len(touching)
+        apart = np.linalg.norm(touching[:, None] - aspect.support[None], axis=2)
+        assert apart.min(axis=1).max() < 1e-12
+        x, y = aspect.support.T
+        assert (x * np.roll(y, -1) - y * np.roll(x, -1) != 0).all()
+
+
+def test_binom3_rests_on_the_four_published_faces(solid):
+    # Baktash et al. 2025. Unstable facets lie 0.3 and 0.7 degrees from the stable ones.
+    h, k = 0.3543327, 0.3514274
+    corners = [(-0.7935591, 0, 0.4791195), (0.3202141, 0, 0.3201930)]
+    corners += [(0.1539833, y, 0.3400605) for y in (h, -h)]
+    corners += [(0.1619182, 0, -0.9735855), (0.1602665, 0, 0.9658569)]
+    corners += [(-0.7891129, 0, -0.4764671), (0.3175497, 0, -0.3291496)]
+    corners += [(0.1573784, y, -0.3330442) for y in (k, -k)]
+    aspects = find_aspects(solid(trimesh.convex.convex_hull(corners), unit='cm'))
+    published = [(0.910, 0.415, -0.004), (0.910, -0.415, -0.004)]
+    published += [(-0.347, 0.938, -0.006), (-0.347, -0.938, -0.006)]
+    assert len(aspects) == 4
+    apart = np.linalg.norm(np.array(published)[:, None] - downs(aspects)[None], axis=2)
+    assert apart.min(axis=1).max() < 9e-4  # three digits of three coordinates
+
+
+def test_pose_of_an_aspect_is_in_it_for_any_yaw(part):
+    aspects = find_aspects(part('u_bracket'))
+    yaw = Rotation.from_rotvec([[0, 0, angle] for angle in (0, 1, -2.5, np.pi)])
+    for aspect in aspects.aspects:
+        poses = (yaw * Rotation.from_quat(aspect.orientation)).as_quat()
+        np.testing.assert_array_equal(aspects.classify(poses), aspect.id)
+
+
+@pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
+@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
+def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
+    aspects = find_aspects(part('box_10x20x30'))
+    tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
+    for aspect in aspects.aspects:
+        pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
+        assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]
+
+
+def test_classify_agrees_with_exhaustive_search(part):
+    aspects = find_aspects(part('l_bracket'))
+    poses = random_orientations(np.random.default_rng(2), 20_000)
+    angle = np.arccos(np.clip(down_in_part(poses) @ downs(aspects).T, -1, 1))
+    expected = np.where(angle.min(axis=1) <= POSE_ANGLE, angle.argmin(axis=1) + 1, 0)
+    assert 0 < np.count_nonzero(expected) < 20_000
+    np.testing.assert_array_equal(aspects.classify(poses), expected)
+
+
+def test_classify_accepts_zero_or_one_pose(part):
+    aspects = find_aspects(part('l_bracket'))
+    assert aspects.classify(np.zeros((0, 4))).shape == (0,)
+    one = orientation_with_down(aspects.aspects[2].down_in_part)
+    before = one.copy()
+    assert aspects.classify(one).tolist() == [3]
+    np.testing.assert_array_equal(one, before)
+
+
+def test_no_pose_is_classified_without_aspects():
+    nothing = AspectSet('', ())
+    assert nothing.classify(np.array([[0, 0, 0, 1.0]] * 3)).tolist() == [0, 0, 0]
+
+
+def test_aspects_of_the_example_parts(part):
+    expected = {'tetrahedron': 4, 'box_10x20x30': 6, 'hex_nut': 6 + 2, 'l_bracket': 5}
+    expected['u_bracket'] = 6  # its hull is a box
+    expected |= {'cylinder_d20_h20': 3, 'washer': 3}  # two flat sides, and a curved one
+    assert {name: len(find_aspects(part(name))) for name in expected} == expected
+
+
+INVARIANT = [
+    ('prism', (6, 7.5, 6.5)),
+    ('washer', (64,)),
+    ('icosphere', (2,)),
+    ('filleted_box', ((10, 14, 20), 2, 4)),
+    ('half_round_bar', (32,)),
+    ('d_shaft', (32, 8)),
+    ('revolved', ([(10, 0), (0, 20)], 32)),
+    ('ellipsoid', (14, 10, 7, 2)),
+    ('binom3', ()),
+    ('irregular', (4,)),
+    ('icosphere', (0,)),
+    ('blocks', (5,)),
+]
+
+
+def assert_same(found, expected, turn, scale=1.0):
+    """The same aspects in the same order, turned, up to the symmetry of the part."""
+    assert len(found) == len(expected)
+    rotations = found.symmetry.rotations
+    for a, b in zip(expected.aspects, found.aspects, strict=True):
+        # Noise of float32 at 1 m is 6e-8 m, of 10 mm 6e-6; shares change by a few times as much.
+        assert b.com_height == pytest.approx(scale * a.com_height, rel=1e-3)
+        assert b.basin_share == pytest.approx(a.basin_share, abs=1e-3)
+        assert (b.symmetry_class, b.multiplicity) == (a.symmetry_class, a.multiplicity)
+        assert (b.sweep, b.rolls) == (a.sweep, a.rolls)
+        # Aspects of one class may change places; a symmetry takes one to the other.
+        images = rotations @ (turn @ a.down_in_part)
+        ids, angles = found.locate(images)
+        assert b.id in ids[angles <= POSE_ANGLE]
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(
+    ('name', 'arguments'),
+    [*INVARIANT[:-4], *(pytest.param(*each, marks=pytest.mark.slow) for each in INVARIANT[-4:])],
+)
+def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, name, arguments):
+    mesh = getattr(solids, name)(*arguments)
+    plain = find_aspects(solid(mesh))
+    turn = solids.a_turn(7)
+    assert_same(find_aspects(solid(turned(mesh, turn))), plain, turn)
+    far = turned(mesh, turn, (1000, -300, 200))
+    assert_same(find_aspects(solid(far)), plain, turn)
+    large = turned(mesh, turn).apply_scale(1000)
+    assert_same(find_aspects(solid(large, unit='um')), plain, turn)
+    assert_same(find_aspects(solid(large.apply_scale(1 / 1000), unit='m')), plain, turn, 1000)
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(
+    ('name', 'arguments', 'ending'),
+    [(*INVARIANT[k], ending) for k, ending in zip((0, 3, 9, 11), FORMATS, strict=True)],
+)
+def test_aspects_do_not_depend_on_subdivision_or_format(solids, solid, name, arguments, ending):
+    mesh = getattr(solids, name)(*arguments)
+    found = find_aspects(solid(mesh.subdivide(), ending))
+    assert_same(found, find_aspects(solid(mesh)), np.eye(3))
+
+
+def test_shares_are_equal_in_a_class_and_sum_to_one(solids, solid):
+    # With three steps a fillet has a minimum halfway, which falls to one side.
+    for name, arguments in (*INVARIANT[::3], ('rounded_prism', (8, 9, 1.5, 3))):
+        aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
+        assert sum(a.basin_share for a in aspects.aspects) == pytest.approx(1, abs=1e-9)
+        for alike in aspects.classes():
+            assert {a.multiplicity for a in alike} == {len(alike)}
+            assert len({a.basin_share for a in alike}) == 1
+
+
+def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
+    half = {0: 5e-3, 1: 10e-3, 2: 15e-3}
+    aspects = find_aspects(solid(trimesh.creation.box((10, 20, 30))))
+    for aspect in aspects.aspects:
+        axis = int(np.abs(aspect.down_in_part).argmax())
+        rises = {k: np.hypot(h, half[axis]) - half[axis] for k, h in half.items() if k != axis}
+        nearest = min(rises, key=rises.get)
+        assert aspect.min_barrier == pytest.approx(rises[nearest], rel=1e-5)  # float32
+        over = aspects.aspects[aspect.neighbour - 1].down_in_part
+        assert int(np.abs(over).argmax()) == nearest
+        # It rests on the rectangle of the other two sides.
+        sides = sorted(half[k] for k in half if k != axis)
+        reach = np.linalg.norm(aspect.support, axis=1)
+        np.testing.assert_allclose(reach, np.hypot(*sides), rtol=1e-5)
+        assert len(aspect.support) == 4
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid, seed):
+    box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(seed))
+    found = find_aspects(solid(box)).aspects
+    assert [aspect.neighbour for aspect in found] == [3, 3, 1, 1, 1, 1]
+
+
+def test_neighbours_of_a_pin_and_of_a_sphere(solids, solid):
+    side, *ends = find_aspects(solid(solids.prism(64, 1.0, 20.0))).aspects
+    assert side.rolls
+    for end in ends:
+        # From 10 mm to the edge of the end: of a 64-gon, up to 1 - cos(pi / 64).
+        rise = np.hypot(10e-3, 1e-3 * np.cos(np.pi / 64)) - 10e-3
+        assert end.min_barrier == pytest.approx(rise, rel=1e-3)
+        assert end.neighbour == side.id
+    (sphere,) = find_aspects(solid(solids.icosphere(2))).aspects
+    assert (sphere.neighbour, sphere.min_barrier) == (0, np.inf)
+
+
+def test_flats_of_a_curved_side_are_linked_in_a_ring(solids, solid):
+    ring = find_aspects(solid(solids.prism(16))).aspects[0]
+    assert ring.sweep is Sweep.RING
+    assert ring.directions.shape == (16, 3)
+    np.testing.assert_array_equal(ring.directions[0], ring.down_in_part)
+    np.testing.assert_array_equal(np.bincount(ring.links.ravel()), 2)
+    a, b = np.moveaxis(ring.directions[ring.links], 1, 0)
+    np.testing.assert_allclose((a * b).sum(axis=1), np.cos(2 * np.pi / 16), atol=1e-6)
+    assert np.abs(ring.axis) == pytest.approx([0, 0, 1], abs=1e-9)
+
+
+def revolved(profile, steps):
+    """The hull of a profile of radii and heights, turned about z."""
+    turn = np.arange(steps) * 2 * np.pi / steps
+    corners = [(r * np.cos(a), r * np.sin(a), z) for r, z in profile for a in turn]
+    return trimesh.convex.convex_hull(np.array(corners))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('steps', 'rings'), [(48, 8), (64, 10), (200, 20)])
+def test_lens_rests_on_two_sides_for_any_mesh(solid, steps, rings):
+    # Slivers at the pole have the centre of mass over their rim but for less than the margin.
+    slope = np.linspace(0, np.arcsin(10 / 60), rings + 1)
+    top = [(60 * np.sin(a), 60 * (np.cos(a) - np.cos(slope[-1]))) for a in slope]
+    lens = revolved([*top, *((r, -z) for r, z in top)], steps)
+    assert len(find_aspects(solid(lens))) == 2
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('steps', [4, 5, 8])
+def test_rounded_disc_keeps_its_rim_for_any_mesh(solid, steps):
+    # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
+    a = np.linspace(0, np.pi / 2, steps + 1)
+    side = [(8 + 2 * np.cos(x), 1 + 2 * np.sin(x)) for x in a]
+    found = find_aspects(solid(revolved([*side, *((r, -z) for r, z in side)], 48)))
+    assert [x.sweep.name for x in found.aspects] == ['POINT', 'POINT', 'RING']
+
+
+def test_error_for_a_part_that_is_too_thin(solid):
+    with pytest.raises(PartError, match='has no volume: all its 8 vertices lie in a plane'):
+        solid(trimesh.creation.box((100, 100, 0.0005)))
+
+
+def test_barrier_of_a_very_thin_part(solid):
+    found = find_aspects(solid(trimesh.creation.box((100, 100, 0.01))))
+    assert [(a.multiplicity, a.neighbour) for a in found.aspects] == [(2, 2), (2, 1)]
+    assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_sides_of_a_bar_with_an_axis_are_one_class(solid):
+    found = find_aspects(solid(trimesh.creation.box((100, 0.5, 0.5))))
+    assert [(a.symmetry_class, a.multiplicity) for a in found.aspects] == [(1, 4)] * 4
+
+
+@pytest.mark.slow
+def test_mesh_finer_than_flat_facets_is_not_a_sphere(solid):
+    torus = trimesh.creation.torus(10, 3, major_sections=200, minor_sections=100)
+    found = find_aspects(solid(torus))
+    assert (found.symmetry.kind, found.symmetry.order) == ('axial', 2)
+    assert [a.multiplicity for a in found.aspects] == [2, 2]
+
+
+@pytest.mark.parametrize('n', [16, 48])
+def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid, n):
+    for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:
+        expected = 10e-3 * (1 - np.cos(np.pi / n)) if aspect.rolls else 0
+        assert aspect.merged == pytest.approx(expected, rel=1e-4, abs=1e-12)
+
+
+def test_ignored_barrier_of_a_needle_is_that_of_its_ends(solids, solid):
+    aspects = find_aspects(solid(solids.box(1, 1, 1000)))
+    assert len(aspects) == 4
+    assert max(a.merged for a in aspects.aspects) == pytest.approx(
+        (np.hypot(500, 0.5) - 500) * 1e-3, rel=1e-2
+    )
+    # A needle that stands on its end is in none of them.
+    standing = np.array([orientation_with_down(d) for d in np.array([[0, 0, 1.0], [0, 0, -1]])])
+    assert not aspects.classify(standing).any()

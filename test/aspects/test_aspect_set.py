@@ -1,0 +1,156 @@
+"""Which aspect a direction or a pose is in, on flat and on curved sides."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.aspects.aspect_set import Sweep
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import orientation_with_down, random_orientations
+
+
+def directions(seed, n):
+    found = np.random.default_rng(seed).standard_normal((n, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def around(azimuth, tilt=0.0):
+    """Directions square to z, tilted out of that plane, degrees."""
+    a, t = np.radians(azimuth), np.radians(tilt)
+    z = np.full_like(a, np.sin(t))
+    return np.stack([np.cos(a) * np.cos(t), np.sin(a) * np.cos(t), z], axis=1)
+
+
+def classified(aspects, down):
+    return aspects.classify(np.array([orientation_with_down(d) for d in down]))
+
+
+TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('n', [16, 64])
+def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
+    turn = solids.a_turn(n)
+    aspects = find_aspects(solid(solids.turned(solids.prism(n), turn)))
+    (ring,) = (a for a in aspects.aspects if a.rolls)
+    assert ring.sweep is Sweep.RING
+    assert abs(ring.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)  # float32
+    for tilt, inside in TILTS:
+        down = around(np.arange(0, 360, 0.7), tilt) @ turn.T
+        assert (classified(aspects, down) == (ring.id if inside else 0)).all()
+
+
+def test_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
+    aspects = find_aspects(solid(solids.revolved([(10, 0), (0, 20)], 64)))
+    (ring,) = (a for a in aspects.aspects if a.rolls)
+    rise = np.degrees(np.arctan2(10, 20))
+    for tilt, inside in TILTS:
+        down = around(np.arange(0, 360, 0.7), rise + tilt)
+        assert (classified(aspects, down) == (ring.id if inside else 0)).all()
+
+
+def test_an_arc_ends_where_the_curved_side_does(solids, solid):
+    aspects = find_aspects(solid(solids.d_shaft(64, 8)))
+    (arc,) = (a for a in aspects.aspects if a.sweep is Sweep.ARC)
+    (flat,) = (a for a in aspects.aspects if a.down_in_part[1] > 0.99)
+    opening = 90 - np.degrees(np.arccos(0.8))  # of the flat's edges
+    last = opening - 360 / 64  # the flat's edge is in the middle of the last step
+    inner = around(np.arange(last - 360, 0, 0.5) + 180 - last)
+    inner = inner[inner[:, 1] < np.sin(np.radians(last))]
+    assert (classified(aspects, inner) == arc.id).all()
+    assert classified(aspects, around(np.array([90.0, 92.5, 87.5]))).tolist() == [flat.id] * 3
+    assert classified(aspects, around(np.array([75.0, 105.0]))).tolist() == [0, 0]
+
+
+def test_the_ends_of_a_cylinder_are_not_in_its_ring(solids, solid):
+    aspects = find_aspects(solid(solids.prism(16)))
+    for end in (1, -1):
+        (found,) = classified(aspects, np.array([[0, 0, end]]))
+        assert aspects.aspects[found - 1].sweep is Sweep.POINT
+
+
+@pytest.mark.parametrize(('name', 'arguments'), [
+    ('icosphere', (1,)), ('icosphere', (3,)), ('uv_sphere', (16,)),
+])  # fmt: skip
+@pytest.mark.quick_cases(1)
+def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, arguments):
+    aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
+    assert [a.sweep for a in aspects.aspects] == [Sweep.SPHERE]
+    poses = random_orientations(np.random.default_rng(1), 20_000)
+    assert (aspects.classify(poses) == 1).all()
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(('name', 'arguments'), [
+    ('filleted_box', ((10, 14, 20), 1, 2)), ('filleted_box', ((10, 14, 20), 1, 4)),
+    ('rounded_prism', (8, 9, 1.5, 3)), ('rounded_prism', (6, 9, 1.5, 3)),
+])  # fmt: skip
+def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, arguments):
+    aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
+    for aspect in aspects.aspects:
+        assert aspect.sweep is Sweep.POINT
+        assert not aspect.rolls
+        across = np.cross(aspect.down_in_part, directions(3, 24))
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        for angle, expected in ((2.9, aspect.id), (3.1, 0)):
+            tilt = Rotation.from_rotvec(np.radians(angle) * across)
+            assert (classified(aspects, tilt.apply(aspect.down_in_part)) == expected).all()
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('axes', [(10, 10, 5), (14, 10, 7), (10, 10, 9)])
+def test_the_poles_of_an_ellipsoid_are_domes(solids, solid, axes):
+    aspects = find_aspects(solid(solids.ellipsoid(*axes, 3)))
+    assert [a.sweep for a in aspects.aspects] == [Sweep.DOME] * 2
+    for aspect in aspects.aspects:
+        assert abs(aspect.axis[2]) == pytest.approx(1, abs=0.01)
+        assert classified(aspects, aspect.axis[None]).tolist() == [aspect.id]
+        assert classified(aspects, aspect.directions).tolist() == [aspect.id] * len(
+            aspect.directions
+        )
+
+
+def test_a_prolate_ellipsoid_rolls_on_all_of_its_waist(solids, solid):
+    aspects = find_aspects(solid(solids.ellipsoid(10, 10, 20, 3)))
+    (ring,) = aspects.aspects
+    assert ring.sweep is Sweep.RING
+    assert ring.rolls
+    assert abs(ring.axis[2]) == pytest.approx(1, abs=1e-3)
+    assert (classified(aspects, around(np.arange(0, 360, 0.7))) == 1).mean() > 0.99
+
+
+def test_angles_are_to_the_nearest_direction_or_arc(solids, solid):
+    aspects = find_aspects(solid(solids.prism(64)))
+    down = directions(5, 5000)
+    ids, angle = aspects.locate(down)
+    ring = np.abs(np.arcsin(down[:, 2]))
+    end = np.arccos(np.abs(down[:, 2]))
+    nearest = np.minimum(ring, end)
+    # The arc between flats 5.6 degrees apart is the circle itself; the nearest is sought by flats.
+    clear = np.abs(ring - end) > 0.01
+    np.testing.assert_allclose(angle[clear], nearest[clear], atol=1e-5)  # float32
+    (rolling,) = (a.id for a in aspects.aspects if a.rolls)
+    np.testing.assert_array_equal((ids == rolling)[clear], (ring < end)[clear])
+
+
+def test_location_does_not_depend_on_other_directions(solids, solid):
+    aspects = find_aspects(solid(solids.blocks(3)))
+    down = directions(6, 250_000)  # more than are worked on at once
+    ids, angle = aspects.locate(down)
+    for k in (0, 99_999, 100_000, 249_999):
+        one, apart = aspects.locate(down[k : k + 1])
+        assert (one[0], apart[0]) == (ids[k], angle[k])
+
+
+def test_flats_beside_a_flat_side_are_in_its_aspect_but_no_rest(solids, solid):
+    """On the flats of a fillet only the mesh stops a part."""
+    aspects = find_aspects(solid(solids.filleted_box((20, 20, 20), 8, 8)))
+    assert [a.level for a in aspects.aspects] == [1] * 6
+    beside = np.concatenate([a.directions[a.level :] for a in aspects.aspects])
+    ids = np.concatenate([[a.id] * (len(a.directions) - a.level) for a in aspects.aspects])
+    assert len(beside) > 0
+    np.testing.assert_array_equal(classified(aspects, beside), ids)
+    assert not classified(aspects.at_rest(), beside).any()
+    rests = np.array([a.down_in_part for a in aspects.aspects])
+    assert classified(aspects.at_rest(), rests).tolist() == [1, 2, 3, 4, 5, 6]

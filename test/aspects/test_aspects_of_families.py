@@ -1,0 +1,224 @@
+"""The aspects of convex parts of many families are those of an independent landscape."""
+
+import fuzz_aspects
+import numpy as np
+import part_families
+import pytest
+import trimesh
+
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import orientation_with_down
+
+RADIUS = 10.0  # mm
+FAMILIES = {family.__name__: family for family in part_families.FAMILIES}
+
+
+def hull(points):
+    """Scale points from radius 1 to RADIUS."""
+    return trimesh.convex.convex_hull(RADIUS * np.asarray(points))
+
+
+def ball(kind, n, level, flats=1):
+    """A ball of radius 1, about n points around, with flats at z = -level and perhaps level."""
+    points = part_families.ball(n, kind, np.random.default_rng(1))
+    points = part_families.cut(points, -level)
+    return hull(points if flats == 1 else part_families.cut(points * [1, 1, -1], -level))
+
+
+def bar(length, n, radius):
+    """A bar of n sides in mm, about z."""
+    outline = part_families.circle(n, radius)
+    return trimesh.convex.convex_hull(part_families.extruded(outline, length))
+
+
+def disc(thickness):
+    return hull(part_families.extruded(part_families.circle(64), thickness / RADIUS))
+
+
+def capsule(level):
+    """A capsule 4 radii long about y, with a flat at z = -level."""
+    angles = part_families.arc(np.pi / 2, 32)
+    profile = [(np.cos(t), end * (1 + np.sin(t))) for t in angles for end in (-1, 1)]
+    points = part_families.revolved(profile, 32)[:, [1, 2, 0]]
+    return hull(part_families.cut(points, -level))
+
+
+def oblate(height, level):
+    """An ellipsoid about z with a flat at this share of its height."""
+    points = part_families.ball(40, 'uv', None) * [1, 1, height]
+    return hull(part_families.cut(points, -level * height))
+
+
+def is_down(aspect, direction):
+    """Whether all directions of an aspect are within 3 degrees of a direction of a flat."""
+    return bool((aspect.directions @ direction).min() > np.cos(np.radians(3)))
+
+
+def is_clear_of(aspect, direction):
+    """Whether no direction of an aspect is within 3 degrees of a direction."""
+    return bool((aspect.directions @ direction).max() < np.cos(np.radians(3)))
+
+
+def small_shapes(family):
+    """Two of 20 random shapes, with a known number of aspects and few corners, if any are known.
+
+    Also gives the generators after these.
+    """
+    generators = [np.random.default_rng(seed) for seed in range(20)]
+    shapes = [(family(generator), generator) for generator in generators]
+    return sorted(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))[:2]
+
+
+# The symmetry of a ball with a flat takes seconds; some are among the cases below.
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.slow) if name == 'ball_with_flats' else name
+    for name in FAMILIES
+])  # fmt: skip
+def test_random_parts_have_the_aspects_of_the_landscape(name):
+    for shape, generator in small_shapes(FAMILIES[name]):
+        part, truth = fuzz_aspects.random_part(shape, generator)
+        assert (shape.name, list(fuzz_aspects.differences(shape, part, truth))) == (shape.name, [])
+
+
+@pytest.mark.slow
+def test_many_random_parts_have_the_aspects_of_the_landscape():
+    assert list(fuzz_aspects.findings(range(280), 1)) == []
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(
+    ('seed', 'number'),
+    [(101, 41), (301, 505), (101, 195), (302, 827), (301, 85), (302, 869)],
+    ids=['11', 'spiral', '14', 'cut_corner', 'simplified', 'simplified_64'],
+)
+def test_parts_that_were_wrong_once_are_right(seed, number):
+    assert list(fuzz_aspects.findings([number], seed)) == []
+
+
+def test_a_wrong_number_of_aspects_is_found():
+    generator = np.random.default_rng(1)
+    box = part_families.known_shape(
+        'box', part_families.extruded(part_families.circle(4), 1.0), 5, 0.0, known=True
+    )
+    part, truth = fuzz_aspects.random_part(box, generator)
+    assert len(list(fuzz_aspects.differences(box, part, truth))) == 1
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(('kind', 'n', 'level'), [
+    *[('ico', 80, level) for level in (0.98, 0.95, 0.92)],
+    *[('uv', 48, level) for level in (0.99, 0.95, 0.92)],
+])  # fmt: skip
+def test_a_ball_with_a_flat_rests_on_it_and_opposite_to_it(solid, kind, n, level):
+    aspects = find_aspects(solid(ball(kind, n, level))).aspects
+    assert len(aspects) == 2
+    flat = [a for a in aspects if is_down(a, [0, 0, -1])]
+    assert [a.sweep.name for a in flat] == ['POINT']
+    assert flat[0].com_height == min(a.com_height for a in aspects)
+    (round_side,) = (a for a in aspects if a is not flat[0])
+    assert round_side.sweep.curved
+    assert is_clear_of(round_side, [0, 0, -1])
+
+
+def test_a_ball_with_two_flats_rests_on_them_and_between_them(solid):
+    aspects = find_aspects(solid(ball('ico', 40, 0.95, flats=2))).aspects
+    assert [a.sweep.curved for a in aspects] == [False, False, True]
+    assert sorted(a.down_in_part[2].round(3) for a in aspects[:2]) == [-1, 1]
+    assert is_clear_of(aspects[2], [0, 0, -1])
+    assert is_clear_of(aspects[2], [0, 0, 1])
+
+
+def test_a_pose_between_a_flat_and_the_round_side_of_a_ball_is_in_no_aspect(solid):
+    """Four flats, as on a tetrahedron; the round side has directions all around."""
+    points = ball('ico', 30, 2.0).vertices
+    corners = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)]) / np.sqrt(3)
+    for normal in corners:
+        turn = trimesh.geometry.align_vectors(normal, [0, 0, -1])[:3, :3]
+        points = part_families.cut(points @ turn.T / RADIUS, -0.85) @ turn * RADIUS
+    aspects = find_aspects(solid(trimesh.convex.convex_hull(points)))
+    assert [a.sweep.name for a in aspects.aspects] == [*4 * ['POINT'], 'SPHERE']
+    side = np.cross(corners[0], [0.3, 0.5, -0.8])
+    tilts = np.radians([0, 10, 20, 25, 40])[:, None]
+    down = np.cos(tilts) * corners[0] + np.sin(tilts) * side / np.linalg.norm(side)
+    ids = aspects.classify(np.array([orientation_with_down(d) for d in down]))
+    assert ids[0] in {1, 2, 3, 4}
+    assert ids.tolist()[1:] == [0, 0, 0, 5]
+
+
+def test_the_round_side_between_two_flats_of_a_shaft_is_an_arc(solid):
+    outline = part_families.circle(24)
+    for axis in (0, 1):
+        outline = outline[outline[:, axis] < 0.97]
+    half = np.sqrt(1 - 0.97**2)
+    cuts = [(0.97, half), (0.97, -half), (half, 0.97), (-half, 0.97)]
+    part = solid(hull(part_families.extruded(np.concatenate([outline, cuts]), 3.0)))
+    curved = [a for a in find_aspects(part).aspects if a.sweep.curved]
+    assert [a.sweep.name for a in curved] == ['ARC', 'ARC']
+    assert [abs(a.axis[2]) for a in curved] == pytest.approx([1, 1], abs=1e-6)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('level', [0.95, 0.97, 0.99])
+def test_a_shaft_with_a_flat_rocks_on_its_round_side(solid, level):
+    aspects = find_aspects(solid(hull(part_families.d_shaft(64, level, 4.0)))).aspects
+    assert sorted(a.sweep.name for a in aspects) == ['ARC', 'POINT', 'POINT', 'POINT']
+    arc = next(a for a in aspects if a.sweep.curved)
+    assert abs(arc.axis[2]) == pytest.approx(1, abs=1e-6)
+    assert is_clear_of(arc, [0, 1, 0])
+    assert arc.down_in_part[1] < 0
+    assert sum(is_down(a, [0, 1, 0]) for a in aspects) == 1
+
+
+@pytest.mark.parametrize('length', [1000, 2000])
+def test_a_long_square_bar_rests_on_its_four_sides(solid, length):
+    aspects = find_aspects(solid(bar(length, 4, np.sqrt(0.5)))).aspects
+    assert [a.sweep.name for a in aspects] == ['POINT'] * 4
+    # From the side, 0.5 mm high, over the edge.
+    assert [a.min_barrier for a in aspects] == pytest.approx(
+        [(np.sqrt(0.5) - 0.5) * 1e-3] * 4, rel=1e-4
+    )
+
+
+def test_a_needle_of_many_sides_rolls(solid):
+    (aspect,) = find_aspects(solid(bar(100, 24, 0.025))).aspects
+    assert aspect.sweep.name == 'RING'
+    assert len(aspect.directions) == 24
+
+
+@pytest.mark.parametrize('thickness', [0.3, 0.1])
+def test_a_thin_disc_does_not_rest_on_its_rim(solid, thickness):
+    aspects = find_aspects(solid(disc(thickness)))
+    assert [a.sweep.name for a in aspects.aspects] == ['POINT', 'POINT']
+    assert all(np.abs(a.directions[:, 2]).min() > np.cos(np.radians(3)) for a in aspects.aspects)
+    quarter = np.sqrt(0.5)
+    on_rim = [[quarter, 0, 0, quarter], [0, quarter, 0, quarter], [0.5, 0.5, 0.5, 0.5]]
+    assert aspects.classify(on_rim).tolist() == [0, 0, 0]
+    assert aspects.classify([[0, 0, 0, 1], [1, 0, 0, 0]]).all()
+
+
+def test_a_disc_with_flat_chamfers_stands_on_its_rim(solid):
+    rise = 0.2 * np.tan(np.radians(24))
+    rim = 0.3 - 2 * rise
+    aspects = find_aspects(solid(hull(part_families.chamfered(64, 0.3, 0.2, rise)))).aspects
+    assert sorted(a.sweep.name for a in aspects) == ['POINT', 'POINT', 'RING']
+    ring = next(a for a in aspects if a.sweep.curved)
+    # From the rim over its edge; the flats of the mesh are below the edges of the rim.
+    barrier = np.hypot(1, rim / 2) - 1
+    assert ring.min_barrier == pytest.approx(RADIUS * 1e-3 * barrier, rel=0.01)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('level', [0.8, 0.95])
+def test_a_capsule_with_a_flat_rests_on_it_and_opposite_to_it(solid, level):
+    aspects = find_aspects(solid(capsule(level))).aspects
+    assert len(aspects) == 2
+    assert [is_down(a, [0, 0, -1]) for a in aspects] == [True, False]
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('level', [0.85, 0.95])
+def test_an_ellipsoid_with_a_flat_rests_on_it_and_opposite_to_it(solid, level):
+    aspects = find_aspects(solid(oblate(0.6, level))).aspects
+    assert len(aspects) == 2
+    assert [is_down(a, [0, 0, -1]) for a in aspects] == [True, False]
+    assert aspects[1].directions[: aspects[1].level, 2].min() > 0.8

@@ -1,0 +1,270 @@
+"""Clusters of down directions against single linkage, and their agreement with aspects."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.clusters import (
+    DEFAULT_TOLERANCE_DEGREES,
+    Clusters,
+    cluster_directions,
+    find_agreement,
+    find_clusters,
+    find_differences,
+)
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import angle_between, down_in_part, random_orientations
+from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.statistics.poses import RestStatus
+
+TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)
+# Parts with flat sides only.
+POLYHEDRA = (
+    *('angle_45x30x8', 'box_10x20x30', 'hex_nut', 'l_bracket', 't_prism', 'tetrahedron'),
+    'u_bracket',
+)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def around(degrees):
+    """Directions on the equator."""
+    angle = np.radians(degrees)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+
+
+def groups(labels):
+    """The sets of places that have a label in common."""
+    return {frozenset(np.flatnonzero(labels == label)) for label in np.unique(labels)}
+
+
+def scattered(seed):
+    """Few and many directions, near and far from each other, some of them equal."""
+    generator = np.random.default_rng(seed)
+    centres = unit(generator.standard_normal((generator.integers(1, 30), 3)))
+    which = generator.integers(0, len(centres), generator.integers(1, 400))
+    spread = 10 ** generator.uniform(-6, 0)
+    noise = spread * generator.standard_normal((len(which), 3)) * generator.integers(0, 2)
+    return unit(centres[which] + noise)
+
+
+def test_labels_of_a_small_example():
+    # Two chains of steps of 4 degrees, 6 degrees apart; a single one; two that are equal.
+    degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
+    assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
+        *(1, 2, 2, 2, 4, 1, 3, 3, 1, 1)
+    ]
+
+
+def test_equal_clusters_are_ordered_by_coordinates():
+    axes = np.array([(0, 0, 1), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1), (0, 1, 0)])
+    assert cluster_directions(axes.astype(float), TOLERANCE).tolist() == [4, 6, 2, 1, 3, 5]
+
+
+@pytest.mark.parametrize(('share', 'clusters'), [(1 - 1e-9, 1), (1 + 1e-9, 2)])
+@pytest.mark.parametrize('degrees', [1, 5, 30])
+def test_step_joins_a_cluster_up_to_the_tolerance(share, clusters, degrees):
+    turns = Rotation.random(200, random_state=1).as_matrix()
+    for turn in turns:
+        pair = around(np.array([0.0, degrees * share])) @ turn
+        assert cluster_directions(pair, np.radians(degrees)).max() == clusters
+
+
+@given(seeds, st.floats(1, 30))
+def test_clusters_agree_with_single_linkage(seed, degrees):
+    down = scattered(seed)
+    labels = cluster_directions(down, np.radians(degrees))
+    if len(down) > 1:
+        reach = 2 * np.sin(np.radians(degrees) / 2)
+        assert groups(labels) == groups(fcluster(linkage(down, 'single'), reach, 'distance'))
+    counts = np.bincount(labels)[1:]
+    assert counts.min() > 0
+    assert (np.diff(counts) <= 0).all()
+
+
+@given(seeds)
+def test_clusters_do_not_depend_on_the_order_of_poses(seed):
+    down = scattered(seed)
+    order = np.random.default_rng(seed).permutation(len(down))
+    plain, mixed = find_clusters(down, TOLERANCE), find_clusters(down[order], TOLERANCE)
+    np.testing.assert_array_equal(mixed.labels, plain.labels[order])
+    for name in ('counts', 'mean', 'spread'):
+        np.testing.assert_array_equal(getattr(mixed, name), getattr(plain, name))
+
+
+@given(seeds)
+def test_rotating_the_mesh_rotates_the_means_of_clusters(seed):
+    down = scattered(seed)
+    turn = Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
+    plain, turned = find_clusters(down, TOLERANCE), find_clusters(down @ turn.T, TOLERANCE)
+    assert groups(turned.labels) == groups(plain.labels)
+    for k in range(len(plain)):
+        other = turned.labels[plain.labels == k + 1][0] - 1
+        np.testing.assert_allclose(turned.mean[other], turn @ plain.mean[k], atol=1e-9)
+        assert turned.spread[other] == pytest.approx(plain.spread[k], abs=1e-7, nan_ok=True)
+
+
+def test_only_poses_that_differ_by_yaw_are_the_same():
+    # The definition in the seed: the axis of q_i conj(q_j) is vertical.
+    poses = Rotation.from_quat(random_orientations(np.random.default_rng(4), 40))
+    yaw = Rotation.from_rotvec(np.linspace(-3, 3, 25)[:, None] * [0, 0, 1])
+    turned = Rotation.concatenate([turn * pose for pose in poses for turn in yaw])
+    labels = cluster_directions(down_in_part(turned.as_quat()), np.radians(1)).reshape(40, 25)
+    assert (labels == labels[:, :1]).all()
+    relative = poses[0] * poses[1:].inv()
+    axis = unit(relative.as_rotvec())
+    assert (np.abs(axis[:, 2]) < 1 - 1e-6).all()
+    assert (labels[1:, 0] != labels[0, 0]).all()
+
+
+def test_ring_is_one_cluster_without_a_mean():
+    ring = around(np.random.default_rng(1).uniform(0, 360, 2000))
+    ends = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], [700, 300], axis=0)
+    clusters = find_clusters(np.concatenate([ends, ring]), TOLERANCE)
+    assert clusters.counts.tolist() == [2000, 700, 300]
+    assert np.isnan(clusters.mean[0]).all()
+    assert np.isnan(clusters.spread[0])
+    np.testing.assert_array_equal(clusters.mean[1:], [[0, 0, 1], [0, 0, -1]])
+
+
+def test_mean_and_spread_of_scattered_directions():
+    # Two normal components across the mean, each with this deviation; n = 20000 knows it to 0.5 %.
+    deviation, n = np.radians(0.8), 20_000
+    centre = unit(np.array([1.0, 2.0, -3.0]))
+    noise = deviation * np.random.default_rng(1).standard_normal((n, 3))
+    down = unit(centre + noise - (noise @ centre)[:, None] * centre)
+    clusters = find_clusters(down, TOLERANCE)
+    assert len(clusters) == 1
+    error = angle_between(clusters.mean, centre[None])[0]
+    assert error < 4 * deviation / np.sqrt(n)
+    assert clusters.spread[0] == pytest.approx(np.sqrt(2) * deviation, rel=0.02)
+
+
+def test_clusters_of_no_direction_and_of_one():
+    none = find_clusters(np.zeros((0, 3)), TOLERANCE)
+    assert (len(none), none.labels.shape, none.mean.shape) == (0, (0,), (0, 3))
+    one = find_clusters(np.array([[0, 0.6, -0.8]]), TOLERANCE)
+    assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
+
+
+def test_input_directions_are_unchanged():
+    down = scattered(7)
+    before = down.copy()
+    find_clusters(down, TOLERANCE)
+    np.testing.assert_array_equal(down, before)
+
+
+@pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
+def test_clusters_of_many_directions(kind):
+    generator, n = np.random.default_rng(1), 50_000
+    noise = generator.standard_normal((n, 3))
+    down = {
+        'equal': lambda: np.tile([0, 0, -1.0], (n, 1)),
+        'nearly equal': lambda: unit([0, 0, -1] + 1e-5 * noise),
+        'apart': lambda: unit(around(np.array([0, 5.6])).repeat(n // 2, axis=0) + 1e-3 * noise),
+        'uniform': lambda: unit(noise),
+    }[kind]()
+    clusters = find_clusters(down, TOLERANCE)
+    assert clusters.counts.sum() == n
+    assert len(clusters) == (2 if kind == 'apart' else 1)
+
+
+@pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
+def test_tolerance_outside_limits_is_rejected(degrees):
+    with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):
+        cluster_directions(np.zeros((0, 3)), np.radians(degrees))
+
+
+def clusters_of(labels):
+    """Return clusters with these labels; their other fields do not matter."""
+    counts = np.bincount(labels)[1:]
+    nothing = np.full((len(counts), 3), np.nan)
+    return Clusters(np.array(labels), counts, nothing, nothing[:, 0])
+
+
+def test_agreement_of_every_pose_in_a_small_example():
+    # Cluster 1 contains aspect 2; aspect 3 is split into clusters 3 and 4; cluster 2 is in none.
+    aspect = np.array([1, 1, 1, 2, 2, 0, 0, 0, 0, 3, 3, 3])
+    cluster = np.array([1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4])
+    found = find_agreement(aspect, 4, clusters_of(cluster))
+    assert found.cluster_of.tolist() == [1, 1, 3, 0]
+    assert found.shared.tolist() == [3, 2, 2, 0]
+    assert found.agree.tolist() == [*[True] * 3, *[False] * 6, True, True, False]
+
+
+def test_part_without_aspects_has_no_agreement(part):
+    found = find_agreement(np.zeros(3, dtype=np.int64), 0, clusters_of([1, 1, 2]))
+    assert not found.agree.any()
+    differences = find_differences(found, AspectSet('', ()), np.tile([0, 0, -1.0], (3, 1)))
+    assert differences.nearest.tolist() == [0, 0, 0]
+    assert np.isinf(differences.angle).all()
+
+
+def test_nearest_aspect_agrees_with_exhaustive_search(part):
+    aspects = find_aspects(part('l_bracket'))
+    down = down_in_part(random_orientations(np.random.default_rng(1), 2000))
+    table = np.array([a.down_in_part for a in aspects.aspects])
+    angle = np.arccos(np.clip(down @ table.T, -1, 1))
+    nearest, least = aspects.locate(down)
+    np.testing.assert_array_equal(nearest, angle.argmin(axis=1) + 1)
+    np.testing.assert_allclose(least, angle.min(axis=1), atol=1e-7)
+
+
+def test_differences_list_the_poses_and_both_results(part):
+    aspects = find_aspects(part('box_10x20x30'))
+    flat = np.array([a.orientation for a in aspects.aspects] * 2)
+    tilt = Rotation.from_rotvec([np.radians(20), 0, 0])
+    flat[3] = (tilt * Rotation.from_quat(flat[3])).as_quat()
+    down = down_in_part(flat)
+    clusters = find_clusters(down, TOLERANCE)
+    found = find_differences(find_agreement(aspects.classify(flat), 6, clusters), aspects, down)
+    assert (found.pose.tolist(), found.nearest.tolist(), found.aspect.tolist()) == ([3], [4], [0])
+    assert np.degrees(found.angle[0]) == pytest.approx(20)
+    assert clusters.counts[found.cluster[0] - 1] == 1
+
+
+@pytest.mark.parametrize('name', POLYHEDRA)
+def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
+    shape, n = part(name), 1000
+    poses = drop_range(make_job(shape, surfaces.get(), 11), 0, n)
+    orientation = poses.orientation[poses.status == RestStatus.SETTLED]
+    assert len(orientation) > 0.99 * n
+    assert np.count_nonzero(near_and_agreed(shape, orientation)) > 0.99 * n
+
+
+@pytest.mark.parametrize('name', POLYHEDRA)
+def test_both_agree_on_tilted_poses_near_a_facet_among_outliers(part, name):
+    shape = part(name)
+    generator = np.random.default_rng(5)
+    shown = np.array([a.orientation for a in find_aspects(shape).aspects])
+    flat = shown[generator.integers(0, len(shown), 500)]
+    tilt = generator.standard_normal((500, 3)) * [1, 1, 0]
+    tilt *= np.radians(generator.uniform(0, 0.999, (500, 1))) / np.linalg.norm(
+        tilt, axis=1, keepdims=True
+    )
+    yaw = Rotation.from_rotvec(generator.uniform(-np.pi, np.pi, (500, 1)) * [0, 0, 1])
+    near = (yaw * Rotation.from_rotvec(tilt) * Rotation.from_quat(flat)).as_quat()
+    poses = np.concatenate([near, random_orientations(generator, 30)])
+    assert np.count_nonzero(near_and_agreed(shape, poses)) >= 500
+
+
+def near_and_agreed(shape, orientation):
+    """Return which poses are within a degree of an aspect; both classifiers agree on them."""
+    aspects = find_aspects(shape)
+    down = down_in_part(orientation)
+    ids = aspects.classify(orientation)
+    agree = find_agreement(ids, len(aspects), find_clusters(down, TOLERANCE)).agree
+    nearest, angle = aspects.locate(down)
+    near = angle <= np.radians(1)
+    assert agree[near].all()
+    assert (ids[near] == nearest[near]).all()
+    return near

@@ -1,0 +1,271 @@
+"""The analytic methods, held to closed forms, to symmetry, and to another implementation."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from resting_aspects_ros.aspects.estimate import (
+    METHODS,
+    NotDefinedError,
+    RestingShape,
+    estimate,
+)
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+
+# The coordinates in an STL are float32.
+FLOAT32 = 1e-5
+GOLDEN = (1 + np.sqrt(5)) / 2
+
+
+@pytest.fixture(scope='module')
+def shape(solid):
+    """Return a function that makes the resting shape of a mesh in mm."""
+
+    def make(mesh):
+        part = solid(mesh)
+        return RestingShape(part, find_aspects(part))
+
+    return make
+
+
+def rectangle(a, b, h):
+    """Return the solid angle of a rectangle 2a x 2b at the distance h."""
+    return 4 * np.arctan2(a * b, h * np.sqrt(a**2 + b**2 + h**2))
+
+
+def halves(sides):
+    """Return half the sides of each face of a box and its distance, lowest first, each twice."""
+    a, b, c = np.sort(sides) / 2
+    return np.repeat([(b, c, a), (a, c, b), (a, b, c)], 2, axis=0)
+
+
+def shares(weights):
+    return np.asarray(weights) / np.sum(weights)
+
+
+def predicted(shape, method):
+    return estimate(shape, method).probabilities
+
+
+SIDES = [(10, 20, 30), (10, 10, 40), (3, 30, 34)]
+
+
+@pytest.mark.parametrize('sides', SIDES)
+def test_box_agrees_with_the_rectangle_formula(solids, shape, sides):
+    expected = shares([rectangle(*face) for face in halves(sides)])
+    of = shape(solids.turned(solids.box(*sides), solids.a_turn(1)))
+    for method in ('solid_angle', 'quasi_static', 'rolling'):
+        np.testing.assert_allclose(predicted(of, method), expected, atol=FLOAT32)
+
+
+@pytest.mark.parametrize('sides', SIDES)
+def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
+    weights = {method: [] for method in ('csa', 'crsa', 'stability', 'energy_barrier')}
+    for a, b, h in halves(sides):
+        over = np.hypot(h, [a, a, b, b])
+        critical = np.mean([rectangle(a, b, r) for r in over])
+        weights['csa'].append(rectangle(a, b, h) / h)
+        weights['crsa'].append((rectangle(a, b, h) - critical) / h)
+        weights['stability'].append(4 * a * b / h)
+        weights['energy_barrier'].append(min(over) - h)
+    of = shape(solids.turned(solids.box(*sides), solids.a_turn(2)))
+    for method, expected in weights.items():
+        np.testing.assert_allclose(predicted(of, method), shares(expected), atol=FLOAT32)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('thickness', [0.1, 0.577, 3.0])
+def test_coin_rests_on_its_rim_with_h_over_its_diagonal(solids, shape, thickness):
+    of = shape(solids.prism(256, 5.0, 10 * thickness))
+    side = next(a.id for a in of.aspects.aspects if a.rolls)
+    # A polygon of n sides differs from a circle by 1 - cos(pi / n), 7.5e-5.
+    expected = thickness / np.hypot(thickness, 1)
+    for method in ('solid_angle', 'quasi_static', 'rolling'):
+        assert predicted(of, method)[side - 1] == pytest.approx(expected, abs=1e-4)
+
+
+def octahedron(solids):
+    return solids.hull(10 * np.concatenate([np.eye(3), -np.eye(3)]))
+
+
+def dodecahedron(solids):
+    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    arms = [(0, s / GOLDEN, t * GOLDEN) for s in (-1, 1) for t in (-1, 1)]
+    return solids.hull(10 * np.concatenate([signs, *(np.roll(arms, k, axis=1) for k in range(3))]))
+
+
+def regular(solids, faces):
+    return {
+        4: solids.tetrahedron,
+        6: lambda: solids.box(9, 9, 9),
+        8: lambda: octahedron(solids),
+        12: lambda: dodecahedron(solids),
+        20: lambda: solids.icosphere(0),
+    }[faces]()
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
+def test_regular_solid_is_uniform_without_symmetry_classes(solids, shape, faces):
+    of = shape(solids.turned(regular(solids, faces), solids.a_turn(4)))
+    for method, each in METHODS.items():
+        np.testing.assert_allclose(predicted(of, method), np.full(faces, 1 / faces), rtol=1e-12)
+        # The energy of an edge is a difference of lengths that agree within a tenth.
+        tolerance = 2e-4 if method == 'energy_barrier' else FLOAT32
+        np.testing.assert_allclose(shares(each.weights(of)), 1 / faces, rtol=tolerance)
+
+
+def test_face_of_two_facets_is_counted_once(solids, shape):
+    """The die of Baktash et al. has unstable facets within a degree of the faces it rests on."""
+    mesh = solids.binom3()
+    of = shape(mesh)
+    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    assert len(down) == 4
+    corners = mesh.triangles - mesh.center_mass
+    a, b, c = (corners[:, k] for k in range(3))
+    la, lb, lc = (np.linalg.norm(corners[:, k], axis=1) for k in range(3))
+    dot = lambda x, y: (x * y).sum(axis=1)  # noqa: E731 - the formula as it is printed
+    omega = 2 * np.arctan2(
+        np.abs(dot(a, np.cross(b, c))),
+        la * lb * lc + dot(a, b) * lc + dot(a, c) * lb + dot(b, c) * la,
+    )
+    near = down @ mesh.face_normals.T > np.cos(np.radians(1))
+    assert near.sum() > 4
+    np.testing.assert_allclose(predicted(of, 'solid_angle'), shares(near @ omega), atol=FLOAT32)
+
+
+def test_rolling_estimate_of_the_die_binom3(solids, shape):
+    found = estimate(shape(solids.binom3()), 'rolling')
+    leans_back = [a.down_in_part[0] < 0 for a in found.aspects.aspects]
+    # 255 of 329 rolls ended on those two.
+    expected = np.where(leans_back, 0.375, 0.125)
+    np.testing.assert_allclose(found.probabilities, expected, atol=0.01)
+
+
+def test_estimates_do_not_depend_on_scale_and_rotation(solids, shape):
+    mesh = solids.irregular(5)
+    plain = shape(mesh)
+    assert len(plain.aspects) > 3
+    for scale, seed in ((0.02, 5), (50.0, 6)):
+        moved = solids.turned(mesh.copy().apply_scale(scale), solids.a_turn(seed), (3, -8, 20))
+        other = shape(moved)
+        for method in METHODS:
+            expected = predicted(plain, method)
+            np.testing.assert_allclose(predicted(other, method), expected, atol=2e-4)
+
+
+def test_unstable_facet_adds_its_share_to_the_next_side(solids, shape):
+    """A leaning frustum: its base tips onto the side below it, its top onto the one above."""
+    base = np.array([(x, y, 0.0) for x in (-5, 5) for y in (-4, 4)])
+    top = np.array([(24 + x, y, 20.0) for x in (-3, 3) for y in (-2.5, 2.5)])
+    of = shape(solids.hull(np.concatenate([base, top])))
+    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    assert len(down) == 4
+    assert np.abs(down[:, 2]).max() < 0.9
+    body = of.landscape.hull
+    omega = of.facet_angles / (4 * np.pi)
+    ends = {z: float(omega[body.normals @ [0, 0, z] > 0.999].sum()) for z in (-1, 1)}
+    assert min(ends.values()) > 100 * FLOAT32
+    expected = of.face_angles / (4 * np.pi)
+    below, above = (int((down @ [s, 0, -s]).argmax()) for s in (1, -1))
+    expected[below] += ends[-1]
+    expected[above] += ends[1]
+    np.testing.assert_allclose(predicted(of, 'quasi_static'), expected, atol=FLOAT32)
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda solids: solids.box(10, 20, 30),
+        lambda solids: solids.box(7, 7, 25),
+        lambda solids: solids.prism(3, 10.0, 12.0),
+        lambda solids: solids.prism(6, 10.0, 8.0),
+        lambda solids: solids.extruded([(0, 0), (20, 0), (20, 5), (0, 15)], 12),
+    ],
+)
+def test_quasi_static_agrees_with_trimesh_where_it_is_correct(solids, shape, make):
+    mesh = solids.turned(make(solids), solids.a_turn(7))
+    of = shape(mesh)
+    poses, probabilities = trimesh.poses.compute_stable_poses(mesh)
+    down = -poses[:, 2, :3]
+    ids, _ = of.aspects.locate(down)
+    expected = np.bincount(ids - 1, weights=probabilities, minlength=len(of.aspects))
+    np.testing.assert_allclose(predicted(of, 'quasi_static'), shares(expected), atol=1e-4)
+
+
+def test_methods_not_defined_for_a_curved_side(solids, shape):
+    of = shape(solids.prism(32))
+    assert estimate(of, 'solid_angle').probabilities.sum() == pytest.approx(1)
+    for method in ('crsa', 'stability'):
+        with pytest.raises(NotDefinedError, match=rf'{method} is not defined for solid: aspect 1'):
+            estimate(of, method)
+    egg = shape(solids.ellipsoid(10, 10, 6, 3))
+    assert len(egg.aspects) == 2
+    for method in ('solid_angle', 'csa'):
+        with pytest.raises(NotDefinedError, match='continues to another aspect without an edge'):
+            estimate(egg, method)
+    for method in ('quasi_static', 'rolling', 'energy_barrier'):
+        np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_curved_face_of_half_ball_and_half_round_bar_is_complete(solids, shape):
+    height = 3 / 8  # of the centre of mass, of the radius
+    ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
+    flat = (1 - height / np.hypot(height, 1)) / 2  # of all directions
+    curved = [a.sweep.curved for a in ball.aspects.aspects]
+    np.testing.assert_allclose(ball.probabilities, np.where(curved, 1 - flat, flat), atol=2e-3)
+    bar = shape(solids.half_round_bar(48))
+    down = np.array([a.down_in_part for a in bar.aspects.aspects])
+    # Its flat side is 20 x 40 mm; an end is half a disc, seen from the middle of the bar.
+    flat = rectangle(10, 20, 4 / (3 * np.pi) * 10)
+    ends = bar.facet_angles[np.abs(bar.landscape.hull.normals[:, 2]) > 0.99].sum()
+    weight = np.where(down[:, 1] < -0.9, flat, 4 * np.pi - flat - ends)
+    weight[np.abs(down[:, 2]) > 0.9] = ends / 2
+    assert sorted(weight) == [ends / 2, ends / 2, flat, 4 * np.pi - flat - ends]
+    np.testing.assert_allclose(predicted(bar, 'solid_angle'), shares(weight), atol=3e-3)
+
+
+@pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
+def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
+    """The top of a cube is a ridge of two slopes that are nearly coplanar."""
+    rise = 10 * np.tan(np.radians(angle))
+    corners = [(x, y, z) for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)]
+    ridge = [(x, 0.4, 10 + rise) for x in (-10, 10)]
+    of = shape(solids.hull(np.array(corners + ridge, float)))
+    assert len(of.aspects) == 6
+    for method in METHODS:
+        found = predicted(of, method)
+        # The centre of mass rises by at most a third of the rise.
+        np.testing.assert_allclose(found, 1 / 6, atol=0.1 * rise)
+
+
+def test_cylinder_with_fillets_has_a_face_and_a_pill_has_none(solids, shape):
+    filleted = shape(solids.rounded_cylinder(10.0, 20.0, 1.0, 48, 6))
+    side = np.array([a.rolls for a in filleted.aspects.aspects])
+    # The cylinder and its ends up to the fillets, seen from the middle.
+    around, end = 2 * 9 / np.hypot(9, 10), 1 - 10 / np.hypot(10, 9)
+    expected = np.where(side, around, end) / (around + 2 * end)
+    np.testing.assert_allclose(predicted(filleted, 'solid_angle'), expected, atol=1e-3)
+    with pytest.raises(NotDefinedError, match='to another aspect without an edge'):
+        estimate(shape(solids.rounded_cylinder(10.0, 20.0, 9.5, 48, 10)), 'solid_angle')
+
+
+def test_single_aspect_has_probability_one(solids, shape):
+    ball = shape(solids.icosphere(2))
+    assert [predicted(ball, method).tolist() for method in METHODS] == [[1.0]] * len(METHODS)
+
+
+def test_unknown_method_is_rejected(solids, shape):
+    with pytest.raises(InvalidValueError, match="invalid method 'guess': expected one of solid_"):
+        estimate(shape(solids.box(1, 2, 3)), 'guess')
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_probabilities_of_any_part_sum_to_one(solids, shape, seed):
+    of = shape(solids.irregular(seed))
+    for method in METHODS:
+        found = predicted(of, method)
+        assert found.sum() == pytest.approx(1)
+        assert (found > 0).all()

@@ -1,0 +1,95 @@
+"""The rotation about the vertical that represents an aspect does not depend on the mesh file."""
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from resting_aspects_ros.aspects.find import find_aspects, surface_moments
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.simulation.conditions import parts_folder
+from resting_aspects_ros.vision.outline import find_outlines, seen_outline
+
+# Not round, with and without symmetries.
+PARTS = ['l_bracket', 't_prism', 'hex_nut', 'u_bracket', 'tetrahedron', 'box_10x20x30']
+
+
+def loaded(mesh):
+    return part_from_bytes(mesh.export(file_type='stl'), 'stl', 'part')
+
+
+def notched_disc():
+    """A disc whose moments are all small: diameter 20 mm, with a notch of 2 x 1.5 mm."""
+    disc = shapely.Point(0, 0).buffer(10, quad_segs=32)
+    return trimesh.creation.extrude_polygon(disc - shapely.box(8.5, -1, 11, 1), 3)
+
+
+def gear():
+    """A gear with 12 teeth."""
+    angle = np.linspace(0, 2 * np.pi, 97)[:-1]
+    radius = 10 + np.where(np.arange(96) % 8 < 4, 1, -1)
+    outline = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 4)
+
+
+OTHERS = {'notched_disc': notched_disc, 'gear': gear}
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('name', [*PARTS, *OTHERS])
+def test_outline_is_that_of_a_rotated_file(name):
+    mesh = OTHERS[name]() if name in OTHERS else trimesh.load(parts_folder() / f'{name}.stl')
+    turned = mesh.copy()
+    turned.apply_transform(trimesh.transformations.euler_matrix(0.3, 1.1, -2.0))
+    turned.apply_translation([5, -40, 12])
+    turned = turned.subdivide()
+    before, after = (find_outlines(p, find_aspects(p)) for p in (loaded(mesh), loaded(turned)))
+    for one, other in zip(before, after, strict=True):
+        union = shapely.union(one.polygon, other.polygon).area
+        assert shapely.intersection(one.polygon, other.polygon).area / union > 0.999
+
+
+@pytest.mark.parametrize('name', PARTS)
+def test_aspects_of_a_class_look_the_same_from_above(name):
+    part = loaded(trimesh.load(parts_folder() / f'{name}.stl'))
+    for outline, members in zip(
+        find_outlines(part, aspects := find_aspects(part)), aspects.classes(), strict=True
+    ):
+        for aspect in members:
+            seen = seen_outline(part, aspect.orientation)
+            union = shapely.union(seen, outline.polygon).area
+            assert shapely.intersection(seen, outline.polygon).area / union > 0.999
+
+
+def test_long_side_is_along_x():
+    part = loaded(trimesh.creation.box([30, 20, 10]))
+    for aspect in find_aspects(part).aspects:
+        x, y, _, _ = seen_outline(part, aspect.orientation).bounds
+        assert x < y
+        assert seen_outline(part, aspect.orientation).area == pytest.approx(4 * x * y)
+
+
+def test_square_has_its_sides_along_the_axes():
+    part = loaded(trimesh.creation.box([20, 20, 10]))
+    lowest = find_aspects(part).aspects[0]
+    assert seen_outline(part, lowest.orientation).bounds == pytest.approx(
+        [-0.01, -0.01, 0.01, 0.01]
+    )
+
+
+@pytest.mark.slow
+def test_moments_are_those_of_a_sphere():
+    """Mean of x^2 is 1/3, of x^2 y^2 is 1/15, of x^4 is 1/5 (radius 1)."""
+    part = loaded(trimesh.creation.icosphere(subdivisions=5, radius=10))
+    tensors = surface_moments(part).tensors
+    assert tensors[0] == pytest.approx(1)
+    assert tensors[2] == pytest.approx(np.eye(3) / 3, abs=1e-3)
+    assert tensors[4][0, 0, 1, 1] == pytest.approx(1 / 15, abs=1e-3)
+    assert tensors[4][2, 2, 2, 2] == pytest.approx(1 / 5, abs=1e-3)
+
+
+def test_moments_of_a_box_are_exact():
+    """A cube of side 2: mean of x^2 over its surface is (2 x 1 + 4 / 3) / 6."""
+    tensors = surface_moments(loaded(trimesh.creation.box([2, 2, 2]))).tensors
+    assert 3 * tensors[2][0, 0] == pytest.approx((2 + 4 / 3) / 6)
+    assert 27 * tensors[6][0, 0, 0, 0, 0, 0] == pytest.approx((2 + 4 / 7) / 6)

@@ -1,0 +1,146 @@
+"""Minima, saddles, maxima and descent, held to closed forms and to a descent in tiny steps."""
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.aspects.landscape import Landscape
+
+SHAPES = [
+    ('box', (10, 20, 30)),
+    ('box', (0.3, 0.2, 25)),
+    ('box', (60, 50, 0.5)),
+    ('prism', (7,)),
+    ('prism', (16,)),
+    ('icosphere', (2,)),
+    ('filleted_box', ((10, 14, 20), 2, 4)),
+    ('half_round_bar', (32,)),
+    ('revolved', ([(10, 0), (0, 20)], 24)),
+    ('extruded', ([(0, 0), (30, 0), (0, 8)], 12)),
+    ('extruded', ([(0, 0), (10, 0), (20, 10), (10, 10)], 7)),
+    ('binom3', ()),
+    ('random_sphere', (300, (1, 1, 2))),
+    ('random_cylinder', (300,)),
+    *[('irregular', (seed, 40)) for seed in range(2)],
+    *[('blocks', (seed,)) for seed in range(3)],
+]
+
+
+def directions(seed, n):
+    found = np.random.default_rng(seed).standard_normal((n, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def rolled(corners, down, step, steps):
+    """Steepest descent of max p . d, a tiny step at a time: what descend() does in arcs."""
+    for _ in range(steps):
+        p = corners[(down @ corners.T).argmax(axis=1)]
+        slope = p - (p * down).sum(axis=1, keepdims=True) * down
+        down = down - step * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+        down /= np.linalg.norm(down, axis=1, keepdims=True)
+    return down
+
+
+def maxima(landscape):
+    """How many corners the part can balance on, its head."""
+    hull = landscape.hull
+    below = hull.ends[hull.feet <= 0, 0], hull.ends[hull.feet >= 1, 1]
+    return len(hull.points) - len(np.unique(np.concatenate(below)))
+
+
+@pytest.mark.parametrize(('name', 'arguments'), SHAPES)
+def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
+    # Morse: the Euler characteristic of the sphere of directions.
+    for seed in range(2):
+        mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(seed))
+        landscape = Landscape(solid(mesh))
+        saddles = len(landscape.saddles.edges)
+        assert len(landscape.minima) - saddles + maxima(landscape) == 2
+
+
+@pytest.mark.parametrize('seed', range(0, 40, 4))
+def test_random_hulls_have_two_more_extrema_than_saddles(solids, solid, seed):
+    landscape = Landscape(solid(solids.irregular(seed, 10 + 3 * seed)))
+    saddles = len(landscape.saddles.edges)
+    assert len(landscape.minima) - saddles + maxima(landscape) == 2
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-3:]])
+def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
+    part = solid(getattr(solids, name)(*arguments))
+    landscape = Landscape(part)
+    down = directions(1, 100)
+    # Within 5 mrad of the border of a basin tiny steps may cross it.
+    around = down[:, None] + 5e-3 * directions(2, 12)
+    around /= np.linalg.norm(around, axis=2, keepdims=True)
+    found = landscape.descend(down)
+    inside = (landscape.descend(around).reshape(100, -1) == found[:, None]).all(axis=1)
+    # And out of a minimum that is shallower than a step.
+    over = landscape.saddles
+    rim = np.full(len(landscape.minima), np.inf)
+    np.minimum.at(rim, over.between.ravel(), np.repeat(over.heights, 2))
+    inside &= ((rim - landscape.heights) / landscape.radius > 1e-3)[found]
+    corners = (part.hull_vertices - part.centre_of_mass) / part.hull_radius
+    end = rolled(corners, down[inside], 1e-3, 12_000)
+    along = end @ landscape.directions.T
+    there = along.max(axis=1) > np.cos(5e-3)  # a shallow valley takes more steps than these
+    assert there.sum() > 40
+    np.testing.assert_array_equal(along.argmax(axis=1)[there], found[inside][there])
+
+
+@pytest.mark.quick_cases(5)
+@pytest.mark.parametrize(('name', 'arguments'), SHAPES)
+def test_released_part_ends_in_a_minimum_that_is_not_higher(solids, solid, name, arguments):
+    landscape = Landscape(solid(getattr(solids, name)(*arguments)))
+    down = directions(3, 100_000)
+    found = landscape.descend(down)
+    assert found.min() >= 0
+    assert found.max() < len(landscape.minima)
+    slack = 1e-9 * landscape.radius  # rounding
+    support = (down @ landscape.hull.points.T).max(axis=1) * landscape.radius
+    assert (landscape.heights[found] <= support + slack).all()
+    again = landscape.descend(landscape.directions)
+    np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
+
+
+def test_descent_of_zero_one_and_many_directions(solids, solid):
+    landscape = Landscape(solid(solids.blocks(1)))
+    assert landscape.descend(np.zeros((0, 3))).shape == (0,)
+    down = directions(4, 200)
+    alone = [int(landscape.descend(each)[0]) for each in down]
+    assert landscape.descend(down).tolist() == alone
+
+
+def test_descent_from_critical_points_ends_beside_them(solids, solid):
+    # On its head, on an edge: rounding decides to which side, but to one of them.
+    landscape = Landscape(solid(solids.box(10, 20, 30)))
+    hull = landscape.hull
+    heads = hull.points / np.linalg.norm(hull.points, axis=1, keepdims=True)
+    reached = landscape.directions[landscape.descend(heads)]
+    assert ((reached * heads).sum(axis=1) > 0).all()
+    edges = hull.points[hull.ends].sum(axis=1)
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    reached = landscape.directions[landscape.descend(edges)]
+    assert ((reached * edges).sum(axis=1) > 0).all()
+
+
+def test_heights_of_minima_and_saddles_of_a_box(solids, solid):
+    landscape = Landscape(solid(solids.box(10, 20, 30)))
+    np.testing.assert_allclose(landscape.heights, np.repeat([5e-3, 10e-3, 15e-3], 2), rtol=1e-6)
+    expected = np.repeat(np.hypot([5, 5, 10], [10, 15, 15]) * 1e-3, 4)
+    np.testing.assert_allclose(landscape.saddles.heights, expected, rtol=1e-6)  # float32
+    assert maxima(landscape) == 8
+    for (a, b), height in zip(landscape.saddles.between, landscape.saddles.heights, strict=True):
+        # Pythagoras: the two facets beside it.
+        assert np.hypot(*landscape.heights[[a, b]]) == pytest.approx(height, rel=1e-6)
+
+
+@pytest.mark.parametrize('n', [3, 5, 6, 7, 12, 16])
+def test_minima_and_saddles_of_a_prism_follow_its_outline(solids, solid, n):
+    radius, height = 10e-3, 20e-3
+    landscape = Landscape(solid(solids.turned(solids.prism(n), solids.a_turn(n))))
+    apothem = radius * np.cos(np.pi / n)
+    minima = sorted([height / 2] * 2 + [apothem] * n)
+    np.testing.assert_allclose(landscape.heights, minima, rtol=1e-6)  # float32
+    saddles = sorted([radius] * n + [np.hypot(apothem, height / 2)] * (2 * n))
+    np.testing.assert_allclose(landscape.saddles.heights, saddles, rtol=1e-6)

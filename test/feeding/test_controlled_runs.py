@@ -1,0 +1,142 @@
+"""Forecasts of runs with a controller against simulated runs and a closed form."""
+
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding import tray_simulation
+from resting_aspects_ros.feeding.control import ControllerModel, advise, flip_and_refill
+from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
+from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates
+from resting_aspects_ros.feeding.steady_state import CycleTimes, Moves, drawn_moves
+from resting_aspects_ros.feeding.tray_simulation import (
+    DensityPlaces,
+    SimulatedRuns,
+    forecast_controller,
+    simulate,
+)
+
+DROP, FLIPS = np.array([600_000, 400_000]), np.array([[600_000, 350_000, 50_000]] * 2)
+FEEDER = FeederModel(
+    DROP,
+    FLIPS,
+    np.array([False, True]),
+    [Footprint(0.03, 0.02), Footprint(0.02, 0.01)],
+    Tray((0.2, 0.2), 0.005),
+    CycleTimes(robot=1.0, vibrate=0.8, settle=0.5, image=0.2, supply=0.1),
+)
+TABLE = FreeShares(np.full((12, 2), 0.8), False)
+MODEL = ControllerModel(FEEDER, TABLE, 8)
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    monkeypatch.setattr(tray_simulation, 'DRAWS', 50)
+
+
+def density(generator):
+    return DensityPlaces(MODEL, generator)
+
+
+def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
+    found = forecast_controller(MODEL, places=density, controller=flip_and_refill(MODEL))
+    expected = SteadyStates(FEEDER).rates(TABLE)[7]
+    # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
+    assert abs(found.rate - expected) < found.upper - found.lower
+    assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
+
+
+@pytest.mark.parametrize(
+    'rule',
+    [
+        pytest.param(None, id='advice', marks=pytest.mark.slow),
+        pytest.param(flip_and_refill, id='cycle'),
+    ],
+)
+def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
+    """Runs three times as long as those that the interval follows from."""
+    monkeypatch.setattr(tray_simulation, 'CYCLES', 30)
+    chosen = {} if rule is None else {'controller': rule(MODEL)}
+    low, high = forecast_controller(MODEL, 10, places=density, **chosen).prediction
+    decide = chosen.get('controller', partial(advise, model=MODEL))
+    rates = []
+    for seed in range(100, 130):
+        run = simulate(decide, MODEL, 600, np.random.default_rng(seed))
+        rates.append(np.searchsorted(run.picked, 600) / 10)
+    # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
+    assert sum(low <= rate <= high for rate in rates) >= 24
+
+
+def test_line_and_variances_of_runs_are_found():
+    """Runs of 4 minutes whose rates are known: see the arguments of the normal numbers."""
+    generator, number = np.random.default_rng(2), 3000
+    relative = generator.normal(1, 0.1, number)
+    of_moves, of_minute = 0.5, 6.0
+    rates = 30 + 45 * (relative - 1) + generator.normal(0, np.sqrt(of_moves), number)
+    batches = rates[:, None] + generator.normal(0, np.sqrt(3 * of_minute / 4), (number, 3))
+    runs = SimulatedRuns(relative, 1.0, batches, 4.0, 0.0)
+    whole = of_moves + of_minute / 4
+    # Standard errors: of a mean, of a slope, and of variances, sqrt(2 / n) of themselves.
+    assert runs.line[0] == pytest.approx(30, abs=4 * np.sqrt(whole / number))
+    assert runs.line[1] == pytest.approx(45, abs=4 * np.sqrt(whole / number) / 0.1)
+    line, moves, minute = (each.mean() for each in runs.variances(generator))
+    assert line == pytest.approx(whole / number, rel=4 * np.sqrt(2 / number))
+    assert minute == pytest.approx(of_minute, rel=4 * np.sqrt(2 / (2 * number)))
+    assert moves == pytest.approx(of_moves, abs=6 * whole * np.sqrt(2 / number))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('minutes', [5, 30])
+def test_interval_contains_what_the_counts_leave_open(minutes):
+    """The true moves of each run are drawn; the controller knows counts of few drops and flips.
+
+    With a limit of picks the fixed cycle depends less on the moves than the controller does.
+    """
+    feeder = dataclasses.replace(
+        FEEDER,
+        drop=np.array([60, 40]),
+        transitions=np.array([[18, 2, 0], [6, 14, 0]]),
+        max_picks=3,
+    )
+    model = ControllerModel(feeder, TABLE, 12)
+    found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
+    low, high = found.prediction
+    drawn = drawn_moves(feeder.drop, feeder.transitions, 40, np.random.default_rng(5))
+    within = 0
+    for k in range(40):
+        moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
+        generator = np.random.default_rng(1000 + k)
+        run = simulate(partial(advise, model=model), model, 60 * minutes, generator, moves=moves)
+        within += low <= np.searchsorted(run.picked, 60 * minutes) / minutes <= high
+    # At least 33 of 40 in 99.8 % of cases, if each is within with 95 %.
+    assert within >= 33
+
+
+def test_formula_predicts_runs_of_its_cycle():
+    """From an empty tray, with parts that are lost and replaced after the next image."""
+    spread = SteadyStates(FEEDER).spread(TABLE, 8)
+    rate = SteadyStates(FEEDER).rates(TABLE)[7]
+    found = [
+        simulate(flip_and_refill(MODEL), MODEL, 300, np.random.default_rng(seed))
+        for seed in range(60)
+    ]
+    deviations = np.array([run.picks - rate * run.seconds / 60 for run in found])
+    error = np.sqrt(spread.variance * 5 / 60)
+    assert abs(deviations.mean() - spread.start) < 4 * error
+    # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)).
+    assert deviations.var(ddof=1) == pytest.approx(5 * spread.variance, rel=4 * np.sqrt(2 / 59))
+
+
+def test_clustered_free_parts_vary_more():
+    even = SteadyStates(FEEDER).spread(TABLE, 8).variance
+    table = dataclasses.replace(TABLE, clustering=np.full(12, 0.05))
+    assert SteadyStates(FEEDER).spread(table, 8).variance > 1.02 * even
+
+
+@pytest.mark.parametrize('minutes', [0, np.nan, 1e9])
+def test_invalid_duration_is_refused(minutes):
+    with pytest.raises(InvalidValueError, match='invalid minutes'):
+        forecast_controller(MODEL, minutes)

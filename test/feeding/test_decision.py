@@ -1,0 +1,246 @@
+"""Decisions against closed forms and an independent optimum by enumeration."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.control import (
+    Choice,
+    ControllerModel,
+    SeenPart,
+    advise,
+)
+from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
+from resting_aspects_ros.feeding.forecast import FeederModel
+from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.feeding.tray_simulation import simulate
+
+TIMES = CycleTimes(robot=1.0, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
+PART = Footprint(0.03, 0.02)
+TRAY = Tray((0.2, 0.2), 0.005)
+IDENTITY = np.array([[100, 0], [0, 100]])
+TURNS = np.array([[0, 100], [0, 100]])
+MIXED = np.array([[60, 40], [50, 50]])
+BLOCKED = 0.001  # m
+NONE, WANTED = SeenPart(1), SeenPart(2)
+
+
+def model_of(transitions, drop=(60, 40), times=TIMES, number=4, free=None, max_picks=None, **more):
+    """Give a model in which class 2 is pickable; parts are always free unless given."""
+    count = 12
+    share = np.ones(count) if free is None else np.array(free)
+    feeder = FeederModel(
+        np.array(drop), transitions, np.array([False, True]), [PART] * 2, TRAY, times, max_picks
+    )
+    return ControllerModel(feeder, FreeShares(np.tile(share, (2, 1)).T, False), number, **more)
+
+
+def falling(rate):
+    return np.exp(-rate * np.arange(12))
+
+
+@pytest.fixture(scope='module')
+def model():
+    return model_of(MIXED, free=falling(0.1), spread=0.4)
+
+
+def test_part_that_can_be_picked_is_picked():
+    advice = advise([NONE, WANTED], model_of(MIXED))
+    assert advice.choice is Choice.PICK
+    assert advice.picks == (1,)
+    assert advice.reason.startswith('Pick 1 part;')
+
+
+def test_useless_flip_is_not_chosen():
+    """A flip that changes no class leaves no way but to supply, or to spread blocked parts."""
+    still = model_of(IDENTITY, spread=0.8, free=falling(0.1))
+    assert advise([NONE] * 4, still).choice is Choice.SUPPLY
+    blocked = [SeenPart(2, BLOCKED)] * 4
+    turning = model_of(np.array([[50, 50], [100, 0]]), spread=0.8, free=falling(0.1))
+    assert advise(blocked, turning).choice is Choice.SPREAD
+
+
+def test_certain_flip_is_chosen():
+    certain = model_of(TURNS, spread=0.4, max_supply=0)
+    advice = advise([NONE] * 3, certain)
+    assert advice.choice is Choice.FLIP
+    assert advice.expected[Choice.FLIP].picks == pytest.approx(3)
+    assert advice.expected[Choice.FLIP].seconds == pytest.approx(0.8 + 0.5 + 0.2 + 3 * 1.0)
+    assert advice.expected[Choice.SPREAD].picks == pytest.approx(0)
+
+
+def test_empty_tray_is_supplied_up_to_the_best_number():
+    advice = advise([], model_of(MIXED))
+    assert (advice.choice, advice.supply) == (Choice.SUPPLY, 4)
+    assert set(advice.expected) == {Choice.SUPPLY}
+
+
+def test_controller_waits_only_without_parts_and_supply():
+    without = model_of(IDENTITY, max_supply=0)
+    advice = advise([], without)
+    assert advice.choice is Choice.WAIT
+    assert 'none can be supplied' in advice.reason
+    assert advise([NONE], without).choice is Choice.FLIP
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.floats(0, 1)), max_size=12))
+def test_something_is_done_and_only_valid_parts_are_picked(drawn):
+    found = model_of(MIXED, free=falling(0.1), spread=0.4, max_picks=3)
+    seen = [SeenPart(kind, math.inf if free else BLOCKED, p) for kind, free, p in drawn]
+    advice = advise(seen, found)
+    assert advice.choice is not Choice.WAIT
+    assert (advice.choice is Choice.PICK) == bool(advice.picks)
+    assert len(advice.picks) <= 3
+    scores = [seen[i].score for i in advice.picks]
+    assert scores == sorted(scores, reverse=True)
+    assert all(seen[i].symmetry_class == 2 and seen[i].clearance > BLOCKED for i in advice.picks)
+    assert len(seen) - len(advice.picks) + advice.supply <= 12
+    best = max(advice.expected, key=lambda choice: advice.expected[choice].rate)
+    assert advice.picks or best is advice.choice
+
+
+def test_part_that_is_hardly_recognised_is_not_picked(model):
+    assert advise([SeenPart(2, score=0.45)], model).choice is not Choice.PICK
+    strict = dataclasses.replace(model, min_score=0.95)
+    assert advise([SeenPart(2, score=0.9)], strict).choice is not Choice.PICK
+
+
+def test_unrecognised_part_counts_as_one_of_the_mix(model):
+    """A spread of it can bring a pick, as one of a part of the pickable class, but less."""
+    dry = dataclasses.replace(model, max_supply=0)
+    unknown = advise([SeenPart(0)] * 2, dry).expected[Choice.SPREAD].picks
+    known = advise([SeenPart(2, BLOCKED)] * 2, dry).expected[Choice.SPREAD].picks
+    assert unknown == pytest.approx(known * dry.values.mix[1])
+
+
+@given(st.integers(0, 5), st.integers(1, 5))
+def test_more_blocked_pickable_parts_raise_the_value_of_a_spread(wanted, others):
+    found = model_of(MIXED, free=falling(0.05), number=11, spread=0.4, max_supply=0)
+    seen = [SeenPart(2, BLOCKED)] * wanted + [NONE] * others
+    more = [SeenPart(2, BLOCKED)] * (wanted + 1) + [NONE] * (others - 1)
+    few, many = (advise(each, found).expected[Choice.SPREAD] for each in (seen, more))
+    assert many.picks > few.picks
+    assert many.rate > few.rate
+
+
+@given(st.floats(0.1, 3), st.floats(1.01, 3))
+def test_longer_spread_is_never_worth_more(spread, factor):
+    seen = [SeenPart(2, BLOCKED)] * 2 + [NONE] * 2
+    short, long = (
+        advise(seen, model_of(MIXED, free=falling(0.1), spread=time)).expected[Choice.SPREAD].rate
+        for time in (spread, spread * factor)
+    )
+    assert long < short
+
+
+def test_expected_rate_is_the_forecast_on_average(model):
+    """With the decisions of the forecast's cycle, the expected rates average to its rate."""
+    plain = dataclasses.replace(model, spread=None)
+    generator = np.random.default_rng(1)
+    found = []
+
+    def forecast_cycle(seen):
+        rest = [part for part in seen if not (part.symmetry_class == 2 and part.clearance > 0)]
+        advice = advise(seen, plain)
+        found.append(max(each.rate for each in advice.expected.values()))
+        action = Choice.FLIP if rest else Choice.SUPPLY
+        chosen = tuple(k for k, part in enumerate(seen) if part not in rest)
+        supply = plain.best_number - len(rest)
+        if chosen:
+            return dataclasses.replace(
+                advice, choice=Choice.PICK, picks=chosen, then=action, supply=supply
+            )
+        return dataclasses.replace(advice, choice=action, then=None, supply=supply)
+
+    simulate(forecast_cycle, plain, 6000, generator)
+    assert np.mean(found) == pytest.approx(60 * plain.values.rate, rel=0.02)
+
+
+def combinations(rows):
+    """Yield the probability and the classes of each combination of the outcomes of some parts."""
+    for each in itertools.product(*[list(enumerate(row)) for row in rows]):
+        weight = math.prod(p for _, p in each)
+        if weight:
+            yield weight, tuple(sorted(kind for kind, _ in each))
+
+
+def possible_actions(rest, drop, moved, times, room):
+    """Yield each action, its time, and the shares of the classes of each part after it."""
+    for supply in range(room - len(rest) + 1):
+        time = times.settle + times.image + supply * times.supply
+        rows = [moved[k] for k in rest] + [drop] * supply
+        yield Choice.FLIP, time + times.vibrate, rows
+        if supply:
+            yield Choice.SUPPLY, time, [np.eye(2)[k] for k in rest] + [drop] * supply
+
+
+def best_by_enumeration(parts, drop, moved, times, seconds, room):
+    """Return the first action of the policy with most expected picks within a time.
+
+    ``parts`` are the classes of the parts on the tray, all of them free; those of class index 1
+    are picked.
+    """
+    memory = {}
+
+    def value(parts, left):
+        if (parts, left) not in memory:
+            memory[parts, left] = best(parts, left)[0]
+        return memory[parts, left]
+
+    def best(parts, left):
+        rest = tuple(kind for kind in parts if kind == 0)
+        after = left - parts.count(1) * times.robot
+        found = [(min(parts.count(1), max(left // times.robot, 0)), None)]
+        for action, time, rows in possible_actions(rest, drop, moved, times, room):
+            if after - time >= times.robot:
+                end = round(after - time, 6)
+                later = sum(weight * value(new, end) for weight, new in combinations(rows))
+                found.append((parts.count(1) + later, action))
+        return max(found, key=lambda each: each[0])
+
+    return best(tuple(parts), seconds)[1]
+
+
+@pytest.mark.parametrize('flip', [[95, 5], [70, 30], [10, 90]])
+def test_decisions_are_those_of_enumeration_on_a_tiny_tray(flip):
+    """The best first action on a tray for two parts over a horizon of many cycles."""
+    moved = np.array([flip, flip])
+    times = CycleTimes(robot=1.0, vibrate=2.0, settle=0.5, image=0.5, supply=0.5)
+    found = model_of(moved, drop=(50, 50), times=times, number=2)
+    for parts in ([], [0], [0, 0], [1], [0, 1]):
+        action = best_by_enumeration(parts, [0.5, 0.5], moved / 100, times, 40.0, 2)
+        advice = advise([SeenPart(kind + 1) for kind in parts], found)
+        assert (advice.then if advice.picks else advice.choice) is action, parts
+
+
+def test_limit_of_supply_is_respected(model):
+    assert advise([], dataclasses.replace(model, max_supply=3)).supply == 3
+
+
+@pytest.mark.parametrize(
+    'part', [SeenPart(3), SeenPart(-1), SeenPart(1, math.nan), SeenPart(1, 0.1, 1.1)]
+)
+def test_wrong_part_is_refused(part, model):
+    with pytest.raises(InvalidValueError, match='expected'):
+        advise([part], model)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'best_number': 0},
+        {'best_number': 13},
+        {'spread': -1.0},
+        {'max_supply': -1},
+        {'min_score': math.nan},
+    ],
+)
+def test_wrong_model_is_refused(wrong, model):
+    with pytest.raises(InvalidValueError, match='expected'):
+        dataclasses.replace(model, **wrong)

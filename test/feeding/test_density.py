@@ -1,0 +1,151 @@
+"""The share of free parts against closed forms and against shapely."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding import footprint
+from resting_aspects_ros.feeding.footprint import (
+    MAX_COVERAGE,
+    Footprint,
+    Tray,
+    blocking_area,
+    coverage,
+    coverage_limit,
+    free_shares,
+    gap,
+)
+
+ALONE = np.ones(1)
+PART = Footprint(0.03, 0.02)
+TRAY = Tray((0.2, 0.2), 0.005)
+# About four standard errors of the table; see PLACED.
+TOLERANCE = 0.02
+
+
+@pytest.fixture
+def low_density(monkeypatch):
+    """End the tables where the density is no longer low."""
+    monkeypatch.setattr(footprint, 'MIN_FREE', 0.6)
+
+
+def corners(pose, size):
+    turn = np.array([[pose[2], -pose[3]], [pose[3], pose[2]]])
+    local = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * size[:2]
+    return shapely.Polygon(local @ turn.T + pose[:2])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_gap_is_the_distance_of_the_shapes(seed):
+    generator = np.random.default_rng(seed)
+    poses, sizes = [], []
+    for _ in range(2):
+        yaw = generator.uniform(0, 2 * math.pi, 50)
+        place = generator.uniform(-1, 1, (50, 2))
+        poses.append(np.column_stack([place, np.cos(yaw), np.sin(yaw)]))
+        sizes.append(generator.uniform(0, 0.6, (50, 3)) * [1, 1, 0.2])
+    found = gap(poses[0], sizes[0], poses[1], sizes[1])
+    for k in range(50):
+        shapes = [corners(pose[k], size[k]) for pose, size in zip(poses, sizes, strict=True)]
+        distance = shapes[0].distance(shapes[1])
+        if distance > 0:
+            assert found[k] == pytest.approx(distance - sizes[0][k, 2] - sizes[1][k, 2], abs=1e-12)
+        else:
+            assert found[k] < 0
+
+
+@pytest.mark.usefixtures('low_density')
+def test_free_share_of_points_is_exponential_at_low_density():
+    # 60 points on a large tray, so that its edge hardly matters.
+    tray = Tray((1.0, 1.0), 0.03)
+    found = free_shares(tray, [Footprint(0, 0)], ALONE, 1, 60).at(60)[0]
+    assert found == pytest.approx(math.exp(-math.pi * 0.03**2 * 59), abs=TOLERANCE)
+
+
+@pytest.mark.usefixtures('low_density')
+@pytest.mark.parametrize(
+    'part', [Footprint(0.03, 0.02), Footprint(0, 0, 0.01), Footprint(0.04, 0)]
+)
+def test_free_share_is_that_of_the_blocking_area_at_low_density(part):
+    tray = Tray((1.0, 1.0), 0.02)
+    found = free_shares(tray, [part], ALONE, 1, 30).at(30)[0]
+    assert found == pytest.approx(math.exp(-29 * blocking_area(tray, part, part)), abs=TOLERANCE)
+
+
+def test_two_points_on_a_square_have_their_closed_form():
+    """P(distance <= d) = pi d^2 - 8 d^3 / 3 + d^4 / 2 for d <= 1 on the unit square."""
+    for d in (0.2, 0.5, 0.8):
+        found = free_shares(Tray((1.0, 1.0), d), [Footprint(0, 0)], ALONE, 1, 8).at(2)[0]
+        near = math.pi * d**2 - 8 / 3 * d**3 + d**4 / 2
+        assert found == pytest.approx(1 - near, abs=2 * TOLERANCE)
+
+
+def test_larger_outlines_are_free_less_often():
+    footprints = [Footprint(0.04, 0.03), Footprint(0.01, 0.01)]
+    found = free_shares(TRAY, footprints, np.array([0.5, 0.5]), 1, 15).at(15)
+    assert found[0] < found[1] - TOLERANCE
+
+
+@pytest.mark.slow
+def test_free_shares_fall_with_number_clearance_and_gripper():
+    table = free_shares(TRAY, [PART], ALONE, 1)
+    assert table.free[0, 0] == 1
+    assert (np.diff(table.free[:, 0]) <= 0).all()
+    wider = free_shares(Tray((0.2, 0.2), 0.01), [PART], ALONE, 1)
+    gripped = free_shares(Tray((0.2, 0.2), 0.005, Footprint(0.06, 0.01)), [PART], ALONE, 1)
+    for other in (wider, gripped):
+        assert other.at(10)[0] < table.at(10)[0] - TOLERANCE
+
+
+def test_gripper_within_the_part_blocks_nothing():
+    inside = free_shares(Tray((0.2, 0.2), 0.0, Footprint(0.02, 0.01)), [PART], ALONE, 1)
+    assert (inside.free == 1).all()
+
+
+def test_rare_class_is_known_as_well_as_a_common_one():
+    footprints = [PART, PART]
+    found = free_shares(TRAY, footprints, np.array([0.999, 0.001]), 1, 12).at(12)
+    assert found[1] == pytest.approx(found[0], abs=2 * TOLERANCE)
+
+
+def test_same_seed_gives_the_same_table():
+    one, other = (free_shares(TRAY, [PART], ALONE, 5).free for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_table_ends_at_the_coverage_up_to_which_the_model_holds():
+    number = coverage_limit(TRAY, [PART], ALONE)
+    assert coverage(TRAY, [PART], ALONE, number) <= MAX_COVERAGE
+    assert coverage(TRAY, [PART], ALONE, number + 1) > MAX_COVERAGE
+    assert len(free_shares(Tray((0.2, 0.2), 0.0), [PART], ALONE, 1).free) == number
+
+
+def test_number_that_does_not_fit_is_refused():
+    table = free_shares(TRAY, [PART], ALONE, 1, 60)
+    assert table.full
+    # 60 parts would cover 90 % of the tray; random placement fills about half of it.
+    assert 18 <= len(table.free) <= 36
+    with pytest.raises(InvalidValueError, match='no more fit'):
+        table.at(60)
+
+
+@pytest.mark.parametrize(
+    'part', [Footprint(0.3, 0.01), Footprint(0.19, 0.19, 0.02), Footprint(0, 0, 0.11)]
+)
+def test_part_larger_than_the_tray_is_refused(part):
+    with pytest.raises(InvalidValueError, match='into which the part fits'):
+        free_shares(TRAY, [part], ALONE, 1)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [((0.0, 0.2), 0.0), ((0.2, math.nan), 0.0), ((0.2, 0.2), -1.0), ((0.2, 0.2), math.inf)],
+)
+def test_wrong_tray_is_refused(wrong):
+    with pytest.raises(InvalidValueError, match='expected'):
+        Tray(*wrong)

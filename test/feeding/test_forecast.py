@@ -1,0 +1,298 @@
+"""Forecasts against a discrete-event simulation, closed forms and plain iteration."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from feeder_events import simulated_picks
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding import footprint
+from resting_aspects_ros.feeding import forecast as forecast_module
+from resting_aspects_ros.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.feeding.forecast import FeederModel, forecast
+from resting_aspects_ros.feeding.steady_state import (
+    CycleTimes,
+    Moves,
+    drawn_moves,
+    moves_of,
+    parts_per_minute,
+    picks,
+    refilled_later,
+    run_spread,
+    steady_state,
+)
+
+TRANSITIONS = np.array(
+    [[300, 80, 19, 1, 0, 0, 0], [150, 200, 45, 0, 5, 0, 0], [50, 50, 290, 0, 0, 0, 10]]
+)
+DROP = np.array([600, 300, 100])
+MOVES = moves_of(DROP, TRANSITIONS)
+FREE = np.array([0.0, 0.7, 0.4])
+TIMES = CycleTimes(robot=1.2, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
+FOOTPRINTS = [Footprint(0.03, 0.02), Footprint(0.03, 0.01), Footprint(0, 0, 0.008)]
+MODEL = FeederModel(
+    DROP,
+    TRANSITIONS,
+    np.array([False, True, True]),
+    FOOTPRINTS,
+    Tray((0.2, 0.2), 0.005),
+    TIMES,
+)
+MINUTES = 100  # of a simulation
+OVERLAP = dataclasses.replace(TIMES, place=0.6)
+
+
+@pytest.fixture(autouse=True)
+def few_parts_are_placed(monkeypatch):
+    monkeypatch.setattr(footprint, 'PLACED', 2000)
+    monkeypatch.setattr(forecast_module, 'DRAWS', 60)
+
+
+@pytest.fixture(scope='module', params=['plain', 'overlap', 'limited', 'few'])
+def case(request):
+    """Give times, number of parts, maximum of picks, and the picks of a long simulation."""
+    times = TIMES if request.param == 'plain' else OVERLAP
+    number, most = {'limited': (12, 2), 'few': (2, None)}.get(request.param, (12, None))
+    found = simulated_picks(MOVES, FREE, number, times, most, 60 * MINUTES, seed=1)
+    return times, number, most, found
+
+
+def expected(times, number, most):
+    """Return the rate of the formulas, and the variance of the picks per minute."""
+    state = steady_state(MOVES, FREE, number, most)
+    rate = float(parts_per_minute(times, state.picks, state.supplied))
+    return rate, run_spread(MOVES, state, number, times).variance
+
+
+def test_rate_is_that_of_a_discrete_event_simulation(case):
+    times, number, most, found = case
+    rate, variance = expected(times, number, most)
+    # Correlations between places, which a limit causes, are of the order 1 / number.
+    slack = 0.01 * rate if most else 0.0
+    assert abs(len(found) / MINUTES - rate) < 4 * math.sqrt(variance / MINUTES) + slack
+
+
+def test_variance_is_that_of_a_discrete_event_simulation(case):
+    times, number, most, found = case
+    _, variance = expected(times, number, most)
+    pieces = np.histogram(found, bins=MINUTES // 5, range=(0, 60 * MINUTES))[0]
+    # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)). The ends
+    # of a piece, within a cycle, add a little.
+    tolerance = 4 * math.sqrt(2 / (len(pieces) - 1)) + 0.2
+    assert pieces.var(ddof=1) / 5 == pytest.approx(variance, rel=tolerance)
+
+
+@pytest.mark.slow
+def test_runs_are_within_the_prediction_interval():
+    """Runs whose probabilities are drawn from the posterior, of which 95 % are expected inside."""
+    found = forecast(MODEL, 10, minutes=20)
+    free = np.append(np.where(MODEL.pickable, found.free, 0.0), 0.0)
+    generator = np.random.default_rng(3)
+    drawn = refilled_later(drawn_moves(DROP, TRANSITIONS, 30, generator))
+    low, high = found.prediction
+    within = 0
+    for k in range(30):
+        moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
+        picks = simulated_picks(moves, free, 10, TIMES, None, 60 * 20, seed=k)
+        within += low <= len(picks) / 20 <= high
+    # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
+    assert within >= 24
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_fixed_point_is_that_of_iteration(seed, number):
+    generator = np.random.default_rng(seed)
+    k = int(generator.integers(2, 6))
+    rows = generator.dirichlet(np.ones(k + 1), k)
+    moves = Moves(generator.dirichlet(np.ones(k)), rows[:, :k], rows[:, k])
+    free = generator.random(k) * (np.arange(k) < generator.integers(1, k + 1))
+    state = steady_state(moves, free, number)
+    parts = number * moves.drop
+    for _ in range(3000):
+        picked = parts * free
+        rest = parts - picked
+        supplied = picked.sum() + rest @ moves.left
+        parts = rest @ moves.transitions + supplied * moves.drop
+    assert number * state.mix == pytest.approx(parts, abs=1e-9 * number)
+    assert state.picks.mean == pytest.approx((parts * free).sum())
+    assert state.supplied == pytest.approx(supplied)
+
+
+@given(st.integers(2, 40), st.integers(1, 40))
+def test_limited_picks_are_consistent_with_their_mix(number, most):
+    state = steady_state(MOVES, FREE, number, most)
+    assert float(number * state.mix @ state.taken) == pytest.approx(float(state.picks.mean), 1e-4)
+    assert (
+        state.picks.mean <= min(most, float(steady_state(MOVES, FREE, number).picks.mean)) + 1e-4
+    )
+
+
+def changed(**values):
+    return dataclasses.replace(MODEL, **values)
+
+
+def test_one_part_that_can_always_be_picked_has_a_closed_form():
+    model = changed(pickable=np.ones(3, dtype=bool))
+    found = forecast(model, 1)
+    seconds = 1.2 + 0.8 + 0.5 + 0.2 + 0.05
+    assert found.rate == pytest.approx(60 / seconds)
+    assert (found.lower, found.upper) == pytest.approx([60 / seconds] * 2)
+    # A run begins with an empty tray: the first image follows after settling and supply.
+    expected = 60 / seconds * (1 - (0.5 + 0.2 + 0.05) / 3600)
+    # It ends anywhere in a cycle, of which the feeder and the camera take 1.5 s.
+    low, high = found.prediction
+    assert expected - 60 / seconds * 1.5 / 3600 < low < high < expected
+    assert found.flips_per_part == pytest.approx(0, abs=1e-9)
+    assert found.state.picks.none == pytest.approx(0, abs=1e-9)
+
+
+def test_without_clearance_all_parts_are_picked():
+    model = changed(pickable=np.ones(3, dtype=bool), tray=Tray((0.2, 0.2), 0.0))
+    found = forecast(model, 8)
+    assert found.rate == pytest.approx(60 * 8 / (1.5 + 8 * 1.25))
+    assert found.state.picks.variance == pytest.approx(0, abs=1e-9)  # a difference of squares
+
+
+def test_action_without_effect_fills_the_tray_with_unpickable_parts():
+    """Aspect 0 is not pickable, and the action changes nothing: the tray fills with it."""
+    found = forecast(changed(transitions=100 * np.eye(3, 7, dtype=np.int64)))
+    assert found.rate == 0
+    assert found.best_number is None
+    assert found.trapped.tolist() == [True, False, False]
+    assert found.flips_per_part == math.inf
+    # A transition that was never seen in 100 actions is possible.
+    assert found.upper > 1
+    many = forecast(changed(transitions=10**6 * np.eye(3, 7, dtype=np.int64)), 15)
+    assert 0 < many.upper < 0.1
+
+
+def test_aspect_that_never_occurs_gives_no_parts():
+    found = forecast(
+        changed(
+            drop=np.array([90, 10, 0]),
+            transitions=np.array([[90, 10, 0, 0], [50, 50, 0, 0], [1, 1, 1, 0]]),
+            pickable=np.array([False, False, True]),
+        )
+    )
+    assert (found.rate, found.best_number) == (0, None)
+    assert found.trapped.tolist() == [True, True, False]
+    assert found.state.mix == pytest.approx([10 / 12, 2 / 12, 0], abs=0.1)
+
+
+def test_clearance_as_large_as_the_tray_leaves_one_part():
+    model = changed(tray=Tray((0.2, 0.2), 0.2))
+    assert forecast(model).best_number == 1
+    found = forecast(model, 8)
+    assert (found.best_number, found.rate) == (1, pytest.approx(0, abs=1e-6))
+    assert found.prediction == pytest.approx((0, 0), abs=1e-6)
+
+
+def test_part_with_one_aspect_is_always_pickable():
+    one = changed(
+        drop=np.array([50]),
+        transitions=np.array([[45, 0, 0, 0, 5]]),
+        pickable=np.array([True]),
+        footprints=FOOTPRINTS[:1],
+    )
+    found = forecast(one, 5)
+    # Lost parts are missing in the image after the action.
+    parts, taken = 5 - found.state.lost, found.state.taken[0]
+    assert found.free[0] < taken < 1
+    assert found.state.picks.mean == pytest.approx(parts * taken)
+    assert found.state.lost == pytest.approx(parts * (1 - taken) * 0.1)
+    assert found.state.mix == pytest.approx([1])
+
+
+@pytest.mark.slow
+def test_faster_robot_and_smaller_clearance_raise_the_rate():
+    base = forecast(MODEL, 10).rate
+    assert forecast(changed(times=dataclasses.replace(TIMES, robot=1.0)), 10).rate > base
+    assert forecast(changed(times=OVERLAP), 10).rate > base
+    assert forecast(changed(tray=Tray((0.2, 0.2), 0.002)), 10).rate > base
+    assert forecast(changed(max_picks=2), 10).rate < base
+    assert forecast(changed(pickable=np.ones(3, dtype=bool)), 10).rate > base
+
+
+def test_best_number_has_the_highest_rate_of_the_curve():
+    found = forecast(MODEL)
+    curve = found.curve
+    assert curve.number[curve.rate.argmax()] == found.best_number == found.number
+    assert (curve.lower <= curve.rate).all()
+    assert (curve.rate <= curve.upper).all()
+    assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]
+
+
+@pytest.mark.slow
+def test_more_counts_and_longer_runs_narrow_the_intervals():
+    few = forecast(MODEL, 10, minutes=5)
+    many = forecast(changed(drop=100 * DROP, transitions=100 * TRANSITIONS), 10)
+    assert many.upper - many.lower < 0.3 * (few.upper - few.lower)
+    long = forecast(MODEL, 10, minutes=6000)
+    assert np.ptp(few.prediction) > 1.1 * np.ptp(long.prediction)
+    assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ('times', 'resource'),
+    [
+        (CycleTimes(2.0, 0.1, 0.1, 0.1), 'robot'),
+        (CycleTimes(0.1, 2.0, 0.1, 0.1), 'feeder'),
+        (CycleTimes(0.1, 0.1, 0.1, 2.0), 'vision'),
+    ],
+)
+def test_longest_time_limits(times, resource):
+    found = forecast(changed(times=times), 10)
+    assert found.limited_by == resource
+    name = {'feeder': 'vibrate', 'vision': 'image'}.get(resource, resource)
+    assert max(found.sensitivity, key=lambda each: found.sensitivity[each][0]) == name
+    assert sum(found.time_shares.values()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [{'number': 0}, {'number': 2.5}, {'number': 10_000}, {'minutes': 0}, {'minutes': math.nan}],
+)
+def test_wrong_values_are_refused(wrong):
+    with pytest.raises(InvalidValueError, match='expected'):
+        forecast(MODEL, **wrong)
+
+
+def test_model_needs_counts_and_a_pickable_aspect():
+    with pytest.raises(InvalidValueError, match='at least one'):
+        changed(pickable=np.zeros(3, dtype=bool))
+    with pytest.raises(InvalidValueError, match='drops'):
+        changed(drop=np.zeros(3, dtype=np.int64))
+    with pytest.raises(InvalidValueError, match='picks'):
+        changed(max_picks=0)
+
+
+def test_forecast_is_finite_if_a_single_part_is_always_picked():
+    # Parts fall into a pickable class, and are in the other one only after a flip.
+    moves = np.zeros((3, 7), dtype=np.int64)
+    moves[0, 6] = moves[1, 0] = moves[2, 6] = 1
+    found = forecast(dataclasses.replace(MODEL, drop=np.array([0, 9, 0]), transitions=moves))
+    assert np.isfinite(found.curve.rate).all()
+    # One cycle with an image and the pick of the only part.
+    assert found.curve.number[0] == 1
+    assert found.curve.rate[0] == pytest.approx(
+        parts_per_minute(TIMES, picks(1, np.array(1.0)), np.array(1.0))
+    )
+
+
+@settings(max_examples=3)
+@given(st.data())
+def test_interval_of_the_rate_contains_it_at_the_border(data):
+    row = st.lists(st.integers(0, 2), min_size=7, max_size=7).filter(any)
+    drop = np.array(data.draw(st.lists(st.integers(0, 2), min_size=3, max_size=3).filter(any)))
+    model = dataclasses.replace(
+        MODEL, drop=drop, transitions=np.array([data.draw(row) for _ in range(3)])
+    )
+    found = forecast(model, 3)
+    assert found.lower <= found.rate <= found.upper
+    assert found.prediction[0] <= found.prediction[1]
+    assert (found.curve.lower <= found.curve.rate).all()
+    assert (found.curve.rate <= found.curve.upper).all()

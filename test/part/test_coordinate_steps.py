@@ -1,0 +1,227 @@
+"""Coordinates that a file stores in coarse steps: a warning or an error, and none without."""
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import PartError
+from resting_aspects_ros.part.loading import part_from_bytes
+
+COARSE = 'are stored in steps of'
+PLACES = (1e4, 1e5, 3e5, 1e6)
+WASHERS = {
+    'thin': lambda: trimesh.creation.annulus(5, 10, 2, sections=64),
+    'thick': lambda: trimesh.creation.annulus(15, 40, 20, sections=48),
+}
+
+
+def placed(mesh, distance, *, tilted):
+    mesh = mesh.copy()
+    if tilted:
+        mesh.vertices = Rotation.from_rotvec((0.3, 0.5, 0.7)).apply(mesh.vertices)
+    mesh.apply_translation(np.array((1, 0.7, 0.3)) * distance)
+    return mesh
+
+
+def ascii_stl(mesh, number):
+    rows = [' '.join(map(number, row)) for row in np.asarray(mesh.triangles).reshape(-1, 3)]
+    facets = [
+        f'facet normal 0 0 0\nouter loop\nvertex {a}\nvertex {b}\nvertex {c}\nendloop\nendfacet'
+        for a, b, c in zip(rows[::3], rows[1::3], rows[2::3], strict=True)
+    ]
+    return '\n'.join(['solid', *facets, 'endsolid\n']).encode(), 'stl'
+
+
+def obj(mesh, number):
+    lines = ['v ' + ' '.join(map(number, row)) for row in np.asarray(mesh.vertices)]
+    lines += [f'f {a} {b} {c}' for a, b, c in np.asarray(mesh.faces) + 1]
+    return '\n'.join(lines).encode(), 'obj'
+
+
+def ply(mesh, kind):
+    header = (
+        f'ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n'
+        + ''.join(f'property {kind} {axis}\n' for axis in 'xyz')
+        + f'element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n'
+    )
+    rows = np.empty(len(mesh.faces), dtype=[('count', 'u1'), ('corners', '<i4', 3)])
+    rows['count'], rows['corners'] = 3, mesh.faces
+    number = {'float': '<f4', 'double': '<f8'}[kind]
+    return header.encode() + np.asarray(mesh.vertices, number).tobytes() + rows.tobytes(), 'ply'
+
+
+SINGLE = {
+    'binary STL': lambda mesh: (mesh.export(file_type='stl'), 'stl'),
+    'STL with 7 digits': lambda mesh: ascii_stl(mesh, lambda x: f'{np.float32(x):e}'),
+    'STL with 6 digits': lambda mesh: ascii_stl(mesh, lambda x: f'{np.float32(x):g}'),
+    'STL with 6 decimals': lambda mesh: ascii_stl(mesh, lambda x: f'{np.float32(x):f}'),
+    'STL with the shortest text': lambda mesh: ascii_stl(mesh, lambda x: str(np.float32(x))),
+    'OBJ with the shortest text': lambda mesh: obj(mesh, lambda x: str(np.float32(x))),
+    'PLY of floats': lambda mesh: ply(mesh, 'float'),
+}
+DOUBLE = {
+    'STL': lambda mesh: ascii_stl(mesh, lambda x: repr(float(x))),
+    'OBJ': lambda mesh: obj(mesh, lambda x: repr(float(x))),
+    'OBJ with 9 decimals': lambda mesh: obj(mesh, lambda x: f'{x:.9f}'),
+    'OFF': lambda mesh: (mesh.export(file_type='off').encode(), 'off'),
+    'PLY of doubles': lambda mesh: ply(mesh, 'double'),
+}
+
+
+@pytest.mark.parametrize('file', SINGLE)
+@pytest.mark.parametrize('washer', WASHERS)
+@pytest.mark.parametrize('tilted', [False, True])
+def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
+    """A washer has three classes of aspects: two sides and the rim."""
+    warned = 0
+    for distance in PLACES:
+        data, mesh_format = SINGLE[file](placed(WASHERS[washer](), distance, tilted=tilted))
+        try:
+            part = part_from_bytes(data, mesh_format, 'washer', unit='mm')
+        except PartError as error:
+            notes = [str(error)]
+        else:
+            notes = part.warnings
+        if any(COARSE in note for note in notes):
+            warned += 1
+            continue
+        assert not notes
+        assert len(find_aspects(part)) == 3
+        volume = WASHERS[washer]().volume * 1e-9
+        assert part.volume == pytest.approx(volume, rel=1.1e-4)
+    assert warned
+
+
+@pytest.mark.quick_cases(3)
+@pytest.mark.parametrize('file', DOUBLE)
+@pytest.mark.parametrize('washer', WASHERS)
+@pytest.mark.parametrize('tilted', [False, True])
+def test_fine_coordinates_are_right_at_any_place(file, washer, tilted):
+    for distance in PLACES:
+        data, mesh_format = DOUBLE[file](placed(WASHERS[washer](), distance, tilted=tilted))
+        part = part_from_bytes(data, mesh_format, 'washer', unit='mm')
+        assert part.warnings == ()
+        assert len(find_aspects(part)) == 3
+        assert part.volume == pytest.approx(WASHERS[washer]().volume * 1e-9, rel=1e-6)
+
+
+@pytest.mark.parametrize('scale', [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize('file', SINGLE)
+def test_coordinates_near_the_origin_are_fine_for_any_size(file, scale):
+    mesh = trimesh.creation.annulus(5, 10, 2, sections=64)
+    mesh.apply_scale(scale)
+    data, mesh_format = SINGLE[file](mesh)
+    unit = {1e-3: 'm', 1.0: 'mm', 1e3: 'um'}[scale]
+    assert part_from_bytes(data, mesh_format, 'washer', unit=unit).warnings == ()
+
+
+@pytest.mark.parametrize('number', [str, lambda x: f'{x:.1f}', lambda x: f'{x:.3f}'])
+@pytest.mark.parametrize('place', [0, 1e5, 1_000_040])
+def test_design_values_are_exact_with_few_digits(number, place):
+    """All sides of the box are at whole millimetres."""
+    mesh = trimesh.creation.box((10, 20, 30))
+    mesh.apply_translation((place + 5, place, -place + 5))
+    data, mesh_format = obj(mesh, lambda x: number(round(x)))
+    part = part_from_bytes(data, mesh_format, 'box', unit='mm')
+    assert part.warnings == ()
+    assert part.volume == pytest.approx(6e-6, rel=1e-9)
+
+
+DECIMALS = {
+    'decimals': lambda x: f'{x:.1f}',
+    'decimals without zeros': lambda x: f'{x:.1f}'.removesuffix('.0'),
+    'shortest text': lambda x: repr(round(float(x), 1)),
+}
+ROUND = {
+    'cylinder': trimesh.creation.cylinder(3.7, 9.3, sections=40),
+    'cylinder of twice the size': trimesh.creation.cylinder(7.4, 18.6, sections=40),
+    'plate': trimesh.creation.box((20, 20, 1)),
+}
+
+
+@pytest.mark.parametrize('text', [obj, ascii_stl])
+@pytest.mark.parametrize('number', DECIMALS)
+@pytest.mark.parametrize('shape', ROUND)
+def test_one_decimal_is_coarse_for_a_tilted_part(shape, number, text):
+    data, mesh_format = text(placed(ROUND[shape], 0, tilted=True), DECIMALS[number])
+    try:
+        notes = part_from_bytes(data, mesh_format, 'part', unit='mm').warnings
+    except PartError as error:
+        notes = [str(error)]
+    assert any(f'{COARSE} 0.1 mm' in note for note in notes)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('decimals', [2, 3])
+def test_cylinder_of_rounded_text_has_three_aspects_or_a_warning(seed, decimals):
+    mesh = ROUND['cylinder'].copy()
+    mesh.vertices = Rotation.random(random_state=seed).apply(mesh.vertices)
+    part = part_from_bytes(*obj(mesh, lambda x: f'{x:.{decimals}f}'), 'part', unit='mm')
+    if decimals == 2:
+        assert f'{COARSE} 0.01 mm' in part.warnings[0]
+    else:
+        assert part.warnings == ()
+        assert len(find_aspects(part)) == 3
+
+
+@pytest.mark.parametrize('sides', [(10, 20, 30), (0.5, 2.5, 1.5), (10.3, 20.7, 7.1)])
+@pytest.mark.parametrize('number', [lambda x: f'{x:.1f}', lambda x: f'{x:g}', str])
+def test_few_values_with_one_decimal_are_design_values(sides, number):
+    mesh = trimesh.creation.box(sides)
+    mesh.apply_translation(np.array(sides) / 2)
+    mesh.vertices = mesh.vertices.round(1)
+    for text in (obj, ascii_stl):
+        assert part_from_bytes(*text(mesh, number), 'box', unit='cm').warnings == ()
+
+
+def test_halves_are_design_values():
+    """A comb of 20 teeth with the width 1.5 in steps of 3.5."""
+    corners = [
+        (x, y)
+        for k in range(20)
+        for x, y in ((3.5 * k, 2), (3.5 * k, 9.5), (3.5 * k + 1.5, 9.5), (3.5 * k + 1.5, 2))
+    ]
+    outline = shapely.Polygon([(0, 0), *corners, (68, 0)])
+    mesh = trimesh.creation.extrude_polygon(outline, 4.5)
+    assert part_from_bytes(*obj(mesh, lambda x: f'{x:.1f}'), 'comb', unit='mm').warnings == ()
+
+
+@pytest.mark.parametrize(
+    ('distance', 'number'), [(1e6, lambda x: f'{x:.6g}'), (2e5, lambda x: f'{x:.5e}')]
+)
+def test_steps_as_large_as_the_part_are_refused(distance, number):
+    mesh = placed(WASHERS['thin'](), distance, tilted=True)
+    with pytest.raises(PartError, match=r'cannot be used: .* are stored in steps of'):
+        part_from_bytes(*ascii_stl(mesh, number), 'washer', unit='mm')
+
+
+def folded(mesh):
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+    return trimesh.util.concatenate([mesh, other])
+
+
+FLAT = trimesh.Trimesh(
+    [(0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)], [(0, 1, 2), (0, 2, 3)], process=False
+)
+EMPTY = {
+    'a box twice': (folded(trimesh.creation.box((10, 20, 30))), 'each triangle twice'),
+    'a ball twice': (folded(trimesh.creation.icosphere(2, 10)), 'each triangle twice'),
+    'a sheet': (FLAT, 'in a plane'),
+    'both sides of a sheet': (folded(FLAT), 'in a plane'),
+}
+
+
+@pytest.mark.parametrize('kind', EMPTY)
+@pytest.mark.parametrize('place', [0, 1e3])
+def test_mesh_without_volume_is_not_called_coarse(kind, place):
+    mesh, cause = EMPTY[kind]
+    mesh = mesh.copy()
+    mesh.apply_translation((place, 0, 0))
+    with pytest.raises(PartError) as caught:
+        part_from_bytes(mesh.export(file_type='stl'), 'stl', 'empty', unit='mm')
+    assert 'no volume' in str(caught.value)
+    assert cause in str(caught.value)
+    assert COARSE not in str(caught.value)

@@ -1,0 +1,202 @@
+"""The intrinsic frame belongs to the shape: it turns with the part, independent of the mesh."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.part.frames import (
+    POWERS,
+    higher_moments,
+    intrinsic_signs,
+    principal_frame,
+)
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.part import Part
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+# Noise of float32 in the inertia, 1e-7, is divided by the relative gap between two moments, which
+# is at least 0.03 in these tests, when it turns the axes.
+ANGLE = 1e-5
+
+
+def part_of(mesh: trimesh.Trimesh, turn: Rotation | None = None, **given) -> Part:
+    vertices = turn.apply(mesh.vertices) if turn else mesh.vertices
+    turned = trimesh.Trimesh(vertices, mesh.faces, process=False)
+    return part_from_bytes(turned.export(file_type='stl'), 'stl', 'part', **given)
+
+
+def rotation(seed: int) -> Rotation:
+    return Rotation.from_quat(np.random.default_rng(seed).normal(size=4))
+
+
+def angle_bracket() -> trimesh.Trimesh:
+    """Symmetric about one plane, so that one direction of its frame has no third moment."""
+    legs = [
+        trimesh.creation.box(bounds=b)
+        for b in ([[0, 0, 0], [45, 8, 20]], [[0, 8, 0], [8, 30, 20]])
+    ]
+    return trimesh.util.concatenate(legs)
+
+
+def s_profile() -> trimesh.Trimesh:
+    """Symmetric about its centre, so that all its third moments are zero."""
+    outline = [(0, 0), (20, 0), (20, 5), (5, 5), (5, 20), (-15, 20), (-15, 15), (0, 15)]
+    return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 7)
+
+
+def moments(**powers: float) -> np.ndarray:
+    """Moments that are zero, except these; x2y=1 is the moment of x^2 y."""
+    found = np.zeros(len(POWERS))
+    for name, value in powers.items():
+        factors = name.replace('x', ' x').replace('y', ' y').replace('z', ' z').split()
+        wanted = {factor[0]: int(factor[1:] or 1) for factor in factors}
+        row = [wanted.get(axis, 0) for axis in 'xyz']
+        found[POWERS.tolist().index(row)] = value
+    return found
+
+
+def test_moments_of_a_tetrahedron():
+    """Dirichlet: the integral of x^i y^j z^k over it is i! j! k! / (i + j + k + 3)!."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    expected = [
+        math.prod(math.factorial(power) for power in powers) / math.factorial(sum(powers) + 3)
+        for powers in POWERS.tolist()
+    ]
+    found = higher_moments(corners, faces, np.eye(3))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_moments_of_a_box_about_its_corner():
+    sides = np.array([2.0, 3.0, 5.0])
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], sides])
+    expected = (sides ** (POWERS + 1) / (POWERS + 1)).prod(axis=1)
+    np.testing.assert_allclose(higher_moments(mesh.vertices, mesh.faces, np.eye(3)), expected)
+
+
+def test_moments_follow_the_axes():
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], [2, 3, 5]])
+    turn = rotation(1)
+    straight = higher_moments(mesh.vertices, mesh.faces, np.eye(3))
+    turned = higher_moments(turn.apply(mesh.vertices), mesh.faces, turn.as_matrix())
+    np.testing.assert_allclose(turned, straight)
+
+
+@given(shape=SEEDS, turn=SEEDS)
+def test_frame_turns_with_an_asymmetric_part(shape, turn):
+    points = np.random.default_rng(shape).uniform(-20, 20, size=(7, 3))
+    mesh = trimesh.convex.convex_hull(points)
+    part = part_of(mesh)
+    gaps = np.diff(part.principal_moments) / part.principal_moments[2]
+    assume(gaps.min() > 0.03)
+    found = higher_moments(
+        (part.vertices - part.centre_of_mass) / part.hull_radius, part.faces, part.principal_axes
+    ) / (part.volume / part.hull_radius**3)
+    assume(np.abs(found[:3]).min() > 1e-4)
+    turned = part_of(mesh, rotation(turn))
+    np.testing.assert_allclose(
+        turned.principal_axes, rotation(turn).as_matrix() @ part.principal_axes, atol=ANGLE
+    )
+    assert np.linalg.det(turned.principal_axes) == pytest.approx(1)
+
+
+@given(turn=SEEDS)
+def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(turn):
+    part, turned = part_of(angle_bracket()), part_of(angle_bracket(), rotation(turn))
+    np.testing.assert_allclose(
+        turned.principal_axes, rotation(turn).as_matrix() @ part.principal_axes, atol=ANGLE
+    )
+
+
+@given(turn=SEEDS)
+def test_frame_of_a_part_with_a_centre_of_symmetry_turns_with_it(turn):
+    part, turned = part_of(s_profile()), part_of(s_profile(), rotation(turn))
+    found = part.principal_axes.T @ rotation(turn).inv().as_matrix() @ turned.principal_axes
+    # The axis of the extrusion keeps its sign; half a turn about it is a symmetry of the part.
+    normal = int(np.abs(part.principal_axes[2]).argmax())
+    expected = np.where(np.arange(3) == normal, 1.0, np.sign(found[normal - 1, normal - 1]))
+    np.testing.assert_allclose(found, np.diag(expected), atol=ANGLE)
+
+
+@given(turn=SEEDS)
+def test_frame_of_a_box_turns_with_it_up_to_its_symmetry(turn):
+    mesh = trimesh.creation.box((10, 20, 30))
+    expected = rotation(turn).as_matrix()[:, [2, 1, 0]]
+    found = part_of(mesh, rotation(turn)).principal_axes
+    np.testing.assert_allclose(np.abs(expected.T @ found), np.eye(3), atol=ANGLE)
+    assert np.linalg.det(found) == pytest.approx(1)
+
+
+def test_frame_does_not_depend_on_the_mesh():
+    coarse = angle_bracket()
+    fine = coarse.subdivide().subdivide()
+    np.testing.assert_allclose(
+        part_of(fine).principal_axes, part_of(coarse).principal_axes, atol=ANGLE
+    )
+
+
+def test_mirrored_part_has_a_right_handed_frame_too():
+    mesh = trimesh.convex.convex_hull(np.random.default_rng(3).uniform(-20, 20, size=(7, 3)))
+    mirrored = trimesh.Trimesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1], process=False)
+    assert np.linalg.det(part_of(mesh).principal_axes) == pytest.approx(1)
+    assert np.linalg.det(part_of(mirrored).principal_axes) == pytest.approx(1)
+
+
+def test_signs_maximize_the_moments():
+    assert intrinsic_signs(moments(x3=-1, y3=1, z3=1)).tolist() == [-1, 1, -1]
+    assert intrinsic_signs(moments(y3=-1)).tolist() == [1, -1, -1]
+    # A tetrahedron's only moment is xyz, which is the same for all four: the first is taken.
+    assert intrinsic_signs(moments(xyz=-1)).tolist() == [1, 1, 1]
+    assert intrinsic_signs(moments(xy3=-1)).tolist() == [1, -1, -1]
+    assert intrinsic_signs(moments(xyz2=1)).tolist() == [1, 1, 1]
+    assert intrinsic_signs(moments(yz3=-1)).tolist() == [-1, 1, -1]
+    assert intrinsic_signs(moments(x3=1, yz3=-1)).tolist() == [1, 1, 1]
+
+
+def test_float32_noise_does_not_determine_signs():
+    noise = moments(x3=-1e-7, y3=-1e-7, z3=-1e-7, x2y=1)
+    assert intrinsic_signs(noise).tolist() == [1, 1, 1]
+    # x2y is the first one that counts, and is negative.
+    assert intrinsic_signs(-noise).tolist() == [1, -1, -1]
+
+
+def test_frame_of_a_given_inertia_has_its_axes_and_the_signs_of_the_solid():
+    turn = rotation(4).as_matrix()
+    inertia = turn @ np.diag([1e-7, 2e-7, 2.5e-7]) @ turn.T
+    mesh = trimesh.convex.convex_hull(np.random.default_rng(3).uniform(-20, 20, size=(7, 3)))
+    part = part_of(mesh, mass=1e-2, inertia=inertia)
+    np.testing.assert_allclose(np.abs(turn.T @ part.principal_axes), np.eye(3), atol=1e-12)
+    found = higher_moments(part.vertices - part.centre_of_mass, part.faces, part.principal_axes)
+    assert found[0] > 0
+    assert found[1] > 0
+
+
+def test_frame_of_an_open_mesh_has_the_signs_of_its_hull():
+    """The hull of a convex part is the part, so that a missing triangle must change nothing."""
+    mesh = trimesh.convex.convex_hull(np.random.default_rng(3).uniform(-20, 20, size=(7, 3)))
+    solid = part_of(mesh)
+    given = {'mass': solid.mass, 'centre_of_mass': solid.centre_of_mass, 'inertia': solid.inertia}
+    opened = part_of(trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False), **given)
+    assert np.isnan(opened.volume)
+    np.testing.assert_allclose(opened.principal_axes, solid.principal_axes, atol=1e-12)
+
+
+def test_principal_frame_of_a_diagonal_inertia():
+    moments, axes = principal_frame(np.diag([3.0, 1.0, 2.0]))
+    np.testing.assert_allclose(moments, [1, 2, 3])
+    np.testing.assert_array_equal(axes, [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+
+def test_equal_moments_get_the_same_axes_every_time():
+    first, second = (part_of(trimesh.creation.box((20, 20, 20))) for _ in range(2))
+    np.testing.assert_array_equal(first.principal_axes, second.principal_axes)
+    np.testing.assert_allclose(
+        first.principal_axes.T @ first.principal_axes, np.eye(3), atol=1e-12
+    )

@@ -1,0 +1,495 @@
+"""A part matches its file: compared with formulas, in every unit, and through a message."""
+
+import hashlib
+import pickle
+import struct
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.part.loading import load_part, part_from_bytes
+from resting_aspects_ros.part.part import UNITS, Part
+
+# STL holds float32: a coordinate is off by up to 6e-8 of itself, and a volume by three times it.
+FLOAT32 = 2e-7
+
+L_VOLUME = 12000e-9
+L_CENTRE = np.array([0.015, 0.010, 0.010])
+
+
+def stl(mesh: trimesh.Trimesh) -> bytes:
+    return mesh.export(file_type='stl')
+
+
+def box(x: float = 10, y: float = 20, z: float = 30) -> trimesh.Trimesh:
+    """A box with a corner at 0."""
+    mesh = trimesh.creation.box((x, y, z))
+    mesh.apply_translation((x / 2, y / 2, z / 2))
+    return mesh
+
+
+def l_bracket() -> trimesh.Trimesh:
+    """40 x 30 x 20, 10 thick; from two boxes would leave a wall, so from its outline."""
+    outline = [(0, 0), (40, 0), (40, 10), (10, 10), (10, 30), (0, 30)]
+    top = [(3, 4, 5), (3, 5, 0), (3, 0, 1), (3, 1, 2)]
+    sides = [
+        t for i in range(6) for j in [(i + 1) % 6] for t in ((i, j, j + 6), (i, j + 6, i + 6))
+    ]
+    return trimesh.Trimesh(
+        [(*p, z) for z in (0, 20) for p in outline],
+        [(c, b, a) for a, b, c in top] + [(a + 6, b + 6, c + 6) for a, b, c in top] + sides,
+        process=False,
+    )
+
+
+def files_of(mesh: trimesh.Trimesh) -> dict[str, tuple[bytes, str]]:
+    return {
+        'binary STL': (stl(mesh), 'stl'),
+        'ASCII STL': (trimesh.exchange.stl.export_stl_ascii(mesh).encode(), 'stl'),
+        'OBJ': (mesh.export(file_type='obj').encode(), 'obj'),
+        'binary PLY': (mesh.export(file_type='ply'), 'ply'),
+        'ASCII PLY': (mesh.export(file_type='ply', encoding='ascii'), 'ply'),
+    }
+
+
+def rotation(seed: int) -> Rotation:
+    return Rotation.from_quat(np.random.default_rng(seed).normal(size=4))
+
+
+def test_box_has_the_mass_properties_of_the_formula():
+    part = part_from_bytes(stl(box()), 'stl', 'box', density=2700)
+    mass = 2700 * 6e-6
+    moments = mass / 12 * np.array([20**2 + 30**2, 10**2 + 30**2, 10**2 + 20**2]) * 1e-6
+    assert part.volume == pytest.approx(6e-6, rel=FLOAT32)
+    assert part.mass == pytest.approx(mass, rel=FLOAT32)
+    np.testing.assert_allclose(part.centre_of_mass, [0.005, 0.010, 0.015], rtol=FLOAT32)
+    np.testing.assert_allclose(part.inertia, np.diag(moments), atol=FLOAT32 * moments.max())
+    np.testing.assert_allclose(part.principal_moments, np.sort(moments), rtol=2 * FLOAT32)
+    assert part.hull_radius == pytest.approx(np.sqrt(5**2 + 10**2 + 15**2) * 1e-3)
+    assert part.warnings == ()
+
+
+def test_default_density_is_water():
+    assert part_from_bytes(stl(box()), 'stl', 'box').mass == pytest.approx(6e-3, rel=FLOAT32)
+
+
+@pytest.mark.parametrize('unit', UNITS)
+def test_units_scale_lengths(unit):
+    metres = {'um': 1e-6, 'mm': 1e-3, 'cm': 1e-2, 'm': 1, 'in': 0.0254, 'ft': 0.3048}[unit]
+    part = part_from_bytes(stl(box(1, 2, 3)), 'stl', 'box', unit=unit)
+    np.testing.assert_allclose(np.ptp(part.vertices, axis=0), np.array([1, 2, 3]) * metres)
+    np.testing.assert_allclose(part.centre_of_mass, np.array([0.5, 1, 1.5]) * metres)
+    assert part.volume == pytest.approx(6 * metres**3)
+
+
+def test_all_formats_have_the_same_part_and_mm_by_default():
+    for file_format, (data, mesh_format) in files_of(l_bracket()).items():
+        part = part_from_bytes(data, mesh_format, 'l')
+        assert part.unit == 'mm', file_format
+        assert part.volume == pytest.approx(L_VOLUME, rel=FLOAT32), file_format
+        np.testing.assert_allclose(part.centre_of_mass, L_CENTRE, rtol=FLOAT32)
+        assert len(part.hull_vertices) == 10, file_format
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_centre_of_mass_of_a_degenerate_part_is_exact(seed):
+    """It is over an edge of the long leg's end; an aspect hangs on its last digits."""
+    turn = rotation(seed)
+    mesh = l_bracket()
+    mesh.vertices = turn.apply(mesh.vertices)
+    for data, mesh_format in files_of(mesh).values():
+        part = part_from_bytes(data, mesh_format, 'l')
+        off = np.linalg.norm(part.centre_of_mass - turn.apply(L_CENTRE))
+        assert off < 1e-7 * part.hull_radius
+
+
+def test_a_part_far_from_the_origin_loses_no_digits():
+    """Whole mm up to 2^24 are exact in float32, so nothing but the integrals can lose any."""
+    near, far = l_bracket(), l_bracket()
+    far.apply_translation((10000, -20000, 5000))
+    here, there = (part_from_bytes(stl(mesh), 'stl', 'l') for mesh in (near, far))
+    offset = there.centre_of_mass - here.centre_of_mass
+    np.testing.assert_allclose(offset, [10, -20, 5], rtol=1e-14)
+    np.testing.assert_allclose(there.inertia, here.inertia, atol=1e-11 * here.inertia.max())
+
+
+def test_mass_properties_are_of_the_solid_not_of_its_surface():
+    """Many vertices on one side draw their mean there, and must not draw these."""
+    vertices, faces = box().vertices.tolist(), box().faces.tolist()
+    for _ in range(40):
+        a, b, c = faces.pop(
+            next(
+                i
+                for i, face in enumerate(faces)
+                if all(vertices[corner][0] == 0 for corner in face)
+            )
+        )
+        faces += [(a, b, len(vertices)), (b, c, len(vertices)), (c, a, len(vertices))]
+        vertices.append(np.mean([vertices[a], vertices[b], vertices[c]], axis=0).tolist())
+    part = part_from_bytes(stl(trimesh.Trimesh(vertices, faces, process=False)), 'stl', 'box')
+    assert part.vertices.mean(axis=0)[0] < 0.002
+    np.testing.assert_allclose(part.centre_of_mass, [0.005, 0.010, 0.015], rtol=FLOAT32)
+    assert part.volume == pytest.approx(6e-6, rel=FLOAT32)
+
+
+def test_hull_does_not_depend_on_the_order_in_the_file():
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=7)
+    mesh.vertices = mesh.vertices.astype(np.float32)
+    before = part_from_bytes(stl(mesh), 'stl', 'ball')
+    shuffled = np.random.default_rng(5).permutation(mesh.faces)
+    after = part_from_bytes(
+        stl(trimesh.Trimesh(mesh.vertices, np.roll(shuffled, 1, axis=1), process=False)),
+        'stl',
+        'ball',
+    )
+    assert before.mesh_sha256 != after.mesh_sha256
+    np.testing.assert_array_equal(before.hull_vertices, after.hull_vertices)
+    order = np.lexsort(before.hull_vertices.T[::-1])
+    np.testing.assert_array_equal(order, np.arange(len(order)))
+
+
+def test_hull_keeps_fine_details_above_noise():
+    """720 sides on a diameter of 20 mm: each corner is 0.1 um above the line of the next two."""
+    mesh = trimesh.creation.cylinder(radius=10, height=20, sections=720)
+    assert len(part_from_bytes(stl(mesh), 'stl', 'pin').hull_vertices) == 1440
+
+
+def test_hull_does_not_contain_a_cavity():
+    outline = {(0, 0), (40, 0), (40, 10), (10, 30), (0, 30)}
+    part = part_from_bytes(stl(l_bracket()), 'stl', 'l')
+    found = {tuple(v) for v in np.round(part.hull_vertices[:, :2] * 1e3, 6).tolist()}
+    assert found == outline
+
+
+def test_given_mass_scales_the_inertia():
+    one, two = (part_from_bytes(stl(box()), 'stl', 'box', mass=mass) for mass in (1, 2))
+    assert one.mass == 1
+    np.testing.assert_allclose(two.inertia, 2 * one.inertia)
+
+
+def test_given_centre_of_mass_leaves_the_inertia():
+    solid = part_from_bytes(stl(box()), 'stl', 'box')
+    part = part_from_bytes(stl(box()), 'stl', 'box', centre_of_mass=(0.004, 0.01, 0.02))
+    assert part.centre_of_mass.tolist() == [0.004, 0.01, 0.02]
+    np.testing.assert_array_equal(part.inertia, solid.inertia)
+    assert part.hull_radius == pytest.approx(np.sqrt(6**2 + 10**2 + 20**2) * 1e-3)
+
+
+def test_given_inertia_has_the_order_of_ros():
+    part = part_from_bytes(
+        stl(box()), 'stl', 'box', mass=1, inertia=[2e-4, 1e-6, 2e-6, 1e-4, 3e-6, 1.5e-4]
+    )
+    np.testing.assert_array_equal(
+        part.inertia, [[2e-4, 1e-6, 2e-6], [1e-6, 1e-4, 3e-6], [2e-6, 3e-6, 1.5e-4]]
+    )
+
+
+@pytest.mark.parametrize(
+    ('given', 'expected'),
+    [
+        ({'density': 0}, ['density', '0', 'above 0']),
+        ({'density': float('nan')}, ['density', 'nan', 'above 0']),
+        ({'density': 1e308}, ['density', '1e+308', 'above 0']),
+        ({'mass': -1}, ['mass', '-1', 'above 0']),
+        ({'mass': 'heavy'}, ['mass', "'heavy'", 'above 0']),
+        ({'mass': True}, ['mass', 'True', 'above 0']),
+        ({'mass': 10**400}, ['mass', '1000', 'above 0']),
+        ({'mass': 1, 'density': 2}, ['density (2)', 'mass (1)', 'only one of them']),
+        ({'unit': 'furlong'}, ['unit', "'furlong'", 'um, mm, cm, m, in, ft']),
+        ({'unit': ['mm']}, ['unit', "['mm']", 'um, mm']),
+        ({'centre_of_mass': (0, 0)}, ['centre of mass', '(0, 0)', 'three finite numbers']),
+        ({'centre_of_mass': (0, 0, float('inf'))}, ['centre of mass', 'inf', 'three finite']),
+        ({'centre_of_mass': (5, 10, 15)}, ['[5.0, 10.0, 15.0]', 'inside the convex hull', '0.02']),
+        ({'centre_of_mass': (0.005, 0.01, -1e-6)}, ['-1e-06', 'inside the convex hull']),
+        ({'inertia': [1, 2, 3]}, ['inertia', '[1, 2, 3]', 'six finite numbers', 'ixx ixy ixz']),
+        ({'inertia': [[1, 2], [3]]}, ['inertia', '[[1, 2], [3]]', 'six finite numbers']),
+        ({'inertia': [1e308] * 6}, ['inertia', '1e+308', 'six finite numbers']),
+        ({'inertia': [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, ['inertia', 'symmetric']),
+        ({'inertia': [1, 0, 0, -1, 0, 1]}, ['inertia', '-1', 'above 0']),
+        ({'inertia': [0] * 6}, ['inertia', '0.0', 'above 0']),
+        ({'inertia': [1e-7, 0, 0, 1e-7, 0, 3e-7]}, ['inertia', '3e-07', 'sum of the other two']),
+        ({'inertia': [6.5e-1, 0, 0, 5e-1, 0, 2.5e-1]}, ['inertia', '0.65', 'kg m^2?']),
+    ],
+)
+@pytest.mark.filterwarnings('error')
+def test_error_for_invalid_mass_properties(given, expected):
+    with pytest.raises(InvalidValueError) as caught:
+        part_from_bytes(stl(box()), 'stl', 'bracket_7', **given)
+    for word in ['bracket_7', *expected]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize('name', ['', 'Box', '7up', 'a-b', 'a' * 65, 'ä', 'box\n', None, 7])
+def test_invalid_name_is_rejected(name):
+    with pytest.raises(InvalidValueError, match='lower case letters, digits and _'):
+        part_from_bytes(stl(box()), 'stl', name)
+
+
+def test_an_inertia_rounded_as_in_a_data_sheet_is_accepted():
+    """A thin plate has Izz = Ixx + Iyy but for its thickness; three digits can exceed that."""
+    plate = part_from_bytes(
+        stl(box(100, 100, 0.1)),
+        'stl',
+        'plate',
+        mass=1,
+        inertia=[8.33e-4, 0, 0, 8.33e-4, 0, 1.667e-3],
+    )
+    assert plate.principal_moments[2] > plate.principal_moments[:2].sum()
+
+
+def test_part_is_the_same_after_a_message():
+    """What a message carries: bytes, format, name, unit, mass, centre of mass, six of inertia."""
+    mesh = l_bracket()
+    mesh.vertices = rotation(3).apply(mesh.vertices)
+    sent = part_from_bytes(stl(mesh), 'stl', 'l', unit='cm', density=7850)
+    got = part_from_bytes(
+        sent.mesh_bytes,
+        sent.mesh_format,
+        sent.name,
+        unit=sent.unit,
+        mass=sent.mass,
+        centre_of_mass=tuple(sent.centre_of_mass.tolist()),
+        inertia=sent.inertia[np.triu_indices(3)],
+    )
+    assert got.part_sha256 == sent.part_sha256
+    for name in ('centre_of_mass', 'inertia', 'hull_vertices', 'principal_axes', 'vertices'):
+        np.testing.assert_array_equal(getattr(got, name), getattr(sent, name), err_msg=name)
+    assert (got.mass, got.hull_radius, got.warnings) == (sent.mass, sent.hull_radius, ())
+
+
+def test_open_mesh_with_mass_properties_is_the_same_after_a_message():
+    mesh = box()
+    data = stl(trimesh.Trimesh(mesh.vertices, mesh.faces[:-1], process=False))
+    inertia = [2e-4, 1e-6, 0, 1e-4, 0, 1.5e-4]
+    sent = part_from_bytes(
+        data, 'stl', 'box', mass=1, centre_of_mass=(0.005, 0.01, 0.0), inertia=inertia
+    )
+    got = part_from_bytes(
+        data,
+        'stl',
+        'box',
+        mass=sent.mass,
+        centre_of_mass=sent.centre_of_mass,
+        inertia=sent.inertia,
+        unit='mm',
+    )
+    assert np.isnan(sent.volume)
+    assert 'not watertight' in sent.warnings[0]
+    assert 'given mass properties' in sent.warnings[0]
+    assert got.part_sha256 == sent.part_sha256
+    np.testing.assert_array_equal(got.principal_axes, sent.principal_axes)
+
+
+def test_negative_zero_becomes_zero():
+    centre, inertia = np.array([0.0, 10, 15]) * 1e-3, np.array([2e-4, 0, 0, 1e-4, 0, 1.5e-4])
+    given = {'mass': 1, 'centre_of_mass': centre, 'inertia': inertia}
+    minus = {
+        'mass': 1,
+        'centre_of_mass': np.where(centre == 0, -0.0, centre),
+        'inertia': np.where(inertia == 0, -0.0, inertia),
+    }
+    parts = [part_from_bytes(stl(box()), 'stl', 'box', **values) for values in (given, minus)]
+    assert parts[0].part_sha256 == parts[1].part_sha256
+
+
+def test_part_sha256_agrees_with_its_documentation():
+    data = stl(box())
+    part = part_from_bytes(data, 'stl', 'box', mass=2)
+    i = part.inertia
+    numbers = [2, *part.centre_of_mass, i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2]]
+    mesh_sha256 = hashlib.sha256(data).hexdigest()
+    text = f'{mesh_sha256} mm '.encode() + struct.pack('<10d', *numbers)
+    assert part.mesh_sha256 == mesh_sha256
+    assert part.part_sha256 == hashlib.sha256(text).hexdigest()
+
+
+def test_part_sha256_depends_on_all_but_the_name():
+    data = stl(box())
+    same = [part_from_bytes(data, 'stl', name).part_sha256 for name in ('a', 'b')]
+    others = [
+        part_from_bytes(data, 'stl', 'a', **change).part_sha256
+        for change in (
+            {'unit': 'cm'},
+            {'mass': 1},
+            {'density': 1001},
+            {'centre_of_mass': (0.005, 0.01, 0.0151)},
+            {'inertia': [6.5e-7, 0, 0, 5e-7, 0, 2.5e-7]},
+        )
+    ]
+    assert same[0] == same[1]
+    assert len({*same, *others}) == 6
+
+
+def test_part_is_immutable_and_can_be_pickled():
+    part = part_from_bytes(stl(box()), 'stl', 'box')
+    with pytest.raises(ValueError, match='read-only'):
+        part.hull_vertices[0, 0] = 1
+    with pytest.raises(AttributeError):
+        part.mass = 1
+    copy = pickle.loads(pickle.dumps(part))
+    assert isinstance(copy, Part)
+    assert copy.part_sha256 == part.part_sha256
+    np.testing.assert_array_equal(copy.principal_axes, part.principal_axes)
+
+
+@pytest.mark.parametrize(
+    ('stem', 'name'),
+    [
+        ('box', 'box'),
+        ('Teil_1', 'teil_1'),
+        ('M8 washer (DIN 125)', 'm8_washer_din_125_'),
+        ('10x20', 'part_10x20'),
+        ('_x', 'part_x'),
+        ('Ä', 'part_'),
+        ('q' * 99, 'q' * 64),
+    ],
+)
+def test_default_name_is_the_file_stem(tmp_path, stem, name):
+    file = tmp_path / f'{stem}.STL'
+    file.write_bytes(stl(box()))
+    assert load_part(file).name == name
+    assert load_part(str(file), 'other').name == 'other'
+
+
+@pytest.mark.parametrize(
+    ('make', 'expected'),
+    [
+        (lambda path: None, ['does not exist']),
+        (lambda path: path.mkdir(), ['is a folder']),
+        (lambda path: path.write_bytes(b''), ['empty', 'stl, obj, ply or off']),
+    ],
+)
+def test_error_for_a_path_without_a_mesh(tmp_path, make, expected):
+    path = tmp_path / 'bracket.stl'
+    make(path)
+    with pytest.raises(PartError) as caught:
+        load_part(path)
+    for word in [str(path), *expected]:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize('file', ['bracket.3ds', 'bracket', '.stl'])
+def test_error_for_an_unknown_format_lists_the_formats(tmp_path, file):
+    (tmp_path / file).write_bytes(stl(box()))
+    with pytest.raises(PartError, match=r'expected one of \.stl, \.obj, \.ply'):
+        load_part(tmp_path / file)
+
+
+@pytest.mark.parametrize('suffix', ['.iges', '.IGS', '.sldprt', '.x_t', '.ipt'])
+def test_error_for_a_cad_file_asks_for_an_stl(tmp_path, suffix):
+    (tmp_path / f'bracket{suffix}').write_bytes(b'ISO-10303-21;')
+    with pytest.raises(PartError, match=r'export an STL from your CAD program$'):
+        load_part(tmp_path / f'bracket{suffix}')
+
+
+@pytest.mark.parametrize(
+    ('sides', 'unit', 'expected'),
+    [
+        ((1.24, 1.63, 0.98), None, '1.24 x 1.63 x 0.98 mm with the unit mm'),
+        ((1.24, 1.63, 0.98), None, 'in inches it would be 31.5 x 41.4 x 24.89 mm'),
+        (
+            (1e4, 2e4, 3e4),
+            None,
+            'part is 10000 x 20000 x 30000 mm with the unit mm; in micrometres',
+        ),
+        ((0.01, 0.02, 0.03), None, 'in metres it would be 10 x 20 x 30 mm'),
+        ((0.01, 0.02, 0.03), 'mm', 'in metres it would be 10 x 20 x 30 mm'),
+        ((1e4, 2e4, 3e4), 'mm', 'in micrometres it would be 10 x 20 x 30 mm'),
+        ((10, 20, 30), 'ft', 'in millimetres it would be 10 x 20 x 30 mm; in centimetres it'),
+    ],
+)
+def test_warning_for_an_unusual_size_suggests_units(sides, unit, expected):
+    (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
+    assert expected in warning
+    assert warning.endswith('Is the unit correct?')
+
+
+@pytest.mark.parametrize(
+    ('size', 'unit'), [(3.1, None), (1999, None), (0.1001, 'mm'), (1.5, 'mm')]
+)
+def test_no_warning_for_a_usual_size_or_a_given_unit(size, unit):
+    assert part_from_bytes(stl(box(size, size, size)), 'stl', 'box', unit=unit).warnings == ()
+
+
+@given(
+    offset=st.tuples(*[st.integers(-(2**22), 2**22)] * 3),
+    file_format=st.sampled_from(['binary STL', 'OBJ', 'binary PLY']),
+)
+def test_a_part_moved_by_whole_millimetres_is_the_same_part(offset, file_format):
+    """Whole numbers are exact in float32 up to 16,777,216."""
+    near = part_from_bytes(stl(l_bracket()), 'stl', 'l')
+    mesh = l_bracket()
+    mesh.apply_translation(np.array(offset) * 3)
+    data, mesh_format = files_of(mesh)[file_format]
+    far = part_from_bytes(data, mesh_format, 'l')
+    assert far.volume == pytest.approx(near.volume, rel=1e-9)
+    shift = 3e-3 * np.array(offset)
+    np.testing.assert_allclose(far.centre_of_mass - shift, near.centre_of_mass, atol=1e-10)
+    np.testing.assert_allclose(far.inertia, near.inertia, atol=1e-8 * near.inertia.max())
+    assert len(far.hull_vertices) == len(near.hull_vertices)
+    one, other = find_aspects(near), find_aspects(far)
+    assert [a.id for a in one.aspects] == [a.id for a in other.aspects]
+    for a, b in zip(one.aspects, other.aspects, strict=True):
+        assert b.com_height == pytest.approx(a.com_height, rel=1e-6)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    exponent=st.floats(0, 9),
+    shape=st.sampled_from(['bracket', 'plate', 'ball', 'rod']),
+)
+def test_part_far_from_the_origin_is_exact_or_has_a_warning(seed, exponent, shape):
+    """Rounded to float32 anywhere, the volume is right within 1e-4, or there is a warning."""
+    mesh = {
+        'bracket': l_bracket,
+        'plate': lambda: box(80, 50, 0.5),
+        'ball': lambda: trimesh.creation.icosphere(2, radius=20),
+        'rod': lambda: trimesh.creation.cylinder(radius=1, height=200, sections=16),
+    }[shape]()
+    generator = np.random.default_rng(seed)
+    mesh.vertices = rotation(seed).apply(mesh.vertices)
+    volume = mesh.volume
+    direction = generator.normal(size=3)
+    mesh.apply_translation(10**exponent * direction / np.linalg.norm(direction))
+    try:
+        part = part_from_bytes(stl(mesh), 'stl', 'far')
+    except PartError as caught:
+        error = str(caught)
+    else:
+        error = ''
+    if error:
+        assert 'are stored in steps of' in error or 'at most 1e+06 m' in error
+        return
+    rounding_warnings = [
+        warning for warning in part.warnings if 'are stored in steps of' in warning
+    ]
+    assert rounding_warnings or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
+    assert rounding_warnings or not part.warnings
+
+
+def test_rounded_corners_far_from_the_origin_are_welded():
+    """Each triangle of the file is moved by itself, so that its corners are rounded otherwise."""
+    triangles = np.asarray(l_bracket().triangles) + np.array([3000.3, -2000.7, 1000.1])
+    noise = np.random.default_rng(1).uniform(-1, 1, triangles.shape) * 1e-4
+    mesh = trimesh.Trimesh(
+        (triangles + noise).reshape(-1, 3), np.arange(60).reshape(-1, 3), process=False
+    )
+    part = part_from_bytes(stl(mesh), 'stl', 'l')
+    assert len(part.vertices) == 12
+    assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
+
+
+def test_loading_a_part_prints_nothing(capfd):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        part_from_bytes(stl(box(1, 1e4, 1)), 'stl', 'box')
+        with pytest.raises(PartError):
+            part_from_bytes(b'ply\nformat ascii 1.0\nend_header\n', 'ply', 'box')
+    assert capfd.readouterr() == ('', '')

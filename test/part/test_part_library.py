@@ -1,0 +1,274 @@
+"""The folder of parts: registration, content of YAML files, and reloading after a change."""
+
+import contextlib
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from resting_aspects_ros.errors import InvalidValueError, PartError, UnknownPartError
+from resting_aspects_ros.part import loading
+from resting_aspects_ros.part.library import PartLibrary
+
+BOX = trimesh.creation.box((10, 20, 30))
+KEYS = 'unit, density, mass, centre_of_mass, inertia, body'
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    for name in ('pin.stl', 'cover.obj', 'bush.PLY'):
+        BOX.export(tmp_path / name, file_type=Path(name).suffix[1:].lower())
+    return tmp_path
+
+
+def test_meshes_of_all_kinds_are_registered_sorted(folder):
+    library = PartLibrary(folder)
+    assert library.names() == ['bush', 'cover', 'pin']
+    assert library.problems() == []
+    for name in library.names():
+        assert library.load(name).volume == pytest.approx(6e-6)
+    assert library.load('cover').name == 'cover'
+
+
+def test_new_file_is_registered_at_once(folder):
+    library = PartLibrary(folder)
+    assert 'clip' not in library.names()
+    BOX.export(folder / 'clip.stl')
+    assert library.load('clip').name == 'clip'
+
+
+def test_broken_link_does_not_affect_other_parts(folder):
+    (folder / 'long.stl').symlink_to('x' * 300)
+    (folder / 'loop.stl').symlink_to('loop.stl')
+    assert PartLibrary(folder).names() == ['bush', 'cover', 'pin']
+
+
+def test_unknown_part_lists_those_that_are_registered(folder):
+    with pytest.raises(UnknownPartError) as caught:
+        PartLibrary(folder).load('covre')
+    assert str(caught.value) == (
+        "part 'covre' is not known; known parts: bush, cover, pin; did you mean 'cover'?"
+    )
+    with pytest.raises(UnknownPartError, match=r'known parts: bush, cover, pin$'):
+        PartLibrary(folder).load('xyz')
+
+
+def test_part_name_is_not_a_path(folder):
+    BOX.export(folder.parent / 'outside.stl')
+    paths = ['../outside', '../outside.stl', 'pin.stl', str(folder / 'pin')]
+    for name in [*paths, '', 'PIN', 'x' * 999]:
+        with pytest.raises(UnknownPartError):
+            PartLibrary(folder).load(name)
+
+
+@pytest.mark.parametrize('where', ['missing', 'empty'])
+def test_a_folder_without_parts_has_none(tmp_path, where):
+    (tmp_path / 'empty').mkdir()
+    library = PartLibrary(tmp_path / where)
+    assert library.names() == []
+    assert len(library.problems()) == (where == 'missing')
+    with pytest.raises(UnknownPartError, match='known parts: none'):
+        library.load('pin')
+
+
+def test_unregistered_files_are_reported(folder):
+    for name in ('Teil_1.STL', 'pin.ply', 'notes.txt'):
+        BOX.export(folder / name, file_type='stl')
+    (folder / 'cap.stl').mkdir()
+    for name in ('clip.yaml', 'cover.yml'):
+        (folder / name).write_text('unit: mm\n')
+    library = PartLibrary(folder)
+    problems = library.problems()
+    assert library.names() == ['bush', 'cover']
+    assert len(problems) == 4
+    for problem, expected in zip(
+        problems,
+        (
+            ['clip.yaml', 'not used'],
+            ['cover.yml', '<part>.yaml'],
+            ['Teil_1.STL', 'lower case letters'],
+            ['pin.ply, pin.stl', 'expected one mesh'],
+        ),
+        strict=True,
+    ):
+        assert str(folder) in problem
+        for word in expected:
+            assert word in problem
+
+
+def test_yaml_gives_unit_and_mass_properties(folder):
+    (folder / 'pin.yaml').write_text(
+        '# a comment\nunit: cm\nmass: 2\ncentre_of_mass: [1, 2, -3.5]\n'
+        'inertia: [0.02, 0, 1e-4, 1.5e-2, 0, 0.01]\n'
+    )
+    part = PartLibrary(folder).load('pin')
+    assert (part.unit, part.mass) == ('cm', 2)
+    assert part.centre_of_mass.tolist() == pytest.approx([0.01, 0.02, -0.035])
+    assert part.inertia[0].tolist() == [0.02, 0, 1e-4]
+    assert part.volume == pytest.approx(6e-3)
+
+
+def test_yaml_gives_density(folder):
+    (folder / 'pin.yaml').write_text('density: 7850')
+    assert PartLibrary(folder).load('pin').mass == pytest.approx(7850 * 6e-6)
+
+
+@pytest.mark.parametrize('text', ['', '# nothing yet\n', '{}'])
+def test_yaml_may_be_empty(folder, text):
+    (folder / 'pin.yaml').write_text(text)
+    assert PartLibrary(folder).load('pin').mass == pytest.approx(6e-3)
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('desity: 7850', ["invalid key 'desity'", f'expected one of {KEYS}']),
+        ('1: 2', ['invalid key 1', f'expected one of {KEYS}']),
+        ('- unit: mm', ['not a list', 'mapping', KEYS]),
+        ('mm', ['not a str', 'mapping', KEYS]),
+        ('unit: [', ['is not valid YAML']),
+        ('unit: \x00', ['is not valid YAML']),
+        ('unit: !!python/name:os.system', ['is not valid YAML']),
+        ('unit: furlong', ["invalid unit 'furlong'", 'um, mm, cm, m, in, ft']),
+        ('unit: [mm]', ["invalid unit ['mm']", 'um, mm, cm, m, in, ft']),
+        ('density: heavy', ["invalid density 'heavy'", 'finite number above 0']),
+        ('density: .nan', ['invalid density nan', 'finite number above 0']),
+        ('density: .inf', ['invalid density inf', 'finite number above 0']),
+        ('density: -1', ['invalid density -1', 'finite number above 0']),
+        ('density: yes', ['invalid density True', 'finite number above 0']),
+        ('density:', ['invalid density None', 'finite number above 0']),
+        ('mass: [1]', ['invalid mass [1]', 'finite number above 0']),
+        ('mass: 0', ['invalid mass 0', 'finite number above 0']),
+        ('centre_of_mass: 1', ['invalid centre_of_mass 1', '3 finite numbers']),
+        ('centre_of_mass: [1, 2]', ['invalid centre_of_mass [1, 2]', '3 finite numbers']),
+        ('centre_of_mass: [1, 2, .nan]', ['[1, 2, nan]', '3 finite numbers']),
+        ('centre_of_mass: {x: 1}', ["{'x': 1}", '3 finite numbers']),
+        ('inertia: [1, 0, 0, 1]', ['invalid inertia [1, 0, 0, 1]', '6 finite numbers']),
+        ('body: 0', ['invalid body 0', 'an integer of at least 1']),
+        ('body: true', ['invalid body True', 'an integer of at least 1']),
+        ('body: 1.0', ['invalid body 1.0', 'an integer of at least 1']),
+        ('density: 0x' + 'f' * 4000, ['invalid density', 'finite number above 0']),
+        ('? 0x' + 'f' * 4000 + '\n: 1', ['invalid key', 'expected one of']),
+        ('mass: !!timestamp abc', ['is not valid YAML']),
+        ('density: 1\n' + '#' * 70000, ['too large', 'at most 64 KiB']),
+    ],
+)
+def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, expected):
+    (folder / 'pin.yaml').write_text(text)
+    with pytest.raises(PartError) as caught:
+        PartLibrary(folder).load('pin')
+    for word in [str(folder / 'pin.yaml'), *expected]:
+        assert word in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_values_that_do_not_fit_the_part_are_reported(folder):
+    (folder / 'pin.yaml').write_text('density: 1\nmass: 2')
+    with pytest.raises(InvalidValueError, match=r'both a density \(1.0\) and a mass \(2.0\)'):
+        PartLibrary(folder).load('pin')
+    (folder / 'pin.yaml').write_text('centre_of_mass: [0, 0, 15.1]')
+    with pytest.raises(InvalidValueError, match='expected a point inside the convex hull'):
+        PartLibrary(folder).load('pin')
+
+
+def test_missing_body_is_rejected(folder):
+    for body in ('2', '0x' + 'f' * 4000):
+        (folder / 'pin.yaml').write_text(f'body: {body}')
+        with pytest.raises(InvalidValueError, match=r'^invalid body .*: expected 1 to 1$'):
+            PartLibrary(folder).load('pin')
+
+
+def test_folder_instead_of_yaml_is_reported(folder):
+    (folder / 'pin.yaml').mkdir()
+    with pytest.raises(PartError, match=r'pin\.yaml.* is a folder'):
+        PartLibrary(folder).load('pin')
+
+
+def test_a_part_is_read_once_until_its_files_change(folder):
+    library = PartLibrary(folder)
+    first = library.load('pin')
+    assert library.load('pin') is first
+
+    (folder / 'pin.yaml').write_text('density: 2000')
+    heavier = library.load('pin')
+    assert heavier.mass == pytest.approx(2 * first.mass)
+    assert library.load('pin') is heavier
+
+    trimesh.creation.box((10, 20, 60)).export(folder / 'pin.stl')
+    os.utime(
+        folder / 'pin.stl', ns=(0, 1)
+    )  # the change is detected even if the clock is too coarse
+    longer = library.load('pin')
+    assert longer.volume == pytest.approx(2 * first.volume)
+
+    (folder / 'pin.yaml').unlink()
+    assert library.load('pin').mass == pytest.approx(2 * first.mass)
+
+    (folder / 'pin.stl').unlink()
+    with pytest.raises(UnknownPartError):
+        library.load('pin')
+
+
+def test_invalid_mesh_raises_until_it_is_repaired(folder, monkeypatch):
+    library = PartLibrary(folder)
+    (folder / 'pin.stl').write_bytes(b'x')
+    reads = []
+    read = loading.read_input
+    monkeypatch.setattr(
+        loading, 'read_input', lambda path, *rest: reads.append(path) or read(path, *rest)
+    )
+    for _ in range(3):
+        with pytest.raises(PartError, match=r'pin\.stl.*not an STL'):
+            library.load('pin')
+    assert reads == [folder / 'pin.stl']
+    BOX.export(folder / 'pin.stl')
+    assert library.load('pin').volume == pytest.approx(6e-6)
+
+
+def test_yaml_selects_a_body_of_the_mesh(folder):
+    two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation((50, 0, 0)).apply_scale(2)])
+    two.export(folder / 'pin.stl')
+    with pytest.raises(PartError, match='2 bodies that do not touch'):
+        PartLibrary(folder).load('pin')
+    volumes = []
+    for body in (1, 2):
+        (folder / 'pin.yaml').write_text(f'body: {body}')
+        volumes.append(PartLibrary(folder).load('pin').volume)
+    assert volumes == pytest.approx([48e-6, 6e-6])
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize('name', ['pin.yaml', 'cover.yaml'])
+def test_pipe_instead_of_a_file_is_rejected(folder, name):
+    os.mkfifo(folder / name)
+    library = PartLibrary(folder)
+    with pytest.raises(PartError, match=r'is a pipe \(FIFO\): expected a regular file'):
+        library.load(Path(name).stem)
+    assert library.load('bush').name == 'bush'
+
+
+def test_invalid_file_does_not_affect_other_parts(folder):
+    sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']
+    for k, text in enumerate(sheets):
+        BOX.export(folder / f'bad_{k}.stl')
+        (folder / f'bad_{k}.yaml').write_text(text)
+    (folder / 'bad_mesh.obj').write_text('v ' + '0' * 1_000_000 + 'x\n')
+    library = PartLibrary(folder)
+    good = []
+    for name in library.names():
+        with contextlib.suppress(PartError):
+            good.append(library.load(name).name)
+    assert good == ['bush', 'cover', 'pin']
+
+
+def test_library_can_be_used_in_another_process(folder):
+    with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
+        part = pool.submit(PartLibrary(folder).load, 'pin').result()
+        (folder / 'pin.yaml').write_text('mass: !!timestamp abc')
+        with pytest.raises(PartError, match='is not valid YAML'):
+            pool.submit(PartLibrary(folder).load, 'pin').result()
+    (folder / 'pin.yaml').unlink()
+    assert part.part_sha256 == PartLibrary(folder).load('pin').part_sha256

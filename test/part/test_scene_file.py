@@ -1,0 +1,308 @@
+"""GLB, 3MF and OFF files are the same parts as STL files; bodies have names and places."""
+
+import io
+import json
+import re
+import struct
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.loading import load_part, part_from_bytes
+
+FLOAT32 = 3e-7
+METRES = {'micron': 1e-6, 'millimeter': 1e-3, 'centimeter': 1e-2, 'inch': 0.0254, 'foot': 0.3048}
+
+
+def bracket():
+    """An L of 40 x 30 x 20 mm, in mm, away from the origin."""
+    long, short = trimesh.creation.box((40, 5, 20)), trimesh.creation.box((5, 30, 20))
+    long.apply_translation((20, 2.5, 10))
+    short.apply_translation((2.5, 15, 10))
+    mesh = trimesh.boolean.union([long, short])
+    mesh.apply_translation((100, 0, 0))
+    return mesh
+
+
+def in_metres(mesh):
+    mesh = mesh.copy()
+    mesh.apply_scale(1e-3)
+    return mesh
+
+
+FILES = {
+    'glb': lambda: in_metres(bracket()).export(file_type='glb'),
+    '3mf': lambda: bracket().export(file_type='3mf'),
+    'off': lambda: bracket().export(file_type='off').encode(),
+}
+
+
+@pytest.mark.parametrize('mesh_format', FILES)
+def test_part_is_that_of_an_stl_file(mesh_format):
+    data = FILES[mesh_format]()
+    part = part_from_bytes(data, mesh_format, 'bracket')
+    expected = part_from_bytes(bracket().export(file_type='stl'), 'stl', 'bracket', unit='mm')
+    assert part.warnings == ()
+    assert part.volume == pytest.approx(expected.volume, rel=1e-5)
+    np.testing.assert_allclose(part.centre_of_mass, expected.centre_of_mass, rtol=1e-5)
+    np.testing.assert_allclose(part.inertia, expected.inertia, atol=1e-5 * expected.inertia.max())
+    one, other = ra.find_aspects(part).aspects, ra.find_aspects(expected).aspects
+    assert [aspect.id for aspect in one] == [aspect.id for aspect in other]
+    heights = [[aspect.com_height for aspect in each] for each in (one, other)]
+    np.testing.assert_allclose(*heights, rtol=1e-5)
+
+
+@pytest.mark.parametrize('mesh_format', FILES)
+def test_files_are_read_from_folders_and_paths(mesh_format, tmp_path):
+    (tmp_path / f'bracket.{mesh_format}').write_bytes(FILES[mesh_format]())
+    part = PartLibrary(tmp_path).load('bracket')
+    assert part.mesh_format == mesh_format
+    assert load_part(tmp_path / f'bracket.{mesh_format}').part_sha256 == part.part_sha256
+
+
+def changed(data, change):
+    """Return a 3MF with another text of its model."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(packed, 'w') as new:
+        for name in old.namelist():
+            text = old.read(name)
+            new.writestr(name, change(text) if name.endswith('.model') else text)
+    return packed.getvalue()
+
+
+@pytest.mark.parametrize('unit', METRES)
+def test_unit_of_a_3mf_is_the_one_it_states(unit):
+    size = 0.03 / METRES[unit]
+    data = trimesh.creation.box((size, size, size)).export(file_type='3mf')
+    data = changed(
+        data, lambda text: text.replace(b'unit="millimeter"', f'unit="{unit}"'.encode())
+    )
+    part = part_from_bytes(data, '3mf', 'cube')
+    assert part.volume == pytest.approx(27e-6, rel=1e-6)
+    assert part_from_bytes(data, '3mf', 'cube', unit=part.unit).part_sha256 == part.part_sha256
+    other = 'mm' if part.unit != 'mm' else 'in'
+    with pytest.raises(InvalidValueError, match=f'invalid unit {other!r}.* which is {part.unit}'):
+        part_from_bytes(data, '3mf', 'cube', unit=other)
+
+
+def test_3mf_without_a_unit_is_in_mm_and_an_unknown_unit_is_refused():
+    data = trimesh.creation.box((10, 20, 30)).export(file_type='3mf')
+    without = changed(data, lambda text: text.replace(b'unit="millimeter"', b''))
+    assert part_from_bytes(without, '3mf', 'box').volume == pytest.approx(6e-6)
+    unknown = changed(data, lambda text: text.replace(b'unit="millimeter"', b'unit="parsec"'))
+    with pytest.raises(PartError, match="invalid unit 'parsec'"):
+        part_from_bytes(unknown, '3mf', 'box')
+
+
+def test_glb_is_in_metres():
+    data = in_metres(bracket()).export(file_type='glb')
+    assert part_from_bytes(data, 'glb', 'p', unit='m').unit == 'm'
+    with pytest.raises(InvalidValueError, match="invalid unit 'mm'"):
+        part_from_bytes(data, 'glb', 'p', unit='mm')
+
+
+PLACES = {'block': (0, 0, 0), 'rod': (0, 0, 25), 'rod on its side': (60, 0, 0)}
+
+
+def scene(mesh_format):
+    """A block, a rod that stands on it, and the same rod on its side, away from them."""
+    scale = 1e-3 if mesh_format == 'glb' else 1.0
+    block, rod = trimesh.creation.box((40, 30, 20)), trimesh.creation.cylinder(5, 30, sections=32)
+    found = trimesh.Scene()
+    for name, place in PLACES.items():
+        mesh = (block if name == 'block' else rod).copy().apply_scale(scale)
+        matrix = np.eye(4)
+        matrix[:3, 3] = np.array(place) * scale
+        if name == 'rod on its side':
+            matrix[:3, :3] = Rotation.from_rotvec((np.pi / 2, 0, 0)).as_matrix()
+        geometry = 'block' if name == 'block' else 'rod'
+        found.add_geometry(mesh, node_name=name, geom_name=geometry, transform=matrix)
+    return found
+
+
+@pytest.mark.parametrize('mesh_format', ['glb', '3mf'])
+def test_bodies_are_chosen_by_name_or_number_where_they_are(mesh_format):
+    data = scene(mesh_format).export(file_type=mesh_format)
+    with pytest.raises(PartError, match='has 3 bodies') as caught:
+        part_from_bytes(data, mesh_format, 'p')
+    for name in PLACES:
+        assert repr(name) in str(caught.value)
+    found = {}
+    for name, place in PLACES.items():
+        part = found[name] = part_from_bytes(data, mesh_format, 'p', body=name)
+        middle = np.array(place) / 1e3
+        np.testing.assert_allclose(part.centre_of_mass, middle, atol=1e-8)
+        again = part_from_bytes(data, mesh_format, 'p', body=part.body)
+        assert again.part_sha256 == part.part_sha256
+    assert found['block'].body == 1
+    assert found['block'].volume == pytest.approx(24e-6, rel=1e-6)
+    rods = found['rod'], found['rod on its side']
+    assert rods[0].volume == pytest.approx(rods[1].volume, rel=1e-6)
+    assert np.ptp(rods[0].vertices, axis=0)[2] == pytest.approx(0.03, rel=1e-6)
+    assert np.ptp(rods[1].vertices, axis=0)[1] == pytest.approx(0.03, rel=1e-6)
+
+
+@pytest.mark.parametrize('mesh_format', ['glb', '3mf'])
+def test_sheet_of_a_scene_is_left_out_and_named(mesh_format):
+    data = bracket() if mesh_format == '3mf' else in_metres(bracket())
+    sheet = trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    both = trimesh.Scene({'bracket': data, 'ground': sheet})
+    part = part_from_bytes(both.export(file_type=mesh_format), mesh_format, 'p')
+    assert part.volume == pytest.approx(bracket().volume * 1e-9, rel=1e-6)
+    (warning,) = part.warnings
+    assert 'left out' in warning
+    assert 'ground' in warning
+
+
+def test_mirrored_body_faces_outward():
+    mirror = np.diag((-1.0, 1.0, 1.0, 1.0))
+    found = trimesh.Scene()
+    found.add_geometry(in_metres(bracket()), node_name='a', transform=mirror)
+    part = part_from_bytes(found.export(file_type='glb'), 'glb', 'p')
+    assert part.warnings == ()
+    centre = bracket().center_mass * (-1e-3, 1e-3, 1e-3)
+    np.testing.assert_allclose(part.centre_of_mass, centre, rtol=1e-5)
+
+
+def test_materials_do_not_split_a_body():
+    """A GLB has a primitive of a mesh for each material; each is open here."""
+    mesh = trimesh.creation.box((0.01, 0.02, 0.03))
+    data = mesh.export(file_type='glb')
+    length = struct.unpack_from('<I', data, 12)[0]
+    header, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
+    (primitive,) = header['meshes'][0]['primitives']
+    halves = []
+    whole = header['accessors'][primitive['indices']]
+    for k in range(2):
+        offset = whole.get('byteOffset', 0) + 4 * 18 * k
+        header['accessors'].append({**whole, 'count': 18, 'byteOffset': offset})
+        halves.append({**primitive, 'indices': len(header['accessors']) - 1})
+    header['meshes'][0]['primitives'] = halves
+    text = json.dumps(header).encode()
+    text += b' ' * (-len(text) % 4)
+    packed = struct.pack('<I4s', len(text), b'JSON') + text + rest
+    data = struct.pack('<4sII', b'glTF', 2, 12 + len(packed)) + packed
+    assert part_from_bytes(data, 'glb', 'p').volume == pytest.approx(6e-6, rel=1e-6)
+
+
+def test_centre_of_mass_needs_the_unit_of_a_file_with_its_own(tmp_path):
+    (tmp_path / 'p.glb').write_bytes(in_metres(bracket()).export(file_type='glb'))
+    (tmp_path / 'p.yaml').write_text('centre_of_mass: [0.11, 0.01, 0.01]\n')
+    with pytest.raises(PartError, match='missing unit'):
+        ra.load_part(tmp_path / 'p.glb')
+    (tmp_path / 'p.yaml').write_text('centre_of_mass: [0.11, 0.01, 0.01]\nunit: m\n')
+    part = ra.load_part(tmp_path / 'p.glb')
+    np.testing.assert_allclose(part.centre_of_mass, (0.11, 0.01, 0.01))
+
+
+def far(mesh_format, number):
+    mesh = trimesh.creation.annulus(5, 10, 2, sections=64)
+    mesh.apply_translation((1e5, 7e4, 3e4))
+    if mesh_format == 'glb':
+        return in_metres(mesh).export(file_type='glb')
+    words = [number(x) for x in np.asarray(mesh.vertices).ravel()]
+    text = ''.join(
+        f'<vertex x="{x}" y="{y}" z="{z}"/>'
+        for x, y, z in zip(words[::3], words[1::3], words[2::3], strict=True)
+    )
+    box = trimesh.creation.box().export(file_type='3mf')
+    faces = ''.join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.faces)
+
+    def change(model):
+        start, end = model.index(b'<vertices>'), model.index(b'</mesh>')
+        body = f'<vertices>{text}</vertices><triangles>{faces}</triangles>'
+        return model[:start] + body.encode() + model[end:]
+
+    return changed(box, change)
+
+
+@pytest.mark.parametrize(
+    ('mesh_format', 'number', 'coarse'),
+    [('glb', None, True), ('3mf', '{:.7g}'.format, True), ('3mf', '{:.9f}'.format, False)],
+)
+def test_coarse_coordinates_give_a_warning(mesh_format, number, coarse):
+    part = part_from_bytes(far(mesh_format, number), mesh_format, 'washer')
+    assert any('are stored in steps of' in warning for warning in part.warnings) == coarse
+    assert bool(part.warnings) == coarse
+
+
+THREE = trimesh.creation.box((10, 20, 30)).export(file_type='3mf')
+GLB = in_metres(bracket()).export(file_type='glb')
+BROKEN = {
+    'empty GLB': (b'', 'glb', ['not a readable GLB']),
+    'empty 3MF': (b'', '3mf', ['not a readable 3MF']),
+    'GLB, text not in UTF-8': (
+        GLB.replace(b'"scenes"', b'"\xff\xfeenes"'),
+        'glb',
+        ['not a readable GLB', 'not UTF-8'],
+    ),
+    'GLB cut': (GLB[:-100], 'glb', ['not a readable GLB']),
+    '3MF that places nothing': (
+        changed(
+            THREE, lambda text: re.sub(b'<build.*/build>', b'<build/>', text, flags=re.DOTALL)
+        ),
+        '3mf',
+        ['no build item'],
+    ),
+    '3MF cut': (THREE[:-100], '3mf', ['not a readable 3MF']),
+    'zip that is no 3MF': (changed(THREE, lambda text: b''), '3mf', ['not a readable 3MF']),
+    '3MF, underscore': (
+        changed(THREE, lambda text: text.replace(b'x="5.0"', b'x="5_0"')),
+        '3mf',
+        ['not a readable 3MF'],
+    ),
+    '3MF, nan': (
+        changed(THREE, lambda text: text.replace(b'x="5.0"', b'x="nan"')),
+        '3mf',
+        ['nan', 'finite'],
+    ),
+    '3MF, corner 8': (
+        changed(THREE, lambda text: text.replace(b'v1="1"', b'v1="8"')),
+        '3mf',
+        ['vertex number 8', '0 to 7'],
+    ),
+    '3MF of nothing': (
+        changed(THREE, lambda text: re.sub(b'<item .*/>', b'', text)),
+        '3mf',
+        ['not a readable 3MF'],
+    ),
+    'GLB of points': (
+        trimesh.Scene(trimesh.PointCloud([(0, 0, 0), (1, 1, 1)])).export(file_type='glb'),
+        'glb',
+        ['no triangles'],
+    ),
+}
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('kind', BROKEN)
+def test_error_for_a_broken_file(kind, capfd):
+    data, mesh_format, words = BROKEN[kind]
+    with pytest.raises(PartError) as caught:
+        part_from_bytes(data, mesh_format, 'bracket')
+    for word in ["part 'bracket'", *words]:
+        assert word in str(caught.value)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 500
+    assert capfd.readouterr() == ('', '')
+
+
+def test_missing_package_is_named_with_its_installation(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'lxml', None)
+    with pytest.raises(PartError, match='needs lxml: pip install lxml'):
+        part_from_bytes(THREE, '3mf', 'p')
+
+
+def test_zip_that_would_fill_the_memory_is_refused():
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, 'w', zipfile.ZIP_DEFLATED) as new:
+        new.writestr('3D/3dmodel.model', bytes(300 << 20))
+    with pytest.raises(PartError, match=f'has {300 << 20} bytes after unpacking: expected at'):
+        part_from_bytes(packed.getvalue(), '3mf', 'p')

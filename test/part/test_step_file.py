@@ -1,0 +1,294 @@
+"""STEP files: their bodies are their solids, with their names, in the unit that they state."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from step_text import StepFile, box_faces, step_text
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.loading import load_part, part_from_bytes
+from resting_aspects_ros.part.scene_files import DEVIATIONS
+
+FLOAT32 = 3e-7
+BOX = box_faces((10, 20, 30))
+
+
+@pytest.fixture
+def save(tmp_path):
+    """Write a STEP file, or its text; returns its path."""
+
+    def write(file, name='file.step'):
+        path = tmp_path / name
+        path.write_text(file if isinstance(file, str) else file.text())
+        return path
+
+    return write
+
+
+def box(file, name, sides, at=(0, 0, 0)):
+    return file.solid(name, file.polygons(*box_faces(sides, at)))
+
+
+def sheet(file, name, at):
+    """A square of 60 mm."""
+    corners, faces = box_faces((60, 60, 1), at)
+    return file.sheet(name, file.polygons(corners, faces[4:5]))
+
+
+def check_box(part, sides, centre, **tolerance):
+    volume = np.prod(sides) * 1e-9
+    assert part.volume == pytest.approx(volume, rel=4 * FLOAT32)
+    np.testing.assert_allclose(part.centre_of_mass * 1e3, centre, **tolerance or {'rtol': FLOAT32})
+    assert len(ra.find_aspects(part)) == 6
+
+
+def test_box_has_its_size_and_aspects(save):
+    path = save(step_text(*BOX), 'Box 1.step')
+    part = load_part(path)
+    assert part.name == 'box_1'
+    check_box(part, (10, 20, 30), (5, 10, 15))
+    assert part.warnings == ()
+    assert load_part(path).part_sha256 == part.part_sha256
+
+
+@pytest.mark.parametrize(('unit', 'scale'), [('.CENTI.', 10), ('$', 1000), ('.MICRO.', 1e-3)])
+def test_unit_is_that_of_the_file(save, unit, scale):
+    path = save(step_text(BOX[0] / scale, BOX[1], unit), 'box.stp')
+    check_box(load_part(path), (10, 20, 30), (5, 10, 15), rtol=1e-5)
+    assert load_part(path, unit='mm').part_sha256 == load_part(path).part_sha256
+    with pytest.raises(InvalidValueError, match='expected none, because the file has its own'):
+        load_part(path, unit='cm')
+
+
+def test_cylinder_is_within_the_deviation_of_its_formula(save):
+    """Its polygon of n corners is within the deviation of the circle, and so is its area."""
+    file = StepFile()
+    file.product('pin', [file.solid('', file.tube(10, 20))])
+    part = load_part(save(file))
+    volume = np.pi * 0.01**2 * 0.02
+    assert volume * (1 - 2 * DEVIATIONS[0][0] / 10) < part.volume < volume
+    np.testing.assert_allclose(part.centre_of_mass, (0, 0, 0.01), atol=1e-8)
+    assert len(ra.find_aspects(part)) == 3
+
+
+def test_cavity_belongs_to_its_solid(save):
+    file = StepFile()
+    inner = file.polygons(*box_faces((5, 5, 5), (2, 2, 2)))
+    hollow = file.solid('hollow', file.polygons(*BOX), inner)
+    file.product('part', [hollow, box(file, 'beside', (5, 5, 5), (50, 0, 0))])
+    part = load_part(save(file), body='hollow')
+    assert part.volume == pytest.approx((6000 - 125) * 1e-9, rel=4 * FLOAT32)
+    assert load_part(save(file), body=2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
+
+
+@pytest.mark.parametrize('order', [(0, 1, 2), (2, 0, 1), (0, 2, 1), (1, 2, 0)])
+def test_sheets_and_wires_are_left_out_and_named(save, order):
+    """One sheet lies above the box, one begins at an edge of it."""
+    file = StepFile()
+    items = [
+        box(file, 'block', (10, 20, 30)),
+        sheet(file, 'datum', (0, 0, 50)),
+        sheet(file, 'ledge', (0, 0, 30)),
+    ]
+    items = [items[k] for k in order]
+    file.product('part', [*items, file.wire('axis', (0, 0, -50), (0, 0, 50))])
+    part = load_part(save(file))
+    check_box(part, (10, 20, 30), (5, 10, 15))
+    (warning,) = part.warnings
+    for name in ('left out', 'datum', 'ledge', 'axis'):
+        assert name in warning
+    assert 'block' not in warning
+
+
+def test_sheet_that_is_a_product_is_left_out(save):
+    file = StepFile()
+    solid = file.product('block', [box(file, 'b', (10, 20, 30))])
+    plane = file.product(
+        'plane', [sheet(file, 'top plane', (0, 0, 0))], 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION'
+    )
+    file.assembly('whole', [('block', solid, (1, 2, 3)), ('plane', plane, (0, 0, 50))])
+    part = load_part(save(file))
+    check_box(part, (10, 20, 30), (6, 12, 18))
+    (warning,) = part.warnings
+    assert 'top plane' in warning
+
+
+def test_file_without_a_solid_is_refused(save):
+    file = StepFile()
+    file.product('plane', [sheet(file, 'p', (0, 0, 0))], 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION')
+    with pytest.raises(PartError, match='has no solid'):
+        load_part(save(file))
+
+
+def assembly():
+    """A bolt, and two nuts that touch it and each other, with a common side."""
+    file = StepFile()
+    bolt = file.product('bolt', [box(file, 'x', (10, 10, 30))])
+    nut = file.product('nut', [box(file, 'y', (10, 10, 5))])
+    parts = [('bolt:1', bolt, (0, 0, 0)), ('nut:1', nut, (0, 0, 30)), ('nut:2', nut, (0, 0, 35))]
+    file.assembly('whole', parts)
+    return file
+
+
+@pytest.mark.parametrize(
+    ('body', 'height', 'middle'),
+    [
+        *((1, 30, 15), ('bolt:1', 30, 15), (2, 5, 32.5), ('nut:1', 5, 32.5)),
+        *((3, 5, 37.5), ('nut:2', 5, 37.5)),
+    ],
+)
+def test_touching_bodies_of_an_assembly_can_be_chosen(save, body, height, middle):
+    part = load_part(save(assembly()), body=body)
+    check_box(part, (10, 10, height), (5, 5, middle))
+    assert part.body in (1, 2, 3)
+    # What is sent to other nodes and written to logs has everything that is needed.
+    sent = part_from_bytes(part.mesh_bytes, part.mesh_format, 'p', unit=part.unit, body=part.body)
+    assert sent.part_sha256 == part.part_sha256
+
+
+def test_touching_bodies_are_one_part_unless_one_is_chosen(save):
+    part = load_part(save(assembly()))
+    check_box(part, (10, 10, 40), (5, 5, 20))
+    (warning,) = part.warnings
+    for word in ('3 bodies', "1: 'bolt:1' 10 x 10 x 30 mm", 'nut:1', 'nut:2', '--body'):
+        assert word in warning
+
+
+@pytest.mark.parametrize('body', [0, 4, -1, 'nut', '', 'x', True])
+def test_error_for_an_unknown_body_lists_the_bodies(save, body):
+    with pytest.raises(InvalidValueError, match='invalid body') as caught:
+        load_part(save(assembly()), body=body)
+    for word in ('1 to 3', 'bolt:1', 'nut:1', 'nut:2'):
+        assert word in str(caught.value)
+
+
+def test_solids_of_one_product_have_their_own_names(save):
+    file = StepFile()
+    solids = [
+        box(file, 'cover', (10, 20, 5), (0, 0, 30)),
+        box(file, 'base', (10, 20, 30)),
+        box(file, "don''t", (5, 5, 5), (50, 0, 0)),
+    ]
+    file.product('box', solids)
+    path = save(file)
+    with pytest.raises(PartError, match='has 3 bodies') as caught:
+        load_part(path)
+    for word in ("1: 'base'", "2: 'cover'", '3: "don\'t"', '--body'):
+        assert word in str(caught.value)
+    check_box(load_part(path, body='base'), (10, 20, 30), (5, 10, 15))
+    check_box(load_part(path, body='cover'), (10, 20, 5), (5, 10, 32.5))
+    check_box(load_part(path, body="don't"), (5, 5, 5), (52.5, 2.5, 2.5))
+
+
+NAMES = {
+    r'Geh\X2\00E4\X0\use': 'Gehäuse',
+    r'Geh\X\E4use': 'Gehäuse',
+    r'Geh\S\duse': 'Gehäuse',
+    r'\X2\30DC30EB30C8\X0\ M6': 'ボルト M6',
+    r'\X4\0001F5290001F527\X0\1': '\U0001f529\U0001f5271',
+    r'\PB\\S\1\S\9': 'ąš',
+    r'a\\X2\\b': r'a\X2\b',
+    "\\S\\'' d''x": "§ d'x",
+    r'\X2\00E\X0\1': r'\X2\00E\X0\1',
+}
+
+
+@pytest.mark.parametrize('written', NAMES)
+def test_name_of_a_solid_is_that_of_the_cad_program(save, written):
+    file = StepFile()
+    solids = [box(file, written, (10, 20, 30)), box(file, 'other', (10, 20, 35), (50, 0, 0))]
+    file.product('box', solids)
+    check_box(load_part(save(file), body=NAMES[written]), (10, 20, 30), (5, 10, 15))
+
+
+def test_names_of_bodies_are_unique(save):
+    file = StepFile()
+    pair = file.product(
+        'pair', [box(file, '', (10, 10, 10)), box(file, '', (10, 10, 5), (0, 0, 20))]
+    )
+    file.assembly('whole', [('left', pair, (0, 0, 0)), ('right', pair, (50, 0, 0))])
+    with pytest.raises(PartError, match='has 4 bodies') as caught:
+        load_part(save(file))
+    names = [text.split("'")[1] for text in str(caught.value).partition('(')[2].split(': ')[1:5]]
+    assert len(set(names)) == 4
+    middles = [load_part(save(file), body=name).centre_of_mass[0] for name in names]
+    np.testing.assert_allclose(sorted(middles), [0.005, 0.005, 0.055, 0.055], rtol=FLOAT32)
+
+
+def thin_tube(wall, turn=0.025):
+    """A tube of 10 mm: coarse polygons of its circles, of different angles, cross each other."""
+    file = StepFile()
+    file.product('tube', [file.solid('', file.tube(10, 20, 10 - wall, turn))])
+    return file
+
+
+def test_gap_of_the_triangles_is_closed_by_other_deviations(save):
+    wall = 0.002
+    part = load_part(save(thin_tube(wall)))
+    volume = np.pi * (10**2 - (10 - wall) ** 2) * 20e-9
+    assert part.volume == pytest.approx(volume, rel=2 * DEVIATIONS[0][0] / 10)
+
+
+def test_gap_that_cannot_be_closed_suggests_an_stl(save):
+    with pytest.raises(PartError, match=r'not closed: .* export an STL'):
+        load_part(save(thin_tube(1e-5, 0.0171)))
+
+
+def unresolved(text):
+    """Add a reference to an entity that does not exist."""
+    return text.replace('DATA;', "DATA;\n#9998=PRODUCT_RELATED_PRODUCT_CATEGORY('','',(#9999));")
+
+
+def test_reader_prints_nothing(save, capfd):
+    load_part(save(unresolved(step_text(*BOX))))
+    with pytest.raises(PartError, match='STEP file'):
+        load_part(save(step_text(*BOX)[:3000]))
+    assert capfd.readouterr() == ('', '')
+
+
+def test_json_stays_json(save):
+    path = save(unresolved(step_text(*BOX)))
+    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'aspects', str(path), '--json']
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert len(json.loads(ended.stdout)['aspects']) == 6
+    assert ended.stderr == ''
+
+
+def test_missing_package_is_named_with_its_installation(save, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'cascadio', None)
+    with pytest.raises(PartError, match='needs cascadio: pip install cascadio'):
+        load_part(save(step_text(*BOX)))
+
+
+@pytest.mark.parametrize('text', ['solid x', 'ISO-10303-21;\nHEADER;\n'])
+def test_damaged_file_is_refused(save, text):
+    with pytest.raises(PartError, match='STEP file'):
+        load_part(save(text))
+
+
+@pytest.mark.parametrize(
+    ('entity', 'damaged'),
+    [(r"VECTOR\('',#\d+", "VECTOR('',$"), (r"N_POINT\('',\([^)]*\)", "N_POINT('',()")],
+)
+def test_file_that_crashes_the_reader_gives_an_error(save, entity, damaged):
+    """Open CASCADE accesses memory that it must not access."""
+    text, count = re.subn(entity, damaged, step_text(*BOX), count=1)
+    assert count
+    with pytest.raises(PartError, match=r'cannot be read .* signal 11'):
+        load_part(save(text))
+
+
+def test_folder_of_parts_takes_step_files(save, tmp_path):
+    save(assembly(), 'nut.step')
+    (tmp_path / 'nut.yaml').write_text('body: "nut:2"\ncentre_of_mass: [5, 5, 38]\n')
+    library = PartLibrary(tmp_path)
+    assert library.names() == ['nut']
+    assert library.problems() == []
+    np.testing.assert_allclose(library.load('nut').centre_of_mass, (0.005, 0.005, 0.038))
+    assert library.load('nut').body == 3

@@ -1,0 +1,119 @@
+"""Totals of counters (lost, repeated, late and invalid reports, restarts), batches and windows."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.statistics import counted_parts
+from resting_aspects_ros.statistics.counted_parts import (
+    BatchSeries,
+    CountSessions,
+    ObservedCounts,
+    Totals,
+)
+
+SECOND = 10**9
+
+
+def report(supplied=(), session='a', time=0, action='', moved=()):
+    arrays = (np.array(each, dtype=np.uint64) for each in (supplied, moved))
+    supplied, moved = arrays
+    return Totals(session, time * SECOND, supplied, action, moved)
+
+
+@pytest.fixture
+def sessions():
+    return CountSessions(2)
+
+
+def add(sessions, *reports, now=100):
+    return [sessions.add(each, now * SECOND).tolist() for each in reports]
+
+
+def test_lost_and_repeated_reports_do_no_harm(sessions):
+    first, second, third = (report([k, 2 * k], time=k) for k in (1, 2, 3))
+    assert add(sessions, first, first, third) == [[1, 2], [0, 0], [2, 4]]
+    assert add(sessions, second, third) == [[0, 0], [0, 0]]  # late, and repeated
+    assert (sessions.supplied.tolist(), sessions.late) == ([3, 6], 1)
+
+
+def test_sessions_of_restarted_counters_add_up(sessions):
+    add(sessions, report([5, 5]), report([2, 0], 'b'), report([6, 5]), report([2, 1], 'b'))
+    assert (sessions.supplied.tolist(), sessions.parts) == ([8, 6], 14)
+
+
+def test_moved_parts_are_counted_by_action(sessions):
+    add(
+        sessions,
+        report([1, 0], action='flip', moved=[1, 2, 3, 4]),
+        report(action='tap', moved=[0, 1, 0, 0]),
+        report([2, 0], action='flip', moved=[1, 2, 3, 5]),
+        report(action='flip', moved=[1, 0, 0, 0], session='b'),
+    )
+    assert sessions.supplied.tolist() == [2, 0]
+    moved = {name: counts.tolist() for name, counts in sessions.moved.items()}
+    assert moved == {'flip': [[2, 2], [3, 5]], 'tap': [[0, 1], [0, 0]]}
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'message'),
+    [
+        (report([4, 5]), r'count 4 in supplied of class 1: expected 5 or more, because a total'),
+        (report([5, 5], action='flip', moved=[0, 1, 0, 0]), 'from class 1 to class 1: expected 1'),
+        (report([6, 5, 1]), 'number of counts 3 in supplied: expected 2, or none'),
+        (report([6, 5], action='flip', moved=[1]), 'counts 1 in moved: expected 4, or none'),
+        (report([2**63, 5]), 'count 9223372036854775808 in supplied: expected at most'),
+        (report([6, 5], time=200), r'expected none in the future; it is 100\.0 s ahead'),
+        (report([6, 5], moved=[2, 0, 0, 0]), "invalid action '' of moved parts"),
+    ],
+)
+def test_invalid_report_changes_nothing(sessions, wrong, message):
+    add(sessions, report([5, 5], action='flip', moved=[1, 0, 0, 0]))
+    with pytest.raises(InvalidValueError, match=message):
+        add(sessions, wrong)
+    assert sessions.supplied.tolist() == [5, 5]
+    assert sessions.moved['flip'].tolist() == [[1, 0], [0, 0]]
+    assert add(sessions, report([6, 5])) == [[1, 0]]
+
+
+def test_memory_is_bounded(sessions, monkeypatch):
+    for name in ('MAX_SESSIONS', 'MAX_ACTIONS', 'MAX_BATCHES'):
+        monkeypatch.setattr(counted_parts, name, 4)
+    series = BatchSeries()
+    for k in range(20):
+        (new,) = add(sessions, report([1, 2], session=str(k)))
+        series.add(np.array(new), k)
+    assert sessions.supplied.tolist() == [20, 40]
+    for k in range(4):
+        add(sessions, report(action=f'a{k}', moved=[1, 0, 0, 0]))
+    with pytest.raises(InvalidValueError, match='expected at most 4 actions'):
+        add(sessions, report(action='more', moved=[1, 0, 0, 0]))
+    found = series.observed(((1,), (2,)), str)
+    assert (series.parts, found.parts, found.totals.tolist()) == (60, 60, [20, 40])
+    assert len(found.labels) <= 4
+    # The oldest are joined, and the newest are as they were.
+    assert (found.labels[0], found.labels[-1]) == ('0', '19')
+    assert found.windows(1)[0][-1].tolist() == [1, 2]
+
+
+def test_series_has_the_batches_that_are_not_empty():
+    series = BatchSeries()
+    for time, counts in enumerate([[3, 0], [0, 0], [0, 4]]):
+        series.add(np.array(counts), time)
+    counts, ends, labels = series.observed(((1,), (2,)), str).windows(1)
+    assert (counts.tolist(), ends.tolist(), labels) == ([[3, 0], [0, 4]], [0, 3, 7], ['0', '2'])
+
+
+@given(
+    st.lists(st.lists(st.integers(0, 9), min_size=3, max_size=3), min_size=1), st.integers(1, 40)
+)
+def test_windows_are_disjoint_and_large_enough(rows, size):
+    rows = np.array([*rows, [1, 0, 0]])
+    found = ObservedCounts.of_rows(rows, 'counts', ((1,), (2,), (3,)))
+    counts, ends, _ = found.windows(size)
+    assert (counts.sum(axis=1) == np.diff(ends)).all()
+    assert (np.diff(ends) >= size).all()
+    assert 0 <= found.parts - ends[-1] < size
+    assert (np.diff(ends) < size + max(int(rows.sum(axis=1).max()), 1)).all()

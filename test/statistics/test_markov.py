@@ -1,0 +1,490 @@
+"""Chains of repeated actions: against closed formulas, series of powers and exact fractions."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.statistics.markov import (
+    closed_classes,
+    long_run,
+    long_run_bounds,
+    reach,
+    with_replacement,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+rates = st.floats(1e-9, 1)
+
+
+def five_standard_errors(runs, share):
+    """Return the tolerance of a share that is counted in this number of runs."""
+    return 5 * math.sqrt(share * (1 - share) / runs)
+
+
+def chain(seed, loses=True):
+    """Return random transitions, with many zeros, the rest of each row, and a drop."""
+    generator = np.random.default_rng(seed)
+    k = int(generator.integers(1, 7))
+    rows = generator.random((k, k + 1)) * (generator.random((k, k + 1)) < 0.35)
+    rows[:, -1] *= loses and generator.random(k) < 0.3
+    empty = rows.sum(axis=1) == 0
+    rows[empty, np.flatnonzero(empty)] = 1.0
+    rows /= rows.sum(axis=1, keepdims=True)
+    drop = generator.random(k) * (generator.random(k) < 0.5)
+    drop[generator.integers(k)] += 0.1
+    return rows[:, :-1], rows[:, -1], drop
+
+
+def mean_of_powers(rows, doublings=45):
+    """Return the mean of the first 2^doublings powers of a stochastic matrix."""
+    power, mean = rows, np.eye(len(rows))
+    for _ in range(doublings):
+        mean = (mean + power @ mean) / 2
+        power = power @ power
+        power /= power.sum(axis=1, keepdims=True)
+        mean /= mean.sum(axis=1, keepdims=True)
+    return mean
+
+
+def two(a, b):
+    return np.array([[1 - a, a], [b, 1 - b]])
+
+
+def found(transitions, drop, left=None):
+    rows = np.array(transitions, dtype=np.float64)
+    left = 1 - rows.sum(axis=1) if left is None else left
+    return long_run(rows, np.array(left), np.array(drop, dtype=np.float64))
+
+
+@given(rates, rates)
+def test_long_run_of_two_aspects_is_the_ratio_of_the_rates(a, b):
+    shares = long_run(two(a, b), np.zeros(2), np.array([1.0, 0.0])).shares
+    assert shares == pytest.approx([b / (a + b), a / (a + b)], rel=1e-13)
+
+
+@given(st.tuples(*[st.floats(1e-9, 0.5)] * 6))
+def test_long_run_of_three_aspects_is_that_of_the_tree_theorem(t):
+    ab, ac, ba, bc, ca, cb = t
+    rows = np.array([[1 - ab - ac, ab, ac], [ba, 1 - ba - bc, bc], [ca, cb, 1 - ca - cb]])
+    trees = np.array(
+        [
+            ba * ca + ba * cb + bc * ca,
+            ab * cb + ab * ca + ac * cb,
+            ac * bc + ac * ba + ab * bc,
+        ]
+    )
+    shares = long_run(rows, np.zeros(3), np.ones(3)).shares
+    assert shares == pytest.approx(trees / trees.sum(), rel=1e-13)
+
+
+@given(seeds)
+def test_long_run_shares_do_not_change_by_an_action(seed):
+    rows, left, drop = chain(seed)
+    result = long_run(rows, left, drop)
+    x = result.shares
+    assert x.sum() == pytest.approx(1, abs=1e-12)
+    assert x @ rows + (x @ left) * drop / drop.sum() == pytest.approx(x, abs=1e-12)
+    for shares in result.stationary:
+        assert shares.sum() == pytest.approx(1, abs=1e-12)
+        assert shares @ rows + (shares @ left) * drop / drop.sum() == pytest.approx(
+            shares, abs=1e-12
+        )
+
+
+@given(seeds, st.booleans())
+def test_long_run_is_the_mean_over_many_actions_after_a_drop(seed, loses):
+    rows, left, drop = chain(seed, loses)
+    start = drop / drop.sum()
+    mean = mean_of_powers(rows + np.outer(left, start))
+    result = long_run(rows, left, drop)
+    assert result.shares == pytest.approx(start @ mean, abs=1e-8)
+    for members, weight in zip(result.closed, result.weights, strict=True):
+        assert weight == pytest.approx((start @ mean)[list(members)].sum(), abs=1e-8)
+    seen = [int(i) for i in np.flatnonzero(mean.max(axis=0) < 1e-8)]
+    assert list(result.transient) == seen
+
+
+@given(seeds)
+def test_unreachable_aspects_are_those_that_never_occur(seed):
+    rows, left, drop = chain(seed)
+    start = drop / drop.sum()
+    step = rows + np.outer(left, start)
+    parts = start
+    for _ in range(len(rows)):
+        parts = (parts + parts @ step) / 2
+    assert list(long_run(rows, left, drop).unreachable) == np.flatnonzero(parts == 0).tolist()
+
+
+def test_lost_parts_are_replaced_by_dropped_parts():
+    # Half of the parts in the first aspect are lost; of the dropped parts at rest, 1/4 are in it.
+    # x1 = x1 (1/4 + 1/2 1/4) + x2 1/2 with x1 + x2 = 1 gives x1 = 4/9.
+    result = found([[0.25, 0.25], [0.5, 0.5]], drop=[0.2, 0.6])
+    assert result.shares == pytest.approx([4 / 9, 5 / 9])
+    assert (result.closed, result.weights) == (((0, 1),), pytest.approx([1]))
+
+
+def test_periodic_chain_has_time_averages():
+    result = found([[0, 1, 0], [0, 0, 1], [1, 0, 0]], drop=[1, 0, 0])
+    assert result.shares == pytest.approx([1 / 3] * 3)
+    assert (result.closed, result.transient, result.unreachable) == (((0, 1, 2),), (), ())
+
+
+def test_several_closed_classes_are_reported_with_their_weights():
+    # From the aspect 2 parts go to the absorbing aspect 0 in 1 of 4, else to the pair 1 and 3.
+    rows = [[1, 0, 0, 0], [0, 0, 0, 1], [0.1, 0.3, 0.6, 0], [0, 0.5, 0, 0.5]]
+    result = found(rows, drop=[0.2, 0, 0.8, 0])
+    assert result.closed == ((0,), (1, 3))
+    assert result.weights == pytest.approx([0.2 + 0.8 / 4, 0.8 * 3 / 4])
+    assert result.stationary == pytest.approx(np.array([[1, 0, 0, 0], [0, 1 / 3, 0, 2 / 3]]))
+    assert result.shares == pytest.approx([0.4, 0.2, 0, 0.4])
+    assert (result.transient, result.unreachable) == ((2,), ())
+
+
+def test_aspects_that_nothing_leads_to_are_unreachable():
+    # 2 leads to 1, but nothing leads to 2; 3 is absorbing, and only 2 would lead to it.
+    rows = [[0.5, 0.5, 0, 0], [1, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]]
+    result = found(rows, drop=[1, 0, 0, 0])
+    assert (result.unreachable, result.transient) == ((2, 3), (2,))
+    assert (result.closed, result.weights.tolist()) == (((0, 1), (3,)), [1, 0])
+    assert result.shares == pytest.approx([2 / 3, 1 / 3, 0, 0])
+
+
+def test_lost_parts_make_an_aspect_reachable_and_open():
+    result = found([[0.9, 0], [0, 1]], drop=[0.5, 0.5])
+    assert (result.closed, result.transient) == (((1,),), (0,))
+    assert result.shares.tolist() == [0, 1]
+
+
+def test_action_that_loses_every_part_gives_the_distribution_of_a_drop():
+    result = found(np.zeros((3, 3)), drop=[0.1, 0.3, 0.4])
+    assert result.shares == pytest.approx([1 / 8, 3 / 8, 4 / 8])
+
+
+def test_part_with_one_aspect_stays_in_it():
+    assert found([[0.7]], drop=[0.4]).shares.tolist() == [1]
+    assert found([[1.0]], drop=[0.4]).closed == ((0,),)
+
+
+@given(seeds)
+def test_closed_classes_are_entered_for_ever(seed):
+    # The last state stands for all places outside the aspects.
+    rows, left, _ = chain(seed)
+    whole = np.block([[rows, left[:, None]], [np.zeros((1, len(rows))), np.ones((1, 1))]])
+    mean = mean_of_powers(whole)[:-1, :-1]
+    classes = closed_classes(rows)
+    inside = [i for members in classes for i in members]
+    assert sorted(inside) == np.flatnonzero(mean.diagonal() > 1e-8).tolist()
+    for members in classes:
+        assert (mean[np.ix_(members, members)] > 0).all()
+        assert mean[list(members)].sum(axis=1) == pytest.approx(np.ones(len(members)))
+        assert rows[np.ix_(members, members)].sum() == pytest.approx(len(members))
+    assert classes == sorted(classes)
+
+
+def test_aspect_that_parts_leave_is_in_no_closed_class():
+    assert closed_classes(np.array([[0.0, 0.0], [0.0, 1.0]])) == [(1,)]
+    assert closed_classes(two(0.5, 0.5) * [[1], [1 - 1e-6]]) == []
+
+
+def test_without_losses_replacement_changes_nothing():
+    rows = two(0.3, 0.2)
+    assert with_replacement(rows, np.zeros(2), np.zeros(2)).tolist() == rows.tolist()
+
+
+@given(seeds)
+def test_replaced_transitions_are_a_stochastic_matrix(seed):
+    rows, left, drop = chain(seed)
+    whole = with_replacement(rows, left, drop)
+    assert whole.sum(axis=1) == pytest.approx(np.ones(len(rows)))
+    assert whole == pytest.approx(rows + np.outer(left, drop) / drop.sum())
+
+
+@pytest.mark.parametrize('function', [with_replacement, long_run])
+@pytest.mark.parametrize(
+    ('rows', 'left', 'drop', 'name'),
+    [
+        (
+            [[0.5, 0.4], [0, 1]],
+            [0.1, 0],
+            [0, 0],
+            'invalid drop probabilities [0.0, 0.0]',
+        ),
+        (
+            [[0.5, 0.4], [0, 1]],
+            [0.1, 0],
+            [0.5, math.nan],
+            'invalid drop probabilities [0.5, nan]',
+        ),
+        (
+            [[0.5, 0.4], [0, 1]],
+            [0.1, 0],
+            [1, -0.5],
+            'invalid drop probabilities [1.0, -0.5]',
+        ),
+        (
+            [[1, 0], [math.nan, math.nan]],
+            [0, math.nan],
+            [1, 0],
+            'invalid row 2 of the transition matrix [nan, nan, nan]',
+        ),
+        (
+            [[0.5, 0.25], [0, 1]],
+            [0, 0],
+            [1, 0],
+            'invalid row 1 of the transition matrix [0.5, 0.25, 0.0]',
+        ),
+        (
+            [[1.5, -0.5], [0, 1]],
+            [0, 0],
+            [1, 0],
+            'invalid row 1 of the transition matrix [1.5, -0.5, 0.0]',
+        ),
+    ],
+)
+def test_error_for_invalid_chain(function, rows, left, drop, name):
+    arguments = [np.array(each, dtype=np.float64) for each in (rows, left, drop)]
+    with pytest.raises(InvalidValueError) as caught:
+        function(*arguments)
+    of_drop = name.startswith('invalid drop')
+    expected = '0 or more, not all 0' if of_drop else 'probabilities with a sum of 1'
+    assert str(caught.value) == f'{name}: expected {expected}'
+
+
+# Reaching wanted aspects.
+
+
+def test_single_chance_is_a_geometric_distribution():
+    # Wanted 0.2, lost 0.1, stays 0.7: reached in 2/3, and the last action is after 1 / 0.3.
+    probability, actions = reach(np.array([[1.0, 0], [0.2, 0.7]]), np.array([True, False]))
+    assert probability == pytest.approx([1, 2 / 3])
+    assert actions == pytest.approx([0, 1 / 0.3])
+
+
+@pytest.mark.parametrize(('n', 'up'), [(2, 0.5), (5, 0.5), (9, 0.5), (6, 0.3), (6, 0.8)])
+def test_random_walk_reaches_its_end_as_the_gamblers_ruin(n, up):
+    # Feller 1968, chapter XIV; the conditional duration of the symmetric walk is (n^2 - i^2) / 3.
+    rows = np.diag([up] * n, 1) + np.diag([1 - up] * n, -1)
+    rows[0], rows[n] = np.eye(n + 1)[[0, n]]
+    probability, actions = reach(rows, np.arange(n + 1) == n)
+    i = np.arange(1, n + 1)
+    if up == 0.5:
+        expected = i / n
+        assert actions[1:] == pytest.approx((n**2 - i**2) / 3, rel=1e-12)
+    else:
+        ratio = (1 - up) / up
+        expected = (1 - ratio**i) / (1 - ratio**n)
+    assert probability[1:] == pytest.approx(expected, rel=1e-12)
+    assert probability[0] == 0
+    assert math.isnan(actions[0])
+
+
+@given(seeds)
+def test_reach_is_the_series_over_the_number_of_actions(seed):
+    rows, _, _ = chain(seed)
+    rows = 0.9 * rows  # a tenth leaves at each action, so that the series converges
+    wanted = np.random.default_rng(seed + 1).random(len(rows)) < 0.4
+    free = ~wanted
+    inside, arrives = rows[np.ix_(free, free)], rows[np.ix_(free, wanted)].sum(axis=1)
+    total, weighted = np.zeros(free.sum()), np.zeros(free.sum())
+    for n in range(1, 500):
+        total, weighted = total + arrives, weighted + n * arrives
+        arrives = inside @ arrives
+    probability, actions = reach(rows, wanted)
+    assert probability[wanted].tolist() == [1] * wanted.sum()
+    assert actions[wanted].tolist() == [0] * wanted.sum()
+    assert probability[free] == pytest.approx(total, rel=1e-12)
+    mean = np.divide(weighted, total, out=np.full(len(total), np.nan), where=total > 0)
+    assert actions[free] == pytest.approx(mean, rel=1e-12, nan_ok=True)
+
+
+@given(seeds)
+def test_reach_is_the_limit_of_a_chain_that_stops_when_wanted(seed):
+    rows, left, _ = chain(seed)
+    wanted = np.random.default_rng(seed + 1).random(len(rows)) < 0.4
+    whole = np.block([[rows, left[:, None]], [np.zeros((1, len(rows))), np.ones((1, 1))]])
+    stops = np.append(wanted, True)
+    whole[stops] = np.eye(len(whole))[stops]
+    expected = mean_of_powers(whole)[:-1, :-1][:, wanted].sum(axis=1)
+    probability, actions = reach(rows, wanted)
+    assert probability == pytest.approx(expected, abs=1e-8)
+    assert (np.isnan(actions) == (probability == 0)).all()
+    assert (actions[(probability > 0) & ~wanted] >= 1 - 1e-12).all()
+
+
+def test_closed_class_outside_the_wanted_aspects_never_reaches_them():
+    rows = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0.25, 0, 0.5, 0.25], [0, 0, 0, 1]])
+    probability, actions = reach(rows, np.arange(4) == 3)
+    assert probability == pytest.approx([0, 0, 0.5, 1])
+    assert np.isnan(actions).tolist() == [True, True, False, False]
+    assert actions[2] == pytest.approx(2)
+
+
+def test_aspect_whose_parts_are_all_lost_never_reaches_another():
+    probability, actions = reach(np.array([[0.0, 0], [0, 1]]), np.array([False, True]))
+    assert probability.tolist() == [0, 1]
+    assert math.isnan(actions[0])
+
+
+def test_nothing_wanted_is_never_reached():
+    probability, actions = reach(two(0.5, 0.5), np.zeros(2, dtype=bool))
+    assert probability.tolist() == [0, 0]
+    assert np.isnan(actions).all()
+
+
+def test_rows_of_wanted_aspects_are_not_used():
+    rows = np.array([[0.5, 0.5], [np.nan, np.nan]])
+    probability, actions = reach(rows, np.array([False, True]))
+    assert (probability.tolist(), actions.tolist()) == ([1, 1], [2, 0])
+
+
+@pytest.mark.parametrize('row', [[math.nan, 0.5], [0.75, 0.5], [-0.25, 0.5]])
+def test_reach_rejects_an_invalid_row(row):
+    with pytest.raises(InvalidValueError, match=r'^invalid row 1 of the transition matrix'):
+        reach(np.array([row, [0, 1]]), np.array([False, True]))
+
+
+@pytest.mark.parametrize('denominator', [2**26, 9 * 10**7, 11 * 10**7])
+def test_reach_of_rare_transitions_is_as_accurate_as_of_frequent_ones(denominator):
+    # Exact fractions: two rare steps and a return in between. I - T has a condition number of
+    # about 1e15, so that a direct solution has few correct digits, and so has one that takes
+    # rounding errors of the sum of a row for lost parts.
+    rare = Fraction(1, denominator)
+    rows = [
+        [1 - rare, rare, Fraction(0), Fraction(0)],
+        [1 - rare, Fraction(0), rare / 3, rare * 2 / 3],
+        [Fraction(1, 2), Fraction(1, 2), Fraction(0), Fraction(0)],
+        [Fraction(0), Fraction(0), Fraction(0), Fraction(1)],
+    ]
+    matrix = [[(i == j) - rows[i][j] for j in range(3)] for i in range(3)]
+    expected = [float(each) for each in fractions_solution(matrix, [1] * 3)]
+    assert expected[0] > 9e14
+    probability, actions = reach(np.array(rows, dtype=np.float64), np.arange(4) == 3)
+    assert probability == pytest.approx([1] * 4, rel=1e-14)
+    assert actions[:3] == pytest.approx(expected, rel=1e-14)
+
+
+def fractions_solution(matrix, right):
+    """Return the solution of linear equations by Gaussian elimination."""
+    rows = [[*row, each] for row, each in zip(matrix, right, strict=True)]
+    for i in range(len(rows)):
+        rows[i] = [each / rows[i][i] for each in rows[i]]
+        for j in range(len(rows)):
+            if j != i:
+                rows[j] = [a - rows[j][i] * c for a, c in zip(rows[j], rows[i], strict=True)]
+    return [row[-1] for row in rows]
+
+
+# Bounds of the long-run shares.
+
+
+@pytest.mark.slow
+def test_bounds_hold_as_often_as_stated_if_the_prior_is_true():
+    # Quantiles of a posterior contain a truth drawn from the prior with exactly their probability
+    # (Cook, Gelman, Rubin 2006), which leaves out only the error of quantiles of 1000 samples: at
+    # most 2 / 1001. The prior of six columns is Dirichlet(1/6, ...); with two aspects the
+    # long-run shares are a ratio.
+    generator = np.random.default_rng(11)
+    drop = np.array([0.3, 0.6])
+    runs, held = 1000, 0
+    for _ in range(runs):
+        truth = generator.dirichlet([1 / 6] * 6, size=2)
+        left = truth[:, 2:].sum(axis=1)
+        up, down = truth[0, 1] + left[0] * 2 / 3, truth[1, 0] + left[1] / 3
+        counts = np.array([generator.multinomial(50, row) for row in truth])
+        lower, upper = long_run_bounds(counts, drop, 0.9, generator)
+        held += lower[0] <= down / (up + down) <= upper[0]
+    assert held / runs == pytest.approx(0.9, abs=five_standard_errors(runs, 0.9) + 0.002)
+
+
+def test_bounds_hold_as_often_as_stated_for_a_fixed_chain():
+    # For a given truth the coverage is not exact, but its error is of the order of 1 / n, far
+    # below the error of counting it. The quantiles of 500 samples add up to 2 / 501.
+    truth = np.array(
+        [
+            [0.8, 0.1, 0.05, 0.02, 0, 0, 0.03],
+            [0.3, 0.6, 0.06, 0, 0.02, 0, 0.02],
+            [0.2, 0.1, 0.65, 0, 0, 0.05, 0],
+        ]
+    )
+    drop = np.array([0.5, 0.3, 0.2])
+    shares = long_run(truth[:, :3], truth[:, 3:].sum(axis=1), drop).shares
+    generator = np.random.default_rng(12)
+    runs, n = 600, 1000
+    held = np.zeros(3)
+    for _ in range(runs):
+        counts = np.array([generator.multinomial(n, row) for row in truth])
+        lower, upper = long_run_bounds(counts, drop, 0.9, generator, samples=500)
+        held += (lower <= shares) & (shares <= upper)
+    error = five_standard_errors(runs, 0.9) + 2 / 501
+    assert held / runs == pytest.approx([0.9] * 3, abs=error)
+
+
+def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
+    # With a drop only into the first aspect, and the second one leading only there, all columns
+    # but one lead from 2 to 1: the long-run odds are a beta variate over another one.
+    counts = np.array([[0, 1000, 0, 0, 0, 0], [700, 300, 0, 0, 0, 0]])
+    generator = np.random.default_rng(13)
+    lower, upper = long_run_bounds(counts, np.array([1.0, 0.0]), 0.9, generator, samples=20_000)
+    up = generator.beta(1000 + 1 / 6, 5 / 6, 200_000)
+    down = generator.beta(700 + 5 / 6, 300 + 1 / 6, 200_000)
+    expected = np.quantile(down / (up + down), [0.05, 0.95])
+    # Five standard errors of a quantile: sqrt(p (1 - p) / n) / density, with the density of a
+    # normal distribution at its 5 % quantile, 0.103 / sd, and sd = width / 3.29.
+    error = 5 * math.sqrt(0.05 * 0.95 / 20_000) / 0.103 * np.ptp(expected) / 3.29
+    assert [lower[0], upper[0]] == pytest.approx(expected, abs=error)
+    assert [upper[1], lower[1]] == pytest.approx(1 - expected, abs=error)
+
+
+@given(seeds, st.sampled_from([1, 30, 10**6]), st.sampled_from([0.6, 0.95]))
+def test_bounds_contain_the_shares_also_of_absorbing_aspects(seed, n, confidence):
+    rows, left, drop = chain(seed)
+    generator = np.random.default_rng(seed)
+    whole = np.column_stack([rows, left])
+    counts = np.array([generator.multinomial(n, row) for row in whole])
+    share = counts / n
+    shares = long_run(share[:, :-1], share[:, -1], drop).shares
+    lower, upper = long_run_bounds(counts, drop, confidence, generator, samples=100)
+    assert (lower <= shares).all()
+    assert (shares <= upper).all()
+    assert (lower >= 0).all()
+    assert (upper <= 1 + 1e-12).all()
+
+
+def test_transitions_that_were_never_seen_are_possible():
+    # No part moved in 1000 actions: the shares are those of a drop, but nearly unknown.
+    counts = np.hstack([1000 * np.eye(3, dtype=np.int64), np.zeros((3, 4), dtype=np.int64)])
+    lower, upper = long_run_bounds(counts, np.ones(3) / 3, 0.95, np.random.default_rng(1))
+    assert (lower < 0.01).all()
+    assert (upper > 0.9).all()
+
+
+def test_samples_that_round_to_zero_do_not_break_the_bounds():
+    # Of samples of a gamma distribution of shape 1/202, 3 in 100 are below the smallest float.
+    counts = np.zeros((2, 202), dtype=np.int64)
+    bounds = long_run_bounds(counts, np.array([0.0, 1.0]), 0.95, np.random.default_rng(3))
+    assert np.isfinite(bounds).all()
+
+
+def test_without_actions_the_bounds_come_from_the_prior():
+    counts = np.zeros((30, 34), dtype=np.int64)
+    lower, upper = long_run_bounds(counts, np.ones(30), 0.95, np.random.default_rng(2))
+    assert np.isfinite([lower, upper]).all()
+    assert (lower < 0.01).all()
+    assert (upper > 0.05).all()
+
+
+@pytest.mark.parametrize('confidence', [0.5, 1, math.nan])
+def test_bounds_reject_an_invalid_confidence(confidence):
+    counts = np.ones((2, 6), dtype=np.int64)
+    with pytest.raises(InvalidValueError, match=r'^invalid confidence'):
+        long_run_bounds(counts, np.ones(2), confidence, np.random.default_rng(1))
+
+
+def test_bounds_need_a_drop_into_an_aspect():
+    with pytest.raises(InvalidValueError, match=r'^invalid drop probabilities'):
+        long_run_bounds(np.ones((2, 6), int), np.zeros(2), 0.95, np.random.default_rng(1))

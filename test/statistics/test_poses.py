@@ -1,0 +1,76 @@
+"""Resting poses as arrays: cut and joined without loss."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
+
+
+def numbered(first, n):
+    """Poses in which every value tells which drop it is of."""
+    index = np.arange(first, first + n)
+    return RestingPoses(
+        first_drop=first,
+        position=index[:, None] + [0.0, 0.1, 0.2],
+        orientation=index[:, None] + [0.3, 0.4, 0.5, 0.6],
+        status=(index % 3).astype(np.uint8),
+        decided_by=(index % 2).astype(np.uint8),
+        time_to_rest=index + 0.7,
+        energy_growth=index + 0.8,
+    )
+
+
+def test_codes_are_those_of_the_message():
+    assert [(s.name, int(s)) for s in RestStatus] == [
+        ('SETTLED', 0),
+        ('UNSETTLED', 1),
+        ('FAILED', 2),
+        ('LOST', 3),
+        ('SLIDING', 4),
+    ]
+    assert [(d.name, int(d)) for d in DecidedBy] == [('STILLNESS', 0), ('ENERGY', 1)]
+
+
+@given(st.integers(0, 2**64), st.lists(st.integers(0, 5), min_size=1, max_size=6))
+def test_joined_pieces_are_the_whole(assert_same_poses, first, lengths):
+    ends = np.cumsum([0, *lengths])
+    whole = numbered(0, ends[-1])
+    pieces = [
+        dataclasses.replace(whole.between(low, high), first_drop=first + int(low))
+        for low, high in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+    ]
+    joined = RestingPoses.join(pieces)
+    assert_same_poses(joined, dataclasses.replace(whole, first_drop=first))
+    assert joined.end == first + len(whole)
+    assert len(joined) == len(whole)
+
+
+@given(st.integers(0, 30), st.integers(0, 30))
+def test_between_returns_only_the_available_drops(assert_same_poses, low, high):
+    poses = numbered(10, 9)
+    expected = [index for index in range(low, high) if 10 <= index < 19]
+    found = poses.between(low, high)
+    assert len(found) == len(expected)
+    if expected:
+        assert_same_poses(found, numbered(expected[0], len(expected)))
+
+
+def test_joining_over_a_gap_names_the_missing_drops():
+    with pytest.raises(ValueError, match=r'^drops 5 to 6 are missing$'):
+        RestingPoses.join([numbered(0, 5), numbered(7, 2)])
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), max_size=12))
+def test_blocks_have_each_drop_once(assert_same_poses, spans):
+    blocks = RestingPoses.blocks(numbered(first, n) for first, n in spans)
+    found = [drop for block in blocks for drop in range(block.first_drop, block.end)]
+    assert found == sorted({drop for first, n in spans for drop in range(first, first + n)})
+    for block in blocks:
+        assert_same_poses(block, numbered(block.first_drop, len(block)))
+    # Drops are missing between two blocks.
+    assert all(a.end < b.first_drop for a, b in pairwise(blocks))

@@ -1,0 +1,103 @@
+"""Values in messages: one line, short, without control characters, for any value."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import (
+    MAX_SHOWN,
+    EngineError,
+    OutputError,
+    RestingAspectsWarning,
+    analysis,
+    one_line,
+    shown,
+)
+
+
+class Broken:
+    def __repr__(self):
+        raise RuntimeError
+
+
+def bomb():
+    nested = ['x'] * 9
+    for _ in range(30):
+        nested = [nested] * 9
+    return nested
+
+
+@pytest.mark.parametrize(
+    'value',
+    [
+        'x' * 1_000_000,
+        b'\x1b[31m' * 1000,
+        '\x1b]0;title\x07\n\r\u202e',
+        10**5000,
+        -(16**4000),
+        bomb(),
+        {'a': [[[[[['deep']]]]]]},
+        Broken(),
+        [Broken()],
+        float('nan'),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_repr_of_any_value_is_one_short_line(value):
+    text = shown(value)
+    assert 0 < len(text) <= MAX_SHOWN
+    assert text.isprintable()
+
+
+def test_repr_of_short_values_is_unchanged():
+    for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
+        assert shown(value) == repr(value)
+
+
+def test_numbers_of_numpy_are_shown_as_numbers():
+    assert shown(np.float64(99)) == '99.0'
+    assert shown([np.int64(3), np.float32(0.5)]) == '[3, 0.5]'
+
+
+def test_long_text_keeps_its_beginning_and_its_end():
+    text = shown('/data/' + 'x' * 500 + '/bracket.stl')
+    assert text.startswith("'/data/")
+    assert text.endswith("/bracket.stl'")
+
+
+@given(text=st.text(max_size=400), length=st.integers(20, 200))
+def test_external_text_becomes_one_printable_line(text, length):
+    line = one_line(text, length)
+    assert line.isprintable()
+    assert len(line) <= length
+
+
+def test_repr_time_does_not_grow_with_the_value():
+    """A value that is 1000 times as large may take no more than 100 times as long."""
+
+    def seconds(value):
+        start = time.perf_counter()
+        for _ in range(20):
+            shown(value)
+            one_line(value)
+        return time.perf_counter() - start
+
+    assert seconds('x' * 10_000_000) < 100 * max(seconds('x' * 10_000), 1e-3)
+
+
+def test_analysis_that_fails_is_a_warning_and_other_failures_pass():
+    notes = []
+    with (
+        pytest.warns(RestingAspectsWarning, match='the G test .*ZeroDivisionError'),
+        analysis('the G test', notes),
+    ):
+        raise ZeroDivisionError
+    assert len(notes) == 1
+    assert notes[0].startswith('The G test')
+    for error in (EngineError('died'), OutputError('full'), OSError('full'), KeyboardInterrupt()):
+        with pytest.raises(type(error)), analysis('the G test', notes):
+            raise error
+    assert len(notes) == 1

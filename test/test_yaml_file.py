@@ -1,0 +1,160 @@
+"""YAML that users write: any defect is reported as one error in one line."""
+
+import math
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.input_files import parse_yaml, read_yaml
+
+TAGS = ('int', 'float', 'bool', 'null', 'str', 'binary', 'timestamp', 'omap', 'pairs', 'set')
+TAGS += ('seq', 'map', 'merge', 'value', 'python/name:os.system', 'nothing')
+VALUES = ('', '""', 'abc', '0x', '-', '[]', '[1]', '{}', '{a: 1}', '2024-99-99', '1:99:x')
+
+
+def bomb(depth, merge=False):
+    """Each line stands for nine of the line before."""
+    first, line = ('{k: 1}', '{{<<: [{}]}}') if merge else ('[1]', '[{}]')
+    lines = [f'a0: &a0 {first}']
+    lines += [f'a{k}: &a{k} {line.format(", ".join([f"*a{k - 1}"] * 9))}' for k in range(1, depth)]
+    return '\n'.join(lines)
+
+
+def error_of(document):
+    """The message, in one line, with which a document is refused; empty if it is read."""
+    try:
+        parse_yaml(document, 'sheet')
+    except InvalidValueError as error:
+        message = str(error)
+    else:
+        return ''
+    assert message.startswith('sheet is not valid YAML: ')
+    assert message.isprintable()
+    return message
+
+
+def test_plain_documents_are_read():
+    text = 'unit: mm\nmass: 0x10\nlist: [1, 2.5, true]\nsame: &a {x: 1}\nagain: *a\n'
+    same = {'x': 1}
+    assert parse_yaml(text, 'sheet') == {
+        'unit': 'mm',
+        'mass': 16,
+        'list': [1, 2.5, True],
+        'same': same,
+        'again': same,
+    }
+    assert parse_yaml('', 'sheet') is parse_yaml(b'# nothing\n', 'sheet') is None
+    assert parse_yaml('a: {<<: {b: 1}, c: 2}', 'sheet') == {'a': {'b': 1, 'c': 2}}
+
+
+@pytest.mark.parametrize(
+    ('text', 'value'),
+    [
+        ('1e-6', 1e-6), ('-2E+3', -2000.0), ('.5', 0.5), ('5.', 5.0), ('-0.25e1', -2.5),
+        ('.inf', math.inf), ('-.inf', -math.inf), ('12', 12), ('-3', -3), ('1_000', 1000),
+        ('5:50', '5:50'), ('20:30.5', '20:30.5'), ('0:20', '0:20'), ('010', '010'), ('e5', 'e5'),
+        ('1e', '1e'), ('0.1:0.5', '0.1:0.5'), ('.', '.'), ('-', None),
+    ],
+)  # fmt: skip
+def test_numbers_are_those_of_yaml_1_2(text, value):
+    """A range such as 5:50 is text, not a number of base 60; 1e-6 is a number."""
+    if value is None:
+        assert parse_yaml(f'a: {text}1', 'sheet') == {'a': -1}
+        return
+    found = parse_yaml(f'a: {text}', 'sheet')['a']
+    assert (found, type(found)) == (value, type(value))
+    assert math.isnan(parse_yaml('.nan', 'sheet'))
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['a: 1\nb: 2\na: 3', '{a: 1, a: 1}', 'x: {a: 1, "b": 2, a: 3}', '[{a: 1, ? a : 3}]'],
+)
+def test_key_that_occurs_twice_is_refused_and_named(text):
+    assert "the key 'a' occurs twice" in error_of(text)
+
+
+def test_merged_key_may_be_given_again():
+    text = 'x: &x {a: 1, b: 2}\ny: {<<: *x, a: 3}\nz: {a: 1}'
+    assert parse_yaml(text, 'sheet')['y'] == {'a': 3, 'b': 2}
+
+
+@pytest.mark.parametrize('tag', TAGS)
+def test_value_that_does_not_fit_its_tag_is_an_error(tag):
+    places = ('mass: {}', '{}', '? {}\n: 1')
+    texts = [place.format(f'!!{tag} {value}') for value in VALUES for place in places]
+    refused = [text for text in texts if error_of(text)]
+    assert refused
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '[' * 5000,
+        '{a: ' * 5000,
+        '- ' * 5000,
+        'a: [' + '[' * 400 + ']' * 400 + ']',
+        bomb(20),
+        bomb(20, merge=True),
+        '&a [*a]',
+        'a: &a {b: *a}',
+        '&a {<<: *a}',
+        'a: *unknown',
+        'a: ' + '9' * 5000,
+        '--- 1\n--- 2\n',
+        '\x00',
+        b'\xff\xfe\x00',
+        b'\xff\xff',
+        'a: "\\ud800"\nb: [',
+        '%YAML 9.9\n---\na: 1',
+        'a: 1\n\tb: 2',
+        '? [1, 2]\n: 3',
+        '!!binary "ä"',
+    ],
+    ids=lambda text: repr(text[:20]),
+)
+def test_hostile_documents_are_rejected_in_one_line(text):
+    with pytest.raises(PartError, match=r'^sheet is not valid YAML: ') as caught:
+        parse_yaml(text, 'sheet', PartError)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 400
+
+
+@given(
+    text=st.lists(
+        st.sampled_from(
+            [
+                *(f'!!{tag} ' for tag in TAGS),
+                *VALUES,
+                *('a', '&a ', '*a', '<<', ': ', '\n', '  ', '- ', '? ', '[', ']', '{', '}', ', '),
+                *('|\n', '>\n', '---\n', '"', "'", '#', '%', '@', '0b', '1e9', '.inf', '9' * 5000),
+            ]
+        )
+        | st.text(string.printable, max_size=4),
+        max_size=30,
+    ).map(''.join)
+)
+def test_any_text_gives_a_document_or_one_error(text):
+    error_of(text)
+
+
+@given(data=st.binary(max_size=60))
+def test_any_bytes_give_a_document_or_one_error(data):
+    error_of(data)
+
+
+def test_a_file_is_read_and_named_in_errors(tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text('a: [1, 2]')
+    assert read_yaml(file, 'sheet') == {'a': [1, 2]}
+    file.write_text('a: !!timestamp abc')
+    with pytest.raises(InvalidValueError, match=r"^sheet '.*a\.yaml' is not valid YAML: "):
+        read_yaml(file, 'sheet')
+    file.write_text('a: 1' + '#' * 70000)
+    with pytest.raises(InvalidValueError, match='too large: expected at most 64 KiB'):
+        read_yaml(file, 'sheet')
+    with pytest.raises(PartError, match='does not exist'):
+        read_yaml(tmp_path / 'b.yaml', 'sheet', error=PartError)

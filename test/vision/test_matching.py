@@ -1,0 +1,230 @@
+"""Fits of outlines against known poses, their overlaps, and look-alikes of known solids."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.affinity import rotate, scale, translate
+
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.vision.boundary import common_area
+from resting_aspects_ros.vision.fitting import (
+    MAX_YAWS,
+    SAMPLES,
+    Shape,
+    best_overlap,
+    fit,
+    mirrored,
+    same_outline,
+)
+from resting_aspects_ros.vision.outline import find_outlines, look_alikes
+
+few = settings(max_examples=settings.default.max_examples // 5)
+
+
+def circle(sides, radius=10.0, centre=(0.0, 0.0)):
+    angle = 2 * np.pi * np.arange(sides) / sides
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
+
+
+def gear(teeth):
+    angle = 2 * np.pi * np.arange(4 * teeth) / (4 * teeth)
+    radius = np.tile([8.0, 10.0, 10.0, 8.0], teeth)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+# Polygons, mm, and their orders of rotation.
+POLYGONS = {
+    'l': (shapely.Polygon([(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]), 1),
+    'rectangle': (shapely.box(3, 5, 33, 17), 2),
+    'needle': (shapely.box(0, 0, 100, 3), 2),
+    'triangle': (shapely.Polygon([(0, 0), (30, 4), (9, 21)]), 1),
+    'square': (shapely.box(0, 0, 20, 20), 4),
+    'hexagon': (shapely.Polygon(circle(6)), 6),
+    'disc_with_hole': (shapely.Polygon(circle(64), [circle(24, 2.0, (4, 0))]), 1),
+    'two_holes': (
+        shapely.Polygon(circle(90), [circle(24, 2.0, (5, 0)), circle(24, 1.0, (0, 5))]),
+        1,
+    ),
+    'gear': (shapely.Polygon(gear(12)), 12),
+}
+
+
+def placed(polygon, yaw, x, y):
+    """The polygon after a rotation about the origin, rad, and a translation."""
+    return translate(rotate(polygon, np.degrees(yaw), origin=(0, 0)), x, y)
+
+
+def fits(model, seen, order=1):
+    return fit(Shape(model), Shape(seen), order)
+
+
+def off(yaw, expected, order=1):
+    """Distance of angles modulo the symmetry, degrees."""
+    return abs(np.degrees(np.angle(np.exp(1j * order * (yaw - expected))))) / order
+
+
+def overlap(a, b):
+    common = common_area(a, b)
+    return common / (a.area + b.area - common)
+
+
+@pytest.mark.parametrize('name', POLYGONS)
+@given(yaw=st.floats(-3.1, 3.1), x=st.floats(-200, 200), y=st.floats(-200, 200))
+def test_pose_is_recovered_modulo_the_symmetry(name, yaw, x, y):
+    polygon, order = POLYGONS[name]
+    polygon = scale(polygon, 1e-3, 1e-3, origin=(0, 0))
+    seen = placed(polygon, yaw, x * 1e-3, y * 1e-3)
+    best, *_ = fits(polygon, seen)
+    assert off(best.yaw, yaw, order) < 0.2
+    assert best.overlap(polygon, seen) > 0.995
+    assert best.largest < 1e-4
+    again = placed(polygon, best.yaw, best.x, best.y)
+    assert overlap(again, seen) == pytest.approx(best.overlap(polygon, seen), abs=1e-6)
+
+
+@pytest.mark.parametrize('name', ['rectangle', 'square', 'hexagon', 'gear'])
+def test_yaws_of_a_symmetric_outline_are_returned(name):
+    polygon, order = POLYGONS[name]
+    found = fits(polygon, placed(polygon, 0.2, 5, 7))
+    assert len(found) == min(order, MAX_YAWS)
+    assert max(off(each.yaw, 0.2, order) for each in found) < 0.1
+    assert len(fits(polygon, placed(polygon, 0.2, 5, 7), order)) == 1
+
+
+def test_near_symmetry_follows_the_best_solution():
+    notched = shapely.box(0, 0, 30, 12) - shapely.box(29, 0, 30, 1)
+    seen = placed(notched, 1.0, 2, 3)
+    best, second = fits(notched, seen)
+    assert off(best.yaw, 1.0) < 0.2
+    assert off(second.yaw, 1.0 + np.pi) < 0.5
+    assert 0.98 < second.overlap(notched, seen) < 358 / 360
+    assert best.square < second.square
+
+
+@pytest.mark.parametrize('noise', [0.1, 0.3])
+@pytest.mark.parametrize('name', ['l', 'triangle', 'two_holes', 'hexagon'])
+def test_noise_of_pixels_hardly_changes_the_pose(name, noise):
+    polygon, order = POLYGONS[name]
+    generator = np.random.default_rng(3)
+    fine = shapely.segmentize(placed(polygon, 0.7, 12, -9), 0.5)
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(fine)]
+    outer, *holes = [ring + generator.normal(0, noise, ring.shape) for ring in rings]
+    noisy = shapely.Polygon(outer, holes).buffer(0)
+    best, *_ = fits(polygon, noisy)
+    # The standard error is noise / (lever sqrt(number of points)): 0.8 degrees for the two holes,
+    # with 38 points at a lever of 3.5 mm, and noise of 0.3 mm.
+    assert off(best.yaw, 0.7, order) < (1.0 if noise < 0.2 else 2.0)
+    centre = np.array([best.x, best.y])
+    np.testing.assert_allclose(centre, [12, -9], atol=0.2)
+
+
+def test_overlap_and_distance_of_concentric_rectangles():
+    found, distance = best_overlap(shapely.box(-15, -6, 15, 6), shapely.box(-14, -5, 14, 5))
+    assert found == pytest.approx(280 / 360, abs=1e-3)
+    # The overlap is the same while the small one is inside the large one.
+    assert np.sqrt(2) - 1e-3 <= distance <= 2 * np.sqrt(2)
+
+
+def test_hole_counts_in_the_overlap_and_in_the_distance():
+    plain, ring = shapely.Polygon(circle(90)), shapely.Polygon(circle(90), [circle(90, 4.0)])
+    found, distance = best_overlap(plain, ring)
+    assert found == pytest.approx(1 - 0.16, abs=1e-3)
+    assert distance == pytest.approx(6, abs=0.15)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_distance_is_that_of_shapely(seed):
+    generator = np.random.default_rng(seed)
+    points = [shapely.MultiPoint(generator.normal(size=(9, 2)) * 10) for _ in range(2)]
+    a, b = (each.convex_hull for each in points)
+    best, *_ = fits(a, b)
+    moved = placed(a, best.yaw, best.x, best.y)
+    exact = shapely.hausdorff_distance(moved.boundary, b.boundary, densify=0.01)
+    # A point of a boundary is within half a spacing of a sample. That of shapely's points is less
+    # than this, so both errors together are less than a spacing.
+    assert best.largest == pytest.approx(exact, abs=max(a.length, b.length) / SAMPLES)
+    assert best.overlap(a, b) == pytest.approx(overlap(moved, b), abs=1e-6)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@few
+def test_no_pose_on_a_grid_overlaps_much_more(seed):
+    generator = np.random.default_rng(seed)
+    points = [shapely.MultiPoint(generator.normal(size=(8, 2)) * 10) for _ in range(2)]
+    a, b = (each.convex_hull for each in points)
+    found, _ = best_overlap(a, b)
+    centred = translate(a, *(np.array(b.centroid.coords[0]) - np.array(a.centroid.coords[0])))
+    grid = [overlap(rotate(centred, angle, origin='centroid'), b) for angle in range(0, 360, 5)]
+    assert found > max(grid) - 0.005
+
+
+def test_mirror_image_changes_the_sign_of_y_and_keeps_the_directions():
+    ring = shapely.geometry.polygon.orient(POLYGONS['two_holes'][0])
+    image = mirrored(ring)
+    assert image.exterior.is_ccw
+    assert not any(hole.is_ccw for hole in image.interiors)
+    np.testing.assert_allclose(
+        sorted(map(tuple, np.array(image.exterior.coords)[:-1] * [1, -1])),
+        sorted(map(tuple, np.array(ring.exterior.coords)[:-1])),
+    )
+
+
+@pytest.mark.parametrize(('growth', 'same'), [(1e-3, True), (5e-3, False)])
+def test_tolerance_of_equal_outlines(growth, same):
+    polygon = POLYGONS['l'][0]
+    larger = placed(scale(polygon, 1 + growth, 1 + growth), 0.4, 1, 2)
+    assert same_outline(polygon, larger) is same
+
+
+def test_circles_of_different_meshes_are_equal():
+    one = shapely.Polygon(circle(32), [circle(20, 5.0)])
+    assert same_outline(one, placed(shapely.Polygon(circle(100), [circle(48, 5.0)]), 0.3, 1, 1))
+    assert not same_outline(one, shapely.Polygon(circle(100), [circle(48, 4.6)]))
+
+
+def by_pair(name, part):
+    shape = part(name)
+    found = look_alikes(find_outlines(shape, find_aspects(shape)))
+    return {(k, a.symmetry_class): a for k, others in found.items() for a in others}
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(
+    ('name', 'pair', 'verdict'),
+    [
+        ('l_bracket', (1, 2), 'mirrored'),
+        ('angle_45x30x8', (2, 3), 'mirrored'),
+        ('t_prism', (2, 4), 'same'),
+        ('u_bracket', (1, 4), 'same'),
+    ],
+)
+def test_verdicts_of_the_example_parts(part, name, pair, verdict):
+    pairs = by_pair(name, part)
+    alike = {k: a.verdict for k, a in pairs.items() if a.verdict != 'distinct'}
+    assert alike == {pair: verdict, pair[::-1]: verdict}
+
+
+def test_overlaps_of_a_box_in_closed_form(part):
+    pairs = by_pair('box_10x20x30', part)
+    # 30 x 20, 30 x 10 and 20 x 10 mm: the smaller ones fit into the larger ones.
+    assert pairs[1, 2].overlap == pytest.approx(1 / 2, abs=2e-3)
+    assert pairs[1, 3].overlap == pytest.approx(1 / 3, abs=2e-3)
+    assert pairs[2, 3].overlap == pytest.approx(2 / 3, abs=2e-3)
+
+
+def test_equal_outlines_need_no_resolution(part):
+    pairs = by_pair('t_prism', part)
+    assert pairs[2, 4].overlap > 0.999
+    assert pairs[2, 4].resolution < 1e-5
+
+
+def test_each_class_has_the_others_by_overlap(part):
+    shape = part('l_bracket')
+    found = look_alikes(find_outlines(shape, find_aspects(shape)))
+    assert sorted(found) == [1, 2, 3, 4, 5]
+    for k, others in found.items():
+        assert {a.symmetry_class for a in others} == {1, 2, 3, 4, 5} - {k}
+        overlaps = [a.overlap for a in others]
+        assert overlaps == sorted(overlaps, reverse=True)

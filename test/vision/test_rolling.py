@@ -1,0 +1,74 @@
+"""Parts that roll: outlines at any roll are recognized, and the roll where they tell it."""
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+from shapely import affinity
+
+from resting_aspects_ros.aspects.aspect_set import Sweep
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.rotations import turned_about_vertical
+from resting_aspects_ros.vision.identification import identify
+from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.outline import find_outlines, rolled, seen_outline
+
+
+@pytest.fixture(scope='module')
+def drilled():
+    """A pin of 8 x 40 mm with a cross hole of 3 mm, off its middle."""
+    pin = trimesh.creation.cylinder(4, 40, sections=48)
+    drill = trimesh.creation.cylinder(1.5, 20, sections=24)
+    drill.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    drill.apply_translation([0, 0, 5])
+    return trimesh.boolean.difference([pin, drill], engine='manifold')
+
+
+@pytest.fixture(scope='module')
+def known(drilled, solid):
+    part = solid(drilled)
+    aspects = find_aspects(part)
+    outlines = find_outlines(part, aspects)
+    return KnownPart(part, aspects, outlines, np.full(len(outlines), 1 / len(outlines)))
+
+
+def views(known, rolls):
+    """Give the aspect that rolls, with its silhouettes at rolls, a yaw and a place."""
+    (aspect,) = [a for a in known.aspects.aspects if a.sweep is not Sweep.POINT]
+    for k, roll in enumerate(rolls):
+        orientation = turned_about_vertical(rolled(aspect, roll), 0.4 + k)
+        seen = seen_outline(known.part, orientation)
+        yield aspect, orientation, affinity.translate(seen, 0.03, 0.02)
+
+
+@pytest.mark.slow
+def test_outline_at_any_roll_is_that_of_its_poses(known):
+    for aspect, _, seen in views(known, np.linspace(0.1, 6.2, 7)):
+        best = identify(seen, [known]).best
+        assert best is not None
+        assert aspect.id in best.aspects
+        assert best.residual < 2e-5
+        pose = best.poses[0]
+        turn = Rotation.from_quat(pose.orientation).as_matrix()
+        x, y, height = pose.position + turn @ known.part.centre_of_mass
+        assert height == pytest.approx(4e-3, rel=0.01)
+        again = affinity.translate(seen_outline(known.part, pose.orientation), x, y)
+        # The mean distance is less than 0.01 mm.
+        assert shapely.symmetric_difference(again, seen).area < 1e-5 * seen.length
+
+
+def test_roll_is_found_while_the_hole_is_seen(known):
+    (rolling,) = [each for each in known.views if len(each.shapes) > 1]
+    holes = [sum(ring.length for ring in each.polygon.interiors) for each in rolling.shapes]
+    middle = rolling.rolls[int(np.argmax(holes))]
+    for _, orientation, seen in views(known, middle + np.radians([-13, -4, 5, 11])):
+        assert len(seen.interiors) == 1
+        best = identify(seen, [known]).best
+        turns = [
+            Rotation.from_quat(pose.orientation) * Rotation.from_matrix(symmetry)
+            for pose in best.poses
+            for symmetry in known.aspects.symmetry.rotations
+        ]
+        true = Rotation.from_quat(orientation)
+        assert min(np.degrees((each * true.inv()).magnitude()) for each in turns) < 2.0

@@ -1,0 +1,102 @@
+"""The union of many triangles from samples, against exact unions of Shapely and Manifold."""
+
+import itertools
+
+import manifold3d
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.vision.outline import _MARGIN, sampled_union
+
+STEP = 1e-3
+
+
+def fans(polygons):
+    """Return the corners and the counter-clockwise triangles of convex polygons."""
+    plane, faces = [], []
+    for polygon in polygons:
+        ring = np.array(shapely.geometry.polygon.orient(polygon).exterior.coords)[:-1]
+        k = np.arange(1, len(ring) - 1)
+        faces.append(len(plane) + np.stack([0 * k, k, k + 1], axis=1))
+        plane += ring.tolist()
+    return np.array(plane), np.concatenate(faces)
+
+
+def assert_same(found, exact):
+    # Both sides of a corner that is cut end at lines of one cell, so each is shorter than its
+    # diagonal, and the area is less than the square of a step. Corners of random unions that are
+    # so acute that more is cut are few, and those that are blunter lose less.
+    assert found.is_valid
+    assert found.symmetric_difference(exact).area < shapely.get_num_coordinates(exact) * STEP**2
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_union_of_random_polygons_is_that_of_shapely(seed):
+    generator = np.random.default_rng(seed)
+    polygons = [
+        shapely.affinity.rotate(
+            shapely.Point(*generator.random(2)).buffer(generator.uniform(0.02, 0.1), quad_segs=2),
+            generator.uniform(0, 360),
+        )
+        for _ in range(120)
+    ]
+    found = sampled_union(*fans(polygons), STEP)
+    assert_same(found, shapely.union_all(polygons))
+
+
+@pytest.mark.parametrize('turn', [0, 90, 45, 31])
+def test_sides_between_samples_are_exact(turn):
+    shape = shapely.affinity.rotate(shapely.box(0, 0, 1, 0.5), turn)
+    found = sampled_union(*fans([shape]), STEP)
+    assert_same(found, shape)
+    middles = [shapely.Point(np.mean(side, axis=0)) for side in sides(shape)]
+    assert max(found.exterior.distance(middle) for middle in middles) < 1e-12
+
+
+def sides(shape):
+    ring = np.array(shape.exterior.coords)
+    return itertools.pairwise(ring)
+
+
+def test_sides_on_lines_of_the_grid_are_exact():
+    # The lowest corner of all is _MARGIN beyond a line, so that multiples of a step are on lines.
+    low = _MARGIN * STEP
+    triangle = shapely.Polygon([(low, low), (10 * STEP, low), (low, 10 * STEP)])
+    box = shapely.box(20 * STEP, 20 * STEP, 520 * STEP, 220 * STEP)
+    found = sampled_union(*fans([triangle, box]), STEP)
+    assert_same(found, shapely.union_all([triangle, box]))
+    middles = [shapely.Point(np.mean(side, axis=0)) for side in sides(box)]
+    assert max(found.boundary.distance(middle) for middle in middles) < 1e-12
+
+
+@pytest.mark.parametrize('noise', [0.0, 0.02])
+def test_noisy_walls_are_those_of_manifold(noise):
+    """The walls of a scan are stacks of triangles that overlap at random."""
+    ring = trimesh.creation.annulus(5, 10, 8, sections=32)
+    for _ in range(3):
+        ring = ring.subdivide()
+    generator = np.random.default_rng(1)
+    vertices = ring.vertices + generator.normal(0, noise, ring.vertices.shape)
+    vertices = Rotation.from_euler('xyz', [0.3, 0.2, 0.1]).apply(vertices) / 10
+    mesh = manifold3d.Mesh(np.float32(vertices), np.uint32(ring.faces))
+    solid = manifold3d.Manifold(mesh)
+    exact = solid.project()
+    shapes = [shapely.Polygon(points) for points in exact.to_polygons()]
+    outer = max(shapes, key=lambda shape: shape.area)
+    exact = outer.difference(shapely.union_all([s for s in shapes if s is not outer]))
+    found = sampled_union(vertices[:, :2], upward(vertices, ring.faces), STEP)
+    assert_same(found, exact)
+    assert len(found.interiors) == 1
+
+
+def upward(vertices, faces):
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return faces[np.cross(b - a, c - a)[:, 2] > 0]
+
+
+def test_pieces_stay_apart():
+    found = sampled_union(*fans([shapely.box(0, 0, 1, 1), shapely.box(1.1, 0, 2, 1)]), STEP)
+    assert shapely.get_num_geometries(found) == 2

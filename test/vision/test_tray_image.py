@@ -1,0 +1,164 @@
+"""Rendered trays: outlines at random places, and what a camera and OpenCV see of them."""
+
+import numpy as np
+import pytest
+import shapely
+
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.nodes.vision_example.contours import clearances, find_blobs
+from resting_aspects_ros.vision.tray_image import (
+    DARK,
+    LIGHT,
+    OutlinePlaces,
+    TrayCamera,
+    render_tray,
+)
+
+TRAY = (0.2, 0.16)
+LEVEL = (LIGHT + DARK) / 2
+
+
+@pytest.fixture(scope='module')
+def washer(part):
+    return known_part(part('washer'), None)
+
+
+@pytest.fixture(scope='module')
+def bracket(part):
+    return known_part(part('l_bracket'))
+
+
+def placed(known, classes, seed=1):
+    places = OutlinePlaces(known.outlines, TRAY, np.random.default_rng(seed))
+    places.shake(np.array(classes))
+    return places
+
+
+def test_parts_lie_on_the_tray_without_overlap(bracket):
+    places = placed(bracket, [0, 1, 2, 3, 4] * 2)
+    box = shapely.box(-0.1, -0.08, 0.1, 0.08)
+    assert all(box.buffer(1e-9).contains(each) for each in places.polygons)
+    pairs = [(a, b) for k, a in enumerate(places.polygons) for b in places.polygons[:k]]
+    assert not any(a.intersects(b) for a, b in pairs)
+    assert places.clearance().min() > 0
+    nearest = [min(a.distance(b) for b in places.polygons if b is not a) for a in places.polygons]
+    assert places.clearance() == pytest.approx(nearest)
+
+
+def test_places_follow_removed_and_added_parts(bracket):
+    places = placed(bracket, [0, 1, 2])
+    kept = places.polygons[1]
+    places.keep(np.array([False, True, False]))
+    assert places.polygons == [kept]
+    places.add(np.array([1, 4, 4]))
+    assert places.polygons[0] is kept
+    area = [bracket.outlines[k].area for k in (1, 4, 4)]
+    assert [each.area for each in places.polygons] == pytest.approx(area)
+    assert placed(bracket, [0, 1]).poses == pytest.approx(placed(bracket, [0, 1]).poses)
+    assert np.isinf(placed(bracket, [0]).clearance()).all()
+    assert len(placed(bracket, []).clearance()) == 0
+
+
+def test_part_without_room_lies_on_another_one(bracket):
+    places = placed(bracket, [0] * 60)
+    assert len(places.polygons) == 60
+    assert places.clearance().min() == 0
+
+
+def test_part_that_fits_in_few_directions_is_within_the_tray(bracket):
+    size = (0.045, 0.031)  # the part is 40 x 30 mm
+    places = OutlinePlaces(bracket.outlines[:1], size, np.random.default_rng(1))
+    for _ in range(20):
+        places.shake(np.array([0]))
+        low, high = np.reshape(places.polygons[0].bounds, (2, 2))
+        assert (np.concatenate([-low, high]) <= np.tile(size, 2) / 2 + 1e-9).all()
+
+
+def test_part_longer_than_the_tray_is_refused(bracket):
+    with pytest.raises(InvalidValueError, match=r'tray 39 x 31 mm.*class 1.*40 x 30 mm'):
+        OutlinePlaces(bracket.outlines, (0.039, 0.031), np.random.default_rng(1))
+
+
+@pytest.mark.parametrize('scale', [3.0, 5.0])
+@pytest.mark.parametrize('name', ['washer', 'l_bracket'])
+def test_contours_are_where_the_outlines_are(request, name, scale):
+    known = request.getfixturevalue({'washer': 'washer', 'l_bracket': 'bracket'}[name])
+    classes = [k % len(known.outlines) for k in range(8)]
+    places, camera = placed(known, classes, seed=3), TrayCamera(TRAY, scale)
+    generator = np.random.default_rng(2)
+    image = render_tray(places.polygons, camera, generator, blur=0.7, noise=4.0)
+    assert image.shape == camera.size[::-1]
+    blobs = find_blobs(image, LEVEL, scale**2)
+    to_tray = camera.model.to_tray
+    outers = [to_tray(blob.outer) for blob in blobs]
+    seen = [
+        shapely.Polygon(outer, [to_tray(hole) for hole in blob.holes])
+        for outer, blob in zip(outers, blobs, strict=True)
+    ]
+    assert len(seen) == len(classes)
+    free = clearances([to_tray(blob.boundary) for blob in blobs])
+    for k, polygon in enumerate(seen):
+        apart = [polygon.centroid.distance(each.centroid) for each in places.polygons]
+        true = int(np.argmin(apart))
+        expected = places.polygons[true]
+        assert apart[true] < 2e-5
+        assert len(polygon.interiors) == len(expected.interiors)
+        # The mean offset of the boundary.
+        assert (polygon.area - expected.area) / expected.length == pytest.approx(
+            0, abs=1e-4 / scale
+        )
+        assert free[k] == pytest.approx(places.clearance()[true], abs=2e-3 / scale)
+
+
+def test_image_has_y_up_and_the_origin_in_its_middle():
+    camera = TrayCamera((0.1, 0.06), 4.0)
+    corner = shapely.box(0.03, 0.01, 0.04, 0.02)
+    image = render_tray([corner], camera, np.random.default_rng(1))
+    v, u = np.nonzero(image < LEVEL)
+    width, height = camera.size
+    assert u.mean() > width / 2
+    assert v.mean() < height / 2
+    (centre,) = camera.model.to_tray([[u.mean(), v.mean()]])
+    assert centre == pytest.approx([0.035, 0.015], abs=1e-4)
+    assert camera.model.to_tray([camera.centre])[0] == pytest.approx([0, 0])
+    assert len(u) * (1e-3 / 4) ** 2 == pytest.approx(corner.area, rel=0.05)
+
+
+def test_touching_parts_are_one_blob_and_an_empty_tray_has_none():
+    camera = TrayCamera(TRAY, 4.0)
+    boxes = [shapely.box(0, 0, 0.01, 0.01), shapely.box(0.01, 0, 0.02, 0.01)]
+    generator = np.random.default_rng(1)
+    image = render_tray(boxes, camera, generator, blur=0.7, noise=4.0)
+    assert len(find_blobs(image, LEVEL, 10)) == 1
+    empty = render_tray([], camera, generator, noise=4.0)
+    assert find_blobs(empty, LEVEL, 10) == []
+    assert find_blobs(np.full_like(empty, 0), LEVEL, 10)  # a covered lens
+    assert clearances([]).tolist() == []
+
+
+def test_contour_of_very_many_points_is_found():
+    image = np.full((600, 600), LIGHT, np.uint8)
+    for left in range(10, 590, 12):  # a comb, whose boundary is longer than 2^15 pixels
+        image[10:590, left : left + 6] = DARK
+    image[10:20, 10:590] = DARK
+    (blob,) = find_blobs(image, LEVEL, 10)
+    assert len(blob.outer) > 1 << 15
+    assert blob.outer.min() == pytest.approx(9.5, abs=0.1)
+
+
+def test_part_in_the_hole_of_another_one_is_close_to_it():
+    """The gripper for either has only the room in the hole."""
+    ring = shapely.Point(0, 0).buffer(0.02).difference(shapely.Point(0, 0).buffer(0.015))
+    inner = shapely.Point(0.001, 0).buffer(0.01)
+    camera = TrayCamera((0.06, 0.06), 10.0)
+    image = render_tray([ring, inner], camera, np.random.default_rng(1))
+    blobs = find_blobs(image, LEVEL, 10)
+    free = clearances([camera.model.to_tray(blob.boundary) for blob in blobs])
+    assert free == pytest.approx([ring.distance(inner)] * 2, abs=1e-4)
+
+
+@pytest.mark.parametrize('scale', [0.0, 1e4, float('nan')])
+def test_resolution_out_of_bounds_is_refused(scale):
+    with pytest.raises(InvalidValueError, match='invalid px_per_mm'):
+        TrayCamera(TRAY, scale)
