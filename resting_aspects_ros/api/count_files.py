@@ -31,8 +31,8 @@ from resting_aspects_ros.api.counts import (
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.input_files import MAX_COUNTED, CsvTable, open_text
-from resting_aspects_ros.logs.message_reader import is_log
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE
+from resting_aspects_ros.logs.bag import is_log
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 

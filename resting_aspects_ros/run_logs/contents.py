@@ -1,20 +1,21 @@
-"""Content of a log: the run, its part, its poses and its counts, or its transition matrix."""
+"""Content of the log of a run: its part, its poses and its counts, or its transition matrix."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.errors import LogError, one_line, warn
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.surroundings import without_drops
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.input_files import named
-from resting_aspects_ros.logs.bag_metadata import LogOutcome
-from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import state_warning, typed_messages
-from resting_aspects_ros.logs.split_log import open_log
-from resting_aspects_ros.logs.topic_metadata import (
+from resting_aspects_ros.logs.bag import LogOutcome
+from resting_aspects_ros.logs.reader import Log
+from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
@@ -30,7 +31,12 @@ from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.distribution import (
+    METHOD,
     Distribution,
+    History,
+    aspect_ids,
+    count_poses,
+    no_drops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -54,7 +60,7 @@ class LoggedRun:
         None until a batch of poses was added, so also for a log of actions.
     seen : IndexRanges
         Drops of the run that are in the log.
-    path, messages, finished, being_written
+    path, messages, finished, being_written, warning
         Path and state of the MCAP file after it was read. ``finished``: it was closed.
     recorded : LogOutcome
         The outcome that the log records; None if it records none.
@@ -67,6 +73,7 @@ class LoggedRun:
         self.log = self.path = log
         self.messages = 0
         self.finished = self.being_written = False
+        self.warning = ''
         self.recorded: LogOutcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
@@ -161,9 +168,8 @@ class LoggedRun:
 
     def warn_if_unfinished(self) -> None:
         """Warn if the log is not closed."""
-        text = state_warning(self.log, being_written=self.being_written, finished=self.finished)
-        if text:
-            warn(text)
+        if self.warning:
+            warn(self.warning)
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
@@ -197,35 +203,67 @@ def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
     read if the poses are kept, or if the log does not record its outcome.
     """
     run = LoggedRun(log, keep_poses=keep_poses)
-    if not keep_poses and _read_by_index(run):
-        return run
-    with open_log(log) as file:
-        for type_name, message in typed_messages(file, TYPES):
-            run.add(type_name, message.data)
-        run.path, run.messages = file.path, file.messages
-        run.finished, run.being_written = file.finished, file.being_written
-        # The outcome is reliable only if the log was closed.
-        run.recorded = LogOutcome.of(file.metadata) if file.finished else None
+    with Log(log) as file:
+        recorded = file.outcome if file.has_index else None
+        if keep_poses or recorded is None:
+            _add_all(run, file, TYPES)
+        else:
+            if not recorded.whole:  # there can be gaps
+                _add_all(run, file, [POSES_TYPE])
+            elif batch := file.first(POSES_TYPE):
+                run.add(POSES_TYPE, batch)
+            for type_name in TYPES[1:]:
+                if data := file.last(type_name):
+                    run.add(type_name, data)
+        run.path, run.messages, run.recorded = file.path, file.message_count, file.outcome
+        run.finished, run.being_written, run.warning = (
+            file.closed,
+            file.being_written,
+            file.warning,
+        )
     return run
 
 
-def _read_by_index(run: LoggedRun) -> bool:
-    """Read a closed log that records its outcome; returns False for any other log."""
-    try:
-        with IndexedLog(run.log) as indexed:
-            run.recorded = LogOutcome.of(indexed.read_metadata())
-            if run.recorded is None:
-                return False
-            if not run.recorded.whole:  # there can be gaps
-                for _, message in typed_messages(indexed, [POSES_TYPE]):
-                    run.add(POSES_TYPE, message.data)
-            elif batch := indexed.first(POSES_TYPE):
-                run.add(POSES_TYPE, batch)
-            for type_name in TYPES[1:]:
-                if data := indexed.last(type_name):
-                    run.add(type_name, data)
-            run.path, run.messages = indexed.path, indexed.message_count
-            run.finished, run.being_written = True, indexed.being_written
-    except NoIndexError:
-        return False
-    return True
+def _add_all(run: LoggedRun, file: Log, types: Sequence[str]) -> None:
+    for message in file.of_types(types):
+        run.add(message.type, message.data)
+
+
+def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
+    """Return a result with a new count of the drops in a log, without duplicates.
+
+    The result has the poses only if ``keep_poses`` is set and no drops are missing. Raises
+    InvalidValueError if the log has no drops or not their part, LogError if it cannot be read.
+    """
+    logged = read_logged_run(log, keep_poses=True)
+    run, part = logged.run, logged.part
+    if run is None:
+        raise InvalidValueError(f'{named("log", log)} contains no drops')
+    if part is None or part.part_sha256 != run.part_sha256:
+        raise InvalidValueError(f'{named("log", log)} does not describe its part')
+    logged.warn_if_unfinished()
+    run = logged.known_run
+    assert run is not None
+    aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
+    distribution = no_drops(aspects, by_precision=run.precision > 0)
+    history = History(distribution.aspects)
+    sequence = run.sequence()
+    of_run = (poses for each, poses in logged.batches if each.sequence() == sequence)
+    blocks = [each.between(run.first_drop, run.end) for each in RestingPoses.blocks(of_run)]
+    for poses in blocks:
+        ids = aspect_ids(distribution.aspects, poses)
+        history.add(ids)
+        distribution += count_poses(distribution.aspects, poses, ids)
+        if contacts is not None:
+            contacts.add(poses, ids)
+    whole = logged.outcome.whole and logged.finished
+    return DropResult(
+        distribution,
+        run,
+        part,
+        METHOD,
+        whole,
+        history=history.points(),
+        poses=blocks[0] if keep_poses and len(blocks) == 1 else None,
+        contacts=contacts,
+    )

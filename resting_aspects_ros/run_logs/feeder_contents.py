@@ -18,8 +18,7 @@ from resting_aspects_interfaces.msg import (
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import is_folder, named
-from resting_aspects_ros.logs.message_reader import typed_messages
-from resting_aspects_ros.logs.split_log import open_log
+from resting_aspects_ros.logs.reader import Log
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.run_logs.contents import parsed
@@ -100,8 +99,9 @@ class FeederLog:
 def read_feeder_log(log: Path) -> FeederLog | None:
     """Return the content of a log; None if it has no message of a feeder. Raises LogError."""
     found = FeederLog()
-    for kind, time, data in _messages(log, KINDS):
-        found.add(_read(log, KINDS[kind], data), time)
+    with Log(log) as file:
+        for each in file.of_types(KINDS):
+            found.add(_read(log, KINDS[each.type], each.data), each.time)
     return found if found.end else None
 
 
@@ -128,26 +128,18 @@ def observed_in_logs(path: Path, part: str, ids: Sequence[int]) -> CountedParts:
     counted: list[tuple[int, bytes]] = []
     parts = set()
     for log in nested or [path]:
-        for _, time, data in _messages(log, (COUNTS_TYPE,)):
-            name = _read(log, ObservedCounts, data).part
-            parts.add(name)
-            if part in ('', name):
-                counted.append((time, data))
+        with Log(log) as file:
+            for each in file.of_types([COUNTS_TYPE]):
+                name = _read(log, ObservedCounts, each.data).part
+                parts.add(name)
+                if part in ('', name):
+                    counted.append((each.time, each.data))
     if not counted or (not part and len(parts) > 1):
         raise InvalidValueError(
             f'invalid counts in {named("log", path)}: expected observed_counts of '
             f'{part or "one part"}, found {shown(", ".join(sorted(parts))) if parts else "none"}'
         )
     return observed_from(counted, str(path), ids)[0]
-
-
-def _messages(
-    log: Path, types: Sequence[str] | dict[str, Any]
-) -> Iterator[tuple[str, int, bytes]]:
-    """Yield type, log time and data of the messages of some types."""
-    with open_log(log) as file:
-        for kind, message in typed_messages(file, list(types)):
-            yield kind, message.log_time, message.data
 
 
 def _read(log: Path, kind: Any, data: bytes) -> Any:

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED, MIN_BATCH
 from resting_aspects_ros.simulation.conditions import parts_folder

@@ -16,7 +16,6 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Attachment, ChunkIndex, Message
 from mcap.stream_reader import StreamReader
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from rosbags.highlevel import AnyReader
@@ -25,8 +24,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog, run_folder_name
 
 INTERFACES = 'resting_aspects_interfaces/msg'
 LATCHED = Qos(depth=1, durability='transient_local')
@@ -277,21 +276,6 @@ def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
         assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
 
 
-def test_qos_uses_the_names_of_rclpy():
-    profile = QoSProfile(
-        depth=3,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-    assert Qos(
-        profile.depth,
-        profile.reliability.short_key,
-        profile.durability.short_key,
-        profile.history.short_key,
-    ) == Qos(3, 'best_effort', 'transient_local', 'keep_last')
-
-
 @pytest.mark.parametrize('part', ['file', 'folder'])
 def test_empty_log_is_valid(tmp_path, part):
     log = RunLog(tmp_path, 'empty')
@@ -320,8 +304,8 @@ def test_log_times_do_not_decrease(tmp_path):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.topics import Qos, Topic
 topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(1))
 log = RunLog(Path(sys.argv[1]), 'run')
 log.attach('mesh.stl', 'model/stl', b'mesh', 1)
@@ -523,21 +507,3 @@ def test_run_folder_name():
         run_folder_name('l_bracket', datetime(2025, 1, 31), '4f1c')  # noqa: DTZ001
     with pytest.raises(LogError, match=r'invalid log name .*: expected'):
         run_folder_name('../l_bracket', started, '4f1c')
-
-
-@pytest.mark.parametrize(
-    ('make', 'expected'),
-    [
-        (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
-        (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
-        (lambda: Qos(1, durability='x'), "invalid QoS durability 'x': expected volatile or"),
-        (lambda: Qos(1, history='x'), "invalid QoS history 'x': expected keep_last or"),
-        (lambda: Topic('parts/nut', PART.type, LATCHED), "invalid topic name 'parts/nut'"),
-        (lambda: Topic('/a', 'std_msgs/String', LATCHED), 'expected package/msg/Type'),
-        (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
-    ],
-)
-def test_invalid_topics_are_rejected(make, expected):
-    with pytest.raises(LogError) as caught:
-        make()
-    assert expected in str(caught.value)
