@@ -161,36 +161,31 @@ class McapFile:
     def indexed_metadata(self, name: str) -> dict[str, str]:
         """Return the last metadata record of a name, or no values; requires an index."""
         assert self.index is not None
+        values: dict[str, str] = {}
         with self._checked():
-            places = [each.offset for each in self.index.metadata_indexes if each.name == name]
-            for place in places[-1:]:
-                values: dict[str, str] = _parsed(self._frame(place), [Opcode.METADATA]).metadata
-                return values
-            return {}
+            for each in self.index.metadata_indexes:
+                if each.name == name:
+                    values = _parsed(self._frame(each.offset), [Opcode.METADATA]).metadata
+        return values
 
-    def indexed_messages(
-        self, type_name: str, *, from_end: bool = False
-    ) -> Iterator[list[LoggedMessage]]:
-        """Yield the messages of a type, of one chunk after another; requires an index."""
+    def indexed_message(self, type_name: str, *, last: bool) -> LoggedMessage | None:
+        """Return the first or last message of a type; None without; requires an index."""
         assert self.index is not None
         kinds = {k for k, schema in self.index.schemas.items() if schema.name == type_name}
         wanted = {k for k, each in self.index.channels.items() if each.schema_id in kinds}
-        places = sorted(
+        places = [
             each.chunk_start_offset
             for each in self.index.chunk_indexes
             # A writer may omit the message index.
             if not each.message_index_offsets or wanted & each.message_index_offsets.keys()
-        )
-        for place in reversed(places) if from_end else places:
-            with self._checked():
-                found = []
-                for record in _chunk_records(_parsed(self._frame(place), [Opcode.CHUNK])):
-                    if not isinstance(record, Message):
-                        self._note(record)
-                    elif record.channel_id in wanted:
-                        found.append(self._logged(record))
-            if found:
-                yield found
+        ]
+        with self._checked():
+            for place in sorted(places, reverse=last):
+                records = _chunk_records(_parsed(self._frame(place), [Opcode.CHUNK]))
+                messages = [each for each in records if isinstance(each, Message)]
+                if found := [each for each in messages if each.channel_id in wanted]:
+                    return self._logged(found[-1 if last else 0])
+        return None
 
     @contextmanager
     def _checked(self) -> Iterator[None]:

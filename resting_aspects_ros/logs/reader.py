@@ -1,13 +1,13 @@
 """Reading of logs, closed or not: messages by type, through the index, and for playback."""
 
+from __future__ import annotations
+
 import heapq
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import TypeVar
 
 from resting_aspects_ros.errors import LogError, one_line
 from resting_aspects_ros.input_files import named
@@ -15,16 +15,22 @@ from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome, log_files
 from resting_aspects_ros.logs.mcap_file import LoggedMessage, McapFile
 from resting_aspects_ros.logs.topics import Qos, check_definition, recorded_qos
 
-Self = TypeVar('Self', bound='Log')  # typing.Self is newer than Python 3.10
 
-
-class Log:
-    """A log of one or several files, opened for reading; to be used as a context manager.
+@contextmanager
+def open_log(path: Path) -> Iterator[Log]:
+    """Open a log for reading, as a context manager.
 
     path : Path
         A folder, its metadata.yaml, or an MCAP file.
 
     Raises NoLogError if a file cannot be opened or is not an MCAP file, LogError as `log_files`.
+    """
+    with ExitStack() as stack:
+        yield Log(path, [McapFile(file, stack) for file in log_files(path)])
+
+
+class Log:
+    """A log of one or several open files.
 
     path : Path
         The MCAP file; of a split bag, the path that was given.
@@ -34,25 +40,12 @@ class Log:
         Whether a process is writing a file.
     """
 
-    def __init__(self, path: Path) -> None:
-        with ExitStack() as stack:
-            self._files = [McapFile(file, stack) for file in log_files(path)]
-            self._opened = stack.pop_all()
-        self.path = path if len(self._files) > 1 else self._files[0].path
+    def __init__(self, path: Path, files: list[McapFile]) -> None:
+        self._files = files
         self._name = named('log', path)
-        self.closed = all(file.closed for file in self._files)
-        self.being_written = any(file.being_written for file in self._files)
-
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._opened.close()
+        self.path = path if len(files) > 1 else files[0].path
+        self.closed = all(file.closed for file in files)
+        self.being_written = any(file.being_written for file in files)
 
     @property
     def has_index(self) -> bool:
@@ -118,16 +111,16 @@ class Log:
         return self._indexed(type_name, last=True)
 
     def _indexed(self, type_name: str, *, last: bool) -> bytes | None:
-        for messages in self._files[0].indexed_messages(type_name, from_end=last):
-            found = messages[-1 if last else 0]
-            check_definition(self.path, type_name, found.type_hash)
-            return found.data
-        return None
+        found = self._files[0].indexed_message(type_name, last=last)
+        if found is None:
+            return None
+        check_definition(self.path, type_name, found.type_hash)
+        return found.data
 
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """Yield all messages of a type in a log as CDR; see `Log`."""
-    with Log(path) as log:
+    """Yield all messages of a type in a log as CDR; see `Log.of_types`."""
+    with open_log(path) as log:
         for message in log.of_types([type_name]):
             yield message.data
 
@@ -185,7 +178,7 @@ class Recording:
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
         self._spans: dict[str, Span] = {}
-        with Log(path) as log:
+        with open_log(path) as log:
             self.warning = log.warning
             for message in _in_time(log):
                 self._add(message)
@@ -256,7 +249,7 @@ class Recording:
 
     def _all(self) -> Iterator[LoggedMessage]:
         """Yield the messages that were complete when the log was read for its topics."""
-        with Log(self.path) as log:
+        with open_log(self.path) as log:
             yield from islice(_in_time(log), self._count)
 
 

@@ -14,7 +14,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag import LogOutcome
-from resting_aspects_ros.logs.reader import Log
+from resting_aspects_ros.logs.reader import Log, open_log
 from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
@@ -203,7 +203,7 @@ def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
     read if the poses are kept, or if the log does not record its outcome.
     """
     run = LoggedRun(log, keep_poses=keep_poses)
-    with Log(log) as file:
+    with open_log(log) as file:
         recorded = file.outcome if file.has_index else None
         if keep_poses or recorded is None:
             _add_all(run, file, TYPES)

@@ -18,7 +18,7 @@ from resting_aspects_interfaces.msg import (
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import is_folder, named
-from resting_aspects_ros.logs.reader import Log
+from resting_aspects_ros.logs.reader import open_log
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.run_logs.contents import parsed
@@ -99,7 +99,7 @@ class FeederLog:
 def read_feeder_log(log: Path) -> FeederLog | None:
     """Return the content of a log; None if it has no message of a feeder. Raises LogError."""
     found = FeederLog()
-    with Log(log) as file:
+    with open_log(log) as file:
         for each in file.of_types(KINDS):
             found.add(_read(log, KINDS[each.type], each.data), each.time)
     return found if found.end else None
@@ -128,7 +128,7 @@ def observed_in_logs(path: Path, part: str, ids: Sequence[int]) -> CountedParts:
     counted: list[tuple[int, bytes]] = []
     parts = set()
     for log in nested or [path]:
-        with Log(log) as file:
+        with open_log(log) as file:
             for each in file.of_types([COUNTS_TYPE]):
                 name = _read(log, ObservedCounts, each.data).part
                 parts.add(name)

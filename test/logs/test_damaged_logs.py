@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.mcap_file import MAX_RECORD
-from resting_aspects_ros.logs.reader import Log, Recording, messages
+from resting_aspects_ros.logs.reader import Recording, messages, open_log
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
@@ -118,7 +118,7 @@ def in_order(folder):
 
 def by_index(folder):
     """First and last of each type, and their number; all messages of a log without an index."""
-    with Log(folder) as log:
+    with open_log(folder) as log:
         if not log.has_index:
             return in_order(folder)
         ends = [[log.first(name), log.last(name)] for name in (PART_TYPE, POSES_TYPE)]

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs import writer
 from resting_aspects_ros.logs.bag import LogOutcome, is_log
-from resting_aspects_ros.logs.reader import Log, Recording, Span, messages
+from resting_aspects_ros.logs.reader import Recording, Span, messages, open_log
 from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles, yaml_text
 from resting_aspects_ros.logs.writer import RunLog
 
@@ -60,7 +60,7 @@ def test_first_last_count_and_outcome_of_a_closed_log(log):
     log.close()
     for place in (log.path, log.path.parent, log.path.parent / 'metadata.yaml'):
         assert is_log(place)
-        with Log(place) as found:
+        with open_log(place) as found:
             assert (found.has_index, found.closed, found.being_written) == (True, True, False)
             assert (found.first(POSES.type), found.last(POSES.type)) == (data(0), data(5))
             assert (found.first(NUT.type), found.last(NUT.type)) == (data(77), data(77))
@@ -77,7 +77,7 @@ def test_only_requested_chunks_are_read(log):
     at = content.index(b'zstd') + 30  # the first poses
     content[at : at + 4] = bytes(4)
     log.path.write_bytes(content)
-    with Log(log.path) as found:
+    with open_log(log.path) as found:
         assert found.last(POSES.type) == data(5)
         assert found.last(NUT.type) == data(77)
         with pytest.raises(LogError, match='is damaged: '):
@@ -85,7 +85,7 @@ def test_only_requested_chunks_are_read(log):
 
 
 def test_open_log_has_no_index_and_its_flushed_messages(log):
-    with Log(log.path) as found:
+    with open_log(log.path) as found:
         assert (found.has_index, found.closed, found.being_written) == (False, False, True)
         assert found.warning.endswith('is being written: the messages in it so far are used')
         assert found.outcome is None
@@ -99,7 +99,7 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, 'load_schema', lambda _: older)
     with RunLog(tmp_path, 'run') as log:
         log.write(NUT, data(1), 1)
-    with Log(log.path) as found:
+    with open_log(log.path) as found:
         for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
             with pytest.raises(LogError, match='by another version of resting_asp') as caught:
                 read()
@@ -108,7 +108,14 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
 
 
-@pytest.mark.parametrize('read', [Log, Recording, lambda path: list(messages(path, NUT.type))])
+@pytest.mark.parametrize(
+    'read',
+    [
+        lambda path: open_log(path).__enter__(),
+        Recording,
+        lambda path: list(messages(path, NUT.type)),
+    ],
+)
 @pytest.mark.parametrize(
     ('name', 'expected'),
     [

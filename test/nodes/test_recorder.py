@@ -49,7 +49,7 @@ def plain(message):
 @pytest.fixture(scope='module')
 def suite(fresh_suite):
     # One whose last distribution was replaced before it was read is closed after this.
-    return fresh_suite({'drop_recorder': {'run_logs.run_recorder.END_TIMEOUT': 2.0}})
+    return fresh_suite({'drop_recorder': {'run_logs.recorder.END_TIMEOUT': 2.0}})
 
 
 @pytest.fixture(scope='module')

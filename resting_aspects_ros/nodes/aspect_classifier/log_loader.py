@@ -13,7 +13,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import LogError, RestingAspectsError
 from resting_aspects_ros.input_files import is_folder, printable
-from resting_aspects_ros.logs.reader import Log, messages
+from resting_aspects_ros.logs.reader import messages, open_log
 from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
@@ -77,7 +77,7 @@ def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
     on are counted. From a log of actions, it is the last matrix, which is that of an unfinished
     run if the log was cut off. Raises RestingAspectsError if the log contains none of these.
     """
-    with Log(log) as file:
+    with open_log(log) as file:
         if file.being_written:
             return None
         if not file.closed:
