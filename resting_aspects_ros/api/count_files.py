@@ -112,7 +112,7 @@ def read_observed(
     """
     if is_log(path):
         # ROS is imported only for a log.
-        from resting_aspects_ros.run_logs.feeder_contents import observed_in_logs
+        from resting_aspects_ros.run_logs.contents import observed_in_logs
 
         return observed_in_logs(path, part, ids)
     with open_text(path, 'counts file', MAX_BYTES) as file:

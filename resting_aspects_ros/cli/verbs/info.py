@@ -26,10 +26,10 @@ from resting_aspects_ros.ros.transition_conversions import action_from
 from resting_aspects_ros.run_logs.contents import (
     LoggedRun,
     logged_result,
+    read_feeder_log,
     read_logged_run,
     rest_of_run,
 )
-from resting_aspects_ros.run_logs.feeder_contents import read_feeder_log
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
