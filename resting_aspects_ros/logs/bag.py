@@ -167,39 +167,11 @@ class LogOutcome:
 
 
 @dataclass
-class TopicCount:
-    """A recorded topic, with the attributes of its channel and the number of its messages.
-
-    qos : list
-        The `offered_qos_profiles`, see `qos_profiles`.
-    """
-
-    name: str
-    type: str
-    qos: list[dict[str, Any]]
-    type_hash: str
-    messages: int = 0
-
-    def information(self) -> dict[str, Any]:
-        """Return the entry in `topics_with_message_count`."""
-        return {
-            'topic_metadata': {
-                'name': self.name,
-                'type': self.type,
-                'serialization_format': 'cdr',
-                'offered_qos_profiles': self.qos,
-                'type_description_hash': self.type_hash,
-            },
-            'message_count': self.messages,
-        }
-
-
-@dataclass
 class BagMetadata:
     """The content of metadata.yaml for a bag of one file, updated while the file is written.
 
     topics : dict
-        Topics by name, in the order of their first messages.
+        The entries of `topics_with_message_count` by name, in the order of their first messages.
     start, end : int
         Log time of the first and of the last message, ns since 1970; None without messages.
     custom : dict
@@ -207,14 +179,32 @@ class BagMetadata:
     """
 
     file_name: str
-    topics: dict[str, TopicCount] = field(default_factory=dict)
+    topics: dict[str, dict[str, Any]] = field(default_factory=dict)
     start: int | None = None
     end: int | None = None
     custom: dict[str, str] = field(default_factory=dict)
 
+    def add_topic(
+        self, name: str, type_name: str, qos: list[dict[str, Any]], type_hash: str
+    ) -> dict[str, Any]:
+        """Add a topic without messages; returns its `topic_metadata`.
+
+        qos : list
+            The `offered_qos_profiles`, see `qos_profiles`.
+        """
+        metadata = {
+            'name': name,
+            'type': type_name,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': qos,
+            'type_description_hash': type_hash,
+        }
+        self.topics[name] = {'topic_metadata': metadata, 'message_count': 0}
+        return metadata
+
     def count(self, topic_name: str, log_time: int) -> None:
         """Count a message of a known topic; log times must not decrease."""
-        self.topics[topic_name].messages += 1
+        self.topics[topic_name]['message_count'] += 1
         self.start = log_time if self.start is None else self.start
         self.end = log_time
 
@@ -226,27 +216,22 @@ class BagMetadata:
         """Return the keys and values under `rosbag2_bagfile_information`."""
         start = _NO_START if self.start is None else self.start
         end = start if self.end is None else self.end
-        messages = sum(each.messages for each in self.topics.values())
-
-        def extent() -> dict[str, Any]:
-            # New each time, because PyYAML writes an object that is used twice as an alias.
-            return {
-                'duration': {'nanoseconds': end - start},
-                'starting_time': {'nanoseconds_since_epoch': start},
-                'message_count': messages,
-            }
-
+        extent = {
+            'duration': {'nanoseconds': end - start},
+            'starting_time': {'nanoseconds_since_epoch': start},
+            'message_count': sum(each['message_count'] for each in self.topics.values()),
+        }
         return {
             'version': 9,
             'storage_identifier': 'mcap',
-            **extent(),
-            'topics_with_message_count': [each.information() for each in self.topics.values()],
+            **extent,
+            'topics_with_message_count': list(self.topics.values()),
             # Compression of whole files or messages by rosbag2, which is not used. The chunks in
             # the file state their own compression.
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [self.file_name],
-            'files': [{'path': self.file_name, **extent()}],
+            'files': [{'path': self.file_name, **extent}],
             'custom_data': dict(self.custom),
             'ros_distro': 'jazzy',
         }

@@ -18,7 +18,6 @@ from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import is_printable, named, parse_yaml
 from resting_aspects_ros.logs.bag import (
     BagMetadata,
-    TopicCount,
     is_compressed,
     log_files,
     read_information,
@@ -110,22 +109,18 @@ def _recovered(file: McapFile, folder: Path | None, records: _Records) -> Recove
     return RecoveryResult(file.message_count, closed=closed)
 
 
-def _counted(
-    file: McapFile, metadata: BagMetadata
-) -> Iterator[tuple[LoggedMessage, TopicCount] | Attachment]:
-    """Yield attachments and messages, with topics, in file order, and count the messages."""
+def _counted(file: McapFile, metadata: BagMetadata) -> Iterator[LoggedMessage | Attachment]:
+    """Yield attachments and messages in file order, and count the messages."""
     for found in file.records():
         if isinstance(found, Attachment):
             yield found
             continue
         name, message = found.channel.topic, found.message
         if name not in metadata.topics:
-            metadata.topics[name] = TopicCount(
-                name, found.type, _offered(found.channel), found.type_hash or ''
-            )
+            metadata.add_topic(name, found.type, _offered(found.channel), found.type_hash or '')
         message.log_time = max(message.log_time, metadata.end or 0)
         metadata.count(name, message.log_time)
-        yield found, metadata.topics[name]
+        yield found
 
 
 def _replace_by_copy(file: McapFile, metadata: BagMetadata, records: _Records) -> None:
@@ -159,12 +154,13 @@ def _copy(file: McapFile, metadata: BagMetadata, writer: Writer) -> None:
                 each.create_time, each.log_time, each.name, each.media_type, each.data
             )
             continue
-        (schema, channel, message), topic = each
+        schema, channel, message = each
         if channel.id not in channels:
             if schema is not None and schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
                     schema.name, schema.encoding, schema.data
                 )
+            topic = metadata.topics[channel.topic]['topic_metadata']
             channels[channel.id] = register_channel(writer, schemas[channel.schema_id], topic)
         writer.add_message(
             channels[channel.id],

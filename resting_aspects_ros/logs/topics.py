@@ -35,6 +35,9 @@ _DURABILITIES = ('volatile', 'transient_local')
 # The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth.
 _UNSPECIFIED = ('unknown', 'system_default', 'best_available')
 
+# RMW_DURATION_INFINITE
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+
 _TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 _TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
 
@@ -108,10 +111,10 @@ def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
             'depth': qos.depth,
             'reliability': qos.reliability,
             'durability': qos.durability,
-            'deadline': _infinite(),
-            'lifespan': _infinite(),
+            'deadline': _INFINITE,
+            'lifespan': _INFINITE,
             'liveliness': 'automatic',
-            'liveliness_lease_duration': _infinite(),
+            'liveliness_lease_duration': _INFINITE,
             'avoid_ros_namespace_conventions': False,
         }
     ]
@@ -156,13 +159,14 @@ def yaml_text(document: object) -> str:
     The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
     reader's locale.
     """
-    return str(yaml.safe_dump(document, sort_keys=False, default_flow_style=False))
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=False))
 
 
-def _infinite() -> dict[str, int]:
-    # RMW_DURATION_INFINITE. A new object each time, because PyYAML writes an object that is used
-    # twice as an alias.
-    return {'sec': 9223372036, 'nsec': 854775807}
+class _Dumper(yaml.SafeDumper):
+    """Writes an object that is used twice as text again, not as an alias."""
+
+    def ignore_aliases(self, _: object) -> bool:
+        return True
 
 
 def _or_default(policy: str, policies: tuple[str, ...]) -> str:

@@ -9,18 +9,18 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from types import TracebackType
-from typing import IO, BinaryIO, final
+from typing import IO, Any, BinaryIO, final
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.bag import BagMetadata, TopicCount, write_metadata
+from resting_aspects_ros.logs.bag import BagMetadata, write_metadata
 from resting_aspects_ros.logs.topics import (
     Schema,
     Topic,
@@ -100,7 +100,7 @@ class RunLog:
         with self._guard():
             channel = self._channel(topic)
             stored = max(log_time, self._metadata.end or 0)
-            sequence = self._metadata.topics[topic.name].messages
+            sequence = self._metadata.topics[topic.name]['message_count']
             self._writer.add_message(channel, stored, data, publish_time, sequence)
             self._metadata.count(topic.name, stored)
 
@@ -183,9 +183,10 @@ class RunLog:
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
             schema_id, schema = self._schema(topic.type)
-            count = TopicCount(topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash)
-            self._channels[topic.name] = register_channel(self._writer, schema_id, count), topic
-            self._metadata.topics[topic.name] = count
+            metadata = self._metadata.add_topic(
+                topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash
+            )
+            self._channels[topic.name] = register_channel(self._writer, schema_id, metadata), topic
         channel, known = self._channels[topic.name]
         if topic != known:
             raise LogError(f'{topic} differs from {known}, which log {self.path} has already')
@@ -250,13 +251,13 @@ def start_file(stream: BinaryIO) -> Writer:
     return writer
 
 
-def register_channel(writer: Writer, schema_id: int, topic: TopicCount) -> int:
-    """Add a channel for a topic, with the same metadata as in metadata.yaml; returns its id."""
+def register_channel(writer: Writer, schema_id: int, topic: Mapping[str, Any]) -> int:
+    """Add a channel for a topic, with its `topic_metadata`; returns the id of the channel."""
     metadata = {
-        'offered_qos_profiles': yaml_text(topic.qos),
-        'topic_type_hash': topic.type_hash,
+        'offered_qos_profiles': yaml_text(topic['offered_qos_profiles']),
+        'topic_type_hash': topic['type_description_hash'],
     }
-    return int(writer.register_channel(topic.name, 'cdr', schema_id, metadata))
+    return int(writer.register_channel(topic['name'], 'cdr', schema_id, metadata))
 
 
 def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None:
