@@ -91,8 +91,8 @@ class Log:
     def of_types(self, types: Collection[str]) -> Iterator[LoggedMessage]:
         """Yield all messages of the types.
 
-        Raises LogError also if a message was written with a definition of its type that differs
-        from the installed one.
+        Raises LogError as `messages`, or if a message was written with a definition of its type
+        that differs from the installed one.
         """
         checked: set[tuple[str, str | None]] = set()
         for message in self.messages():
