@@ -14,8 +14,8 @@ from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import RunDescription

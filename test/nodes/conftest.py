@@ -37,8 +37,8 @@ from resting_aspects_interfaces.msg import FeederAction, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.client import pending_request
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,

@@ -29,7 +29,7 @@ QUICK = {
     'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
     'nodes.run_tracking.tracker.GRACE': 0.5,
     'nodes.run_tracking.tracker.REPLACED_GRACE': 1.0,
-    'run_logs.run_recorder.END_TIMEOUT': 2.0,
+    'run_logs.recorder.END_TIMEOUT': 2.0,
 }
 QUIET = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
 

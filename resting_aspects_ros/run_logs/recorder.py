@@ -1,18 +1,47 @@
-"""Recording of one run in a log."""
+"""Recording of a run in a log: with the messages of nodes, or in this process without nodes."""
 
+import dataclasses
 import time
 from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescription
 
+from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome, recorded_outcome
-from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
-from resting_aspects_ros.logs.topic_metadata import Topic
-from resting_aspects_ros.ros.conversions import NANOSECONDS
+from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.topics import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    SURROUNDINGS_TYPE,
+    Topic,
+)
+from resting_aspects_ros.logs.writer import RunLog, run_folder_name
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.batching import PoseBatches
+from resting_aspects_ros.ros.conversions import NANOSECONDS, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import (
+    ASPECT_DISTRIBUTIONS,
+    LATCHED,
+    PARTS,
+    POSES,
+    RESTING_POSES,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
+    batch_size,
+    offered_qos,
+)
+from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Timeout for the part and the last distribution to arrive after the end of a run, s.
 END_TIMEOUT = 10.0
@@ -74,55 +103,57 @@ class RunRecorder:
         """Whether messages are written to the log."""
         return self._log is not None and not self.error
 
-    def write(self, topic: Topic, data: bytes, log_time: int, publish_time: int) -> None:
-        """Write a message, and flush it so that it survives the death of this process."""
+    def write(
+        self,
+        topic: Topic,
+        data: bytes,
+        log_time: int,
+        publish_time: int,
+        mesh: tuple[str, str, bytes] | None = None,
+    ) -> bool:
+        """Write a message, and flush it so that it survives the death of this process.
+
+        mesh : (str, str, bytes), optional
+            Name, media type and content of a file, which is attached after the message.
+
+        Returns whether all was written.
+        """
         if self._log is None or self.error:
-            return
+            return False
         try:
             # MCAP has no times before the epoch, but a stamp can be before it.
             self._log.write(topic, data, log_time, max(publish_time, 0))
             self._log.flush()
+            if mesh is not None:
+                self._log.attach(*mesh, log_time)
+                self._log.flush()
         except LogError as error:
             self._fail(error)
+        return not self.error
 
     def write_poses(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
     ) -> int:
         """Write a batch with ``drops`` new drops; returns how many of these were written."""
-        self.write(topic, data, log_time, publish_time)
-        written = drops if self.being_written else 0
+        written = drops if self.write(topic, data, log_time, publish_time) else 0
         self.drops += written
         return written
 
     def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
         """Write the part's description, and its mesh as an attachment."""
-        self.write(topic, data, log_time, log_time)
-        if self._log is None or self.error:
-            return
-        try:
-            name = f'{part.name}.{part.format}'
-            self._log.attach(name, f'model/{part.format}', bytes(part.mesh), log_time)
-            self._log.flush()
-            self.has_part = True
-        except LogError as error:
-            self._fail(error)
+        mesh = f'{part.name}.{part.format}', f'model/{part.format}', bytes(part.mesh)
+        self.has_part = self.write(topic, data, log_time, log_time, mesh)
 
     def write_surroundings(
         self, topic: Topic, data: bytes, surroundings: SurroundingsDescription, log_time: int
     ) -> None:
         """Write the description of the surroundings, and their mesh as an attachment."""
-        self.write(topic, data, log_time, log_time)
-        if self._log is None or self.error:
-            return
-        try:
-            if surroundings.mesh_file:
-                name = Path(surroundings.mesh_file).name
-                media_type = f'model/{Path(name).suffix.lower().lstrip(".")}'
-                self._log.attach(name, media_type, bytes(surroundings.mesh), log_time)
-                self._log.flush()
-            self.has_surroundings = True
-        except LogError as error:
-            self._fail(error)
+        mesh = None
+        if surroundings.mesh_file:
+            name = Path(surroundings.mesh_file).name
+            media_type = f'model/{Path(name).suffix.lower().lstrip(".")}'
+            mesh = name, media_type, bytes(surroundings.mesh)
+        self.has_surroundings = self.write(topic, data, log_time, log_time, mesh)
 
     def run_is_over(self, *, whole: bool) -> None:
         """Mark the end of the run; ``whole``: all published poses were written."""
@@ -198,3 +229,79 @@ def _as_text(run: RunDescription) -> dict[str, str]:
     del values['conditions']
     conditions['surroundings'] = run.conditions.surroundings_key
     return {key: str(value) for key, value in {**values, **conditions}.items()}
+
+
+class LocalRunLog:
+    """The log of a run that is simulated in this process, with the messages of nodes.
+
+    Topics are those of nodes in the root namespace.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of logs, made if necessary. The log is a folder in it.
+    part : Part
+    run : RunDescription
+
+    Raises
+    ------
+    LogError
+        The log cannot be written.
+    """
+
+    def __init__(self, folder: Path, part: Part, run: RunDescription) -> None:
+        self._run = run
+        self._batches = PoseBatches(batch_size(run.drops))
+        self._next_drop = run.first_drop
+        self._recorder = recorder = RunRecorder(folder, run)
+        if recorder.error:
+            raise LogError(recorder.error)
+        topic = _topic(f'{PARTS}/{part.name}', PART_TYPE, LATCHED)
+        message = part_msg(part)
+        recorder.write_part(topic, serialize_message(message), message, time.time_ns())
+        scene = scene_of(part, run.conditions)
+        if scene is not None and run.conditions.surroundings is not None:
+            topic = _topic(f'{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, SURROUNDINGS_QOS)
+            around = surroundings_msg(run, scene)
+            recorder.write_surroundings(topic, serialize_message(around), around, time.time_ns())
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the log."""
+        return self._recorder.folder
+
+    def add(self, poses: RestingPoses, _: npt.NDArray[np.int64]) -> None:
+        """Write the batches that the poses complete; they follow those of the call before."""
+        self._next_drop = poses.end
+        for batch in self._batches.add(poses):
+            self._write(batch, last=False)
+
+    def close(self, distribution: Distribution, contacts: ContactCounts | None = None) -> None:
+        """Write the remaining poses and the distribution, and finish the log.
+
+        ``contacts`` are the same drops by what they touch.
+
+        Raises LogError if the log does not have all of it.
+        """
+        recorder, run = self._recorder, self._run
+        self._write(self._batches.remaining(self._next_drop), last=True)
+        topic = _topic(f'{ASPECT_DISTRIBUTIONS}/{run.part}', DISTRIBUTION_TYPE, LATCHED)
+        now = time.time_ns()
+        if contacts is not None:
+            distribution = dataclasses.replace(distribution, contacts=contacts.counted)
+        message = distribution_msg(distribution, run, time_msg(now), complete=True)
+        recorder.write(topic, serialize_message(message), now, now)
+        recorder.run_is_over(whole=True)
+        recorder.close()
+        if recorder.error:
+            raise LogError(recorder.problem())
+
+    def _write(self, poses: RestingPoses, *, last: bool) -> None:
+        now = time.time_ns()
+        data = serialize_message(poses_msg(poses, self._run, time_msg(now), last))
+        topic = _topic(RESTING_POSES, POSES_TYPE, POSES)
+        self._recorder.write_poses(topic, data, now, now, len(poses))
+
+
+def _topic(name: str, type_name: str, profile: QoSProfile) -> Topic:
+    return Topic(f'/{name}', type_name, offered_qos(profile))

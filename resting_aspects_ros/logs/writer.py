@@ -6,30 +6,34 @@ attachments. Messages are passed as CDR bytes, so this module does not depend on
 
 from __future__ import annotations
 
+import fcntl
+import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, final
+from typing import IO, Any, BinaryIO, final
 
-from mcap.writer import Writer
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
+from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
-from resting_aspects_ros.logs.mcap_format import (
-    finish_file,
-    lock_file,
-    register_channel,
-    start_file,
+from resting_aspects_ros.logs.bag import BagMetadata, write_metadata
+from resting_aspects_ros.logs.topics import (
+    Schema,
+    Topic,
+    load_schema,
+    qos_profiles,
+    yaml_text,
 )
-from resting_aspects_ros.logs.message_definitions import Schema, load_schema
-from resting_aspects_ros.logs.topic_metadata import Topic, qos_profiles
 
 # A name that is one folder on every file system, and not hidden.
 _FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
 
+# Name of the metadata record in which rosbag2 stores a bag's metadata.yaml.
+ROSBAG2 = 'rosbag2'
 # rosbag2 and rosbags store times in 63 bits.
 _MAX_TIME = 2**63 - 1
 
@@ -46,10 +50,6 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
     return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
 
 
-class LogExistsError(LogError):
-    """A log with this name exists already."""
-
-
 @final
 class RunLog:
     """The log of one run while it is being written; to be used by one thread.
@@ -63,8 +63,8 @@ class RunLog:
     name : str
         Name of this log, see `run_folder_name`. Creates folder/name/name_0.mcap.
 
-    Raises LogExistsError if a log with this name exists, LogError if it cannot be written.
-    `path` is the path of the MCAP file.
+    Raises LogError if a log with this name exists or it cannot be written. `path` is the path of
+    the MCAP file.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -77,8 +77,7 @@ class RunLog:
         self._broken: str | None = None
         self._closed = False
         with self._guard():
-            self._stream = self._create()
-            self._writer = self._start_writer()
+            self._stream, self._writer = self._start()
 
     def write(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None
@@ -101,7 +100,7 @@ class RunLog:
         with self._guard():
             channel = self._channel(topic)
             stored = max(log_time, self._metadata.end or 0)
-            sequence = self._metadata.topics[topic.name].messages
+            sequence = self._metadata.topics[topic.name]['message_count']
             self._writer.add_message(channel, stored, data, publish_time, sequence)
             self._metadata.count(topic.name, stored)
 
@@ -141,10 +140,12 @@ class RunLog:
         """
         try:
             if not self._closed and self._broken is None:
-                self._finish()
+                with self._guard():
+                    finish_file(self._writer, self._stream, self._metadata)
+                    write_metadata(self._folder, self._metadata)
         finally:
             self._closed = True
-            self._release()
+            _release(self._stream)
         return self._folder
 
     def __enter__(self) -> RunLog:
@@ -163,38 +164,29 @@ class RunLog:
         with suppress(LogError):
             self.close()
 
-    def _create(self) -> BinaryIO:
+    def _start(self) -> tuple[BinaryIO, Writer]:
+        """Create folder and file; raises LogError if they exist, OSError if that fails."""
         try:
             self._folder.mkdir(parents=True)
         except FileExistsError:
-            raise LogExistsError(
-                f'log {self._folder} exists already and is not overwritten'
-            ) from None
-        try:
+            raise LogError(f'log {self._folder} exists already and is not overwritten') from None
+        with ExitStack() as cleanup:
+            cleanup.callback(self._folder.rmdir)
             stream = self.path.open('xb')
-        except OSError:
-            with suppress(OSError):
-                self._folder.rmdir()
-            raise
-        lock_file(stream)  # so that no other process recovers it meanwhile
-        return stream
-
-    def _start_writer(self) -> Writer:
-        try:
-            return start_file(self._stream)
-        except OSError:
-            self._release()
-            with suppress(OSError):  # nothing was written, and the file is not a log
-                self.path.unlink()
-                self._folder.rmdir()
-            raise
+            cleanup.callback(self.path.unlink)  # nothing was written, and the file is not a log
+            cleanup.callback(_release, stream)
+            lock_file(stream)  # so that no other process recovers it meanwhile
+            writer = start_file(stream)
+            cleanup.pop_all()
+        return stream, writer
 
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
             schema_id, schema = self._schema(topic.type)
-            count = TopicCount(topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash)
-            self._channels[topic.name] = register_channel(self._writer, schema_id, count), topic
-            self._metadata.topics[topic.name] = count
+            metadata = self._metadata.add_topic(
+                topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash
+            )
+            self._channels[topic.name] = register_channel(self._writer, schema_id, metadata), topic
         channel, known = self._channels[topic.name]
         if topic != known:
             raise LogError(f'{topic} differs from {known}, which log {self.path} has already')
@@ -230,15 +222,11 @@ class RunLog:
             self._broken = f'log {self.path} was interrupted: {error!r}'
             raise
 
-    def _finish(self) -> None:
-        with self._guard():
-            finish_file(self._writer, self._stream, self._metadata)
-            write_metadata(self._folder, self._metadata)
 
-    def _release(self) -> None:
-        """Close the file; this tries to write the buffer again, as space may have become free."""
-        with suppress(OSError):
-            self._stream.close()
+def _release(stream: BinaryIO) -> None:
+    """Close a file; this tries to write the buffer again, as space may have become free."""
+    with suppress(OSError):
+        stream.close()
 
 
 def _checked_name(name: str) -> str:
@@ -248,3 +236,51 @@ def _checked_name(name: str) -> str:
             '"-" nor "." first'
         )
     return name
+
+
+# -- MCAP file ------------------------------------------------------------------------------------
+
+
+def start_file(stream: BinaryIO) -> Writer:
+    """Write the start of a file; raises OSError if it cannot be written."""
+    # Checksums cover the whole file, so that every flipped bit is detected.
+    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
+    writer.start(profile='ros2', library=library)
+    writer.flush()
+    return writer
+
+
+def register_channel(writer: Writer, schema_id: int, topic: Mapping[str, Any]) -> int:
+    """Add a channel for a topic, with its `topic_metadata`; returns the id of the channel."""
+    metadata = {
+        'offered_qos_profiles': yaml_text(topic['offered_qos_profiles']),
+        'topic_type_hash': topic['type_description_hash'],
+    }
+    return int(writer.register_channel(topic['name'], 'cdr', schema_id, metadata))
+
+
+def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None:
+    """Write index and summary, and sync the file to disk; raises OSError if this fails."""
+    # rosbag2 reads this record when it opens the file without its folder.
+    information = yaml_text(metadata.information())
+    writer.add_metadata(ROSBAG2, {'serialized_metadata': information})
+    writer.finish()
+    stream.flush()
+    os.fsync(stream.fileno())
+    stream.close()
+
+
+def lock_file(file: IO[bytes]) -> bool:
+    """Lock a file while it is written or recovered; returns False if it is locked already.
+
+    The lock is released at the latest when the process ends. Returns True without a lock if the
+    file system does not support locks.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True

@@ -1,4 +1,4 @@
-"""Definitions and hashes of message types, compared with rosbags, which computes both."""
+"""Topics and their QoS; definitions and hashes of types, as rosbags computes them."""
 
 import json
 import re
@@ -6,12 +6,24 @@ import sys
 from pathlib import Path
 
 import pytest
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.message_definitions import load_schema, share_folders
+from resting_aspects_ros.logs.topics import (
+    PART_TYPE,
+    Qos,
+    Topic,
+    load_schema,
+    qos_profiles,
+    recorded_qos,
+    share_folders,
+    yaml_text,
+)
 
 LINE = '=' * 80
+LATCHED = Qos(1, durability='transient_local')
+DEEP = Qos(2000, durability='transient_local')
 
 
 @pytest.fixture
@@ -21,11 +33,14 @@ def share(tmp_path, monkeypatch):
     return tmp_path / 'prefix' / 'share'
 
 
-def install(share: Path, type_name: str, text: str) -> None:
+def install(share: Path, type_name: str, text: str, *depends: str) -> None:
     path = share / f'{type_name}.msg'
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
-    hashes = [{'type_name': type_name, 'hash_string': 'RIHS01_of_' + path.stem}]
+    hashes = [
+        {'type_name': name, 'hash_string': f'RIHS01_of_{Path(name).stem}'}
+        for name in (type_name, *depends)
+    ]
     path.with_suffix('.json').write_text(json.dumps({'type_hashes': hashes}))
 
 
@@ -80,7 +95,13 @@ def test_every_dependency_is_included_once():
 
 
 def test_layout_of_the_text(share):
-    install(share, 'a_msgs/msg/Top', 'Inner one\nb_msgs/Other two\n')
+    install(
+        share,
+        'a_msgs/msg/Top',
+        'Inner one\nb_msgs/Other two\n',
+        'a_msgs/msg/Inner',
+        'b_msgs/msg/Other',
+    )
     install(share, 'a_msgs/msg/Inner', 'b_msgs/Other again  # no newline at the end')
     install(share, 'b_msgs/msg/Other', 'uint8 x\n')
     schema = load_schema('a_msgs/msg/Top')
@@ -91,55 +112,6 @@ def test_layout_of_the_text(share):
     )
     assert schema.name == 'a_msgs/msg/Top'
     assert schema.type_hash == 'RIHS01_of_Top'
-
-
-@pytest.mark.parametrize(
-    'field',
-    [
-        'Leaf one',
-        '  Leaf   indented',
-        'Leaf[] many',
-        'Leaf[3] three',
-        'Leaf[<=3] few',
-        'a_msgs/Leaf named',
-        'a_msgs/Leaf[<=12]\tafter_a_tab',
-        'Leaf commented # uint8 x',
-    ],
-)
-def test_fields_that_need_a_definition(share, field):
-    install(share, 'a_msgs/msg/Top', f'{field}\n')
-    install(share, 'a_msgs/msg/Leaf', 'bool x\n')
-    assert named_in(load_schema('a_msgs/msg/Top').text) == ['a_msgs/Leaf']
-
-
-@pytest.mark.parametrize(
-    'line',
-    [
-        '',
-        '# Leaf commented_out',
-        '   # Leaf commented_out',
-        'string<=10 bounded',
-        'wstring<=10[<=3] bounded_twice',
-        'string[] names ["Leaf one"]',
-        'uint8 LEAF=1  # Leaf one',
-        'string LEAF="Leaf one"',
-        'float64[6] inertia',
-        'int32[<=2] few [1, 2]',
-        'byte b',
-        'char c',
-    ],
-)
-def test_lines_that_need_no_definition(share, line):
-    install(share, 'a_msgs/msg/Top', f'{line}\nbool x\n')
-    assert named_in(load_schema('a_msgs/msg/Top').text) == []
-
-
-def test_type_without_package_is_from_the_same_package(share):
-    # ROS 1 had a special case here; rosidl has none, and would not build another reading.
-    install(share, 'a_msgs/msg/Top', 'Header header\nstd_msgs/Header other\n')
-    install(share, 'a_msgs/msg/Header', 'bool x\n')
-    names = named_in(load_schema('a_msgs/msg/Top').text)
-    assert names == ['a_msgs/Header', 'std_msgs/Header', 'builtin_interfaces/Time']
 
 
 def test_sourced_workspace_precedes_the_environment(share):
@@ -164,7 +136,7 @@ def test_missing_type_is_an_error(share):
 
 
 def test_missing_dependency_is_named(share):
-    install(share, 'a_msgs/msg/Top', 'Missing one\n')
+    install(share, 'a_msgs/msg/Top', 'Missing one\n', 'a_msgs/msg/Missing')
     with pytest.raises(LogError, match='message type a_msgs/msg/Missing is not installed'):
         load_schema('a_msgs/msg/Top')
 
@@ -184,3 +156,77 @@ def test_missing_description_is_an_error(share):
     (share / 'a_msgs/msg/Top.json').unlink()
     with pytest.raises(LogError, match=r'Top\.json cannot be read: .*No such file'):
         load_schema('a_msgs/msg/Top')
+
+
+# -- topics and QoS -------------------------------------------------------------------------------
+
+
+def test_qos_uses_the_names_of_rclpy():
+    profile = QoSProfile(
+        depth=3,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    assert Qos(
+        profile.depth,
+        profile.reliability.short_key,
+        profile.durability.short_key,
+        profile.history.short_key,
+    ) == Qos(3, 'best_effort', 'transient_local', 'keep_last')
+
+
+@pytest.mark.parametrize(
+    'qos', [DEEP, LATCHED, Qos(7, 'best_effort', 'volatile', 'keep_all'), Qos(0)]
+)
+def test_qos_is_read_as_it_was_written(qos):
+    assert recorded_qos(yaml_text(qos_profiles(qos))) == qos
+
+
+def profiles(*offered):
+    return yaml_text([profile for qos in offered for profile in qos_profiles(qos)])
+
+
+def test_strongest_qos_of_several_publishers_is_used():
+    weak = Qos(3, 'best_effort', 'volatile', 'keep_last')
+    for strong in (
+        Qos(5, 'best_effort'), Qos(1, 'reliable'), Qos(1, durability='transient_local'),
+        Qos(2, history='keep_all'),
+    ):  # fmt: skip
+        expected = Qos(max(3, strong.depth), strong.reliability, strong.durability, strong.history)
+        for offered in ((weak, strong), (strong, weak)):
+            assert recorded_qos(profiles(*offered)) == expected
+    assert recorded_qos('[]') is None
+
+
+def test_unspecified_qos_is_the_default_of_ros():
+    """It records from the graph, where a publisher's history and depth cannot be seen."""
+    recorded = profiles(DEEP).replace('keep_last', 'unknown').replace('2000', '0')
+    assert recorded_qos(recorded) == Qos(0, 'reliable', 'transient_local', 'keep_last')
+    everything = recorded.replace('reliable', 'system_default')
+    everything = everything.replace('transient_local', 'best_available')
+    default = QoSProfile(depth=1)
+    assert recorded_qos(everything) == Qos(
+        0,
+        default.reliability.short_key,
+        default.durability.short_key,
+        default.history.short_key,
+    )
+
+
+@pytest.mark.parametrize(
+    ('make', 'expected'),
+    [
+        (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
+        (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
+        (lambda: Qos(1, durability='x'), "invalid QoS durability 'x': expected volatile or"),
+        (lambda: Qos(1, history='x'), "invalid QoS history 'x': expected keep_last or"),
+        (lambda: Topic('parts/nut', PART_TYPE, LATCHED), "invalid topic name 'parts/nut'"),
+        (lambda: Topic('/a', 'std_msgs/String', LATCHED), 'expected package/msg/Type'),
+        (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
+    ],
+)
+def test_invalid_topics_are_rejected(make, expected):
+    with pytest.raises(LogError) as caught:
+        make()
+    assert expected in str(caught.value)

@@ -1,25 +1,20 @@
-"""Playback of complete and truncated logs: topics, order and times."""
+"""Reading of closed and unclosed logs: by type, through the index, and for playback."""
 
 import dataclasses
-import importlib
+import os
+import random
 import struct
 import tracemalloc
-from contextlib import suppress
 
 import pytest
 from mcap.writer import Writer
-from rclpy.qos import QoSProfile
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording, Span
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import (
-    Qos,
-    Topic,
-    qos_profiles,
-    recorded_qos,
-    yaml_text,
-)
+from resting_aspects_ros.logs import writer
+from resting_aspects_ros.logs.bag import LogOutcome, is_log
+from resting_aspects_ros.logs.reader import Recording, Span, messages, open_log
+from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles, yaml_text
+from resting_aspects_ros.logs.writer import RunLog
 
 INTERFACES = 'resting_aspects_interfaces/msg'
 LATCHED = Qos(1, durability='transient_local')
@@ -28,7 +23,6 @@ POSES = Topic(
 )
 NUT = Topic('/cell/parts/nut', f'{INTERFACES}/PartDescription', LATCHED)
 CUBE = Topic('/cell/parts/cube', f'{INTERFACES}/PartDescription', LATCHED)
-NAMES = {POSES.name, NUT.name, CUBE.name}
 
 
 def data(k):
@@ -43,17 +37,14 @@ def read_messages(recording, topics=None, first=()):
 
 @pytest.fixture
 def log(tmp_path):
-    """Write a log of poses 0 to 5, with the part nut after the third; where it was flushed."""
-    ends = []
-    with RunLog(tmp_path, 'run') as log:
-        log.attach('nut.stl', 'model/stl', b'mesh', 1)
-        for k in range(6):
-            log.write(POSES, data(k), 100 + 10 * k)
-            if k == 2:
-                log.write(NUT, data(77), 125)
-            log.flush()
-            ends.append(log.path.stat().st_size)
-    log.ends = ends
+    """Write a log of poses 0 to 5, with the part nut after the third, each in a chunk."""
+    log = RunLog(tmp_path, 'run')
+    log.attach('nut.stl', 'model/stl', b'mesh', 1)
+    for k in range(6):
+        log.write(POSES, data(k), 100 + 10 * k)
+        if k == 2:
+            log.write(NUT, data(77), 125)
+        log.flush()
     return log
 
 
@@ -61,13 +52,128 @@ WRITTEN = [(POSES.name, 100 + 10 * k, k) for k in range(6)]
 WRITTEN.insert(3, (NUT.name, 125, 77))
 
 
+# -- by type --------------------------------------------------------------------------------------
+
+
+def test_first_last_count_and_outcome_of_a_closed_log(log):
+    log.add_metadata('outcome', LogOutcome(6, whole=True).record())
+    log.close()
+    for place in (log.path, log.path.parent, log.path.parent / 'metadata.yaml'):
+        assert is_log(place)
+        with open_log(place) as found:
+            assert (found.has_index, found.closed, found.being_written) == (True, True, False)
+            assert (found.first(POSES.type), found.last(POSES.type)) == (data(0), data(5))
+            assert (found.first(NUT.type), found.last(NUT.type)) == (data(77), data(77))
+            assert found.last(f'{INTERFACES}/AspectDistribution') is None
+            assert (found.message_count, found.warning) == (7, '')
+            assert found.outcome == LogOutcome(6, whole=True)
+        assert list(messages(place, POSES.type)) == [data(k) for k in range(6)]
+        assert list(messages(place, NUT.type)) == [data(77)]
+
+
+def test_only_requested_chunks_are_read(log):
+    log.close()
+    content = bytearray(log.path.read_bytes())
+    at = content.index(b'zstd') + 30  # the first poses
+    content[at : at + 4] = bytes(4)
+    log.path.write_bytes(content)
+    with open_log(log.path) as found:
+        assert found.last(POSES.type) == data(5)
+        assert found.last(NUT.type) == data(77)
+        with pytest.raises(LogError, match='is damaged: '):
+            found.first(POSES.type)
+
+
+def test_open_log_has_no_index_and_its_flushed_messages(log):
+    with open_log(log.path) as found:
+        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
+        assert found.warning.endswith('is being written: the messages in it so far are used')
+        assert found.outcome is None
+        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
+        assert found.message_count == 7
+
+
+def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
+    installed = writer.load_schema(NUT.type)
+    older = dataclasses.replace(installed, type_hash='RIHS01_older')
+    monkeypatch.setattr(writer, 'load_schema', lambda _: older)
+    with RunLog(tmp_path, 'run') as log:
+        log.write(NUT, data(1), 1)
+    with open_log(log.path) as found:
+        for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
+            with pytest.raises(LogError, match='by another version of resting_asp') as caught:
+                read()
+            for word in (str(log.path), NUT.type, "'RIHS01_older'", repr(installed.type_hash)):
+                assert word in str(caught.value)
+    assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
+
+
+@pytest.mark.parametrize(
+    'read',
+    [
+        lambda path: open_log(path).__enter__(),
+        Recording,
+        lambda path: list(messages(path, NUT.type)),
+    ],
+)
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
+        ('folder', "folder '{}' is not a log: it has no .mcap file"),
+        ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
+        ('pipe.mcap', "log '{}' is neither a file nor a folder"),
+    ],
+)
+def test_invalid_logs_are_rejected(tmp_path, read, name, expected):
+    (tmp_path / 'folder').mkdir()
+    os.mkfifo(tmp_path / 'folder' / 'a.mcap')
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
+    path = tmp_path / name
+    assert is_log(path)  # meant to be one
+    with pytest.raises(LogError) as caught:
+        read(path)
+    assert str(caught.value).startswith(expected.format(path))
+
+
+def test_log_without_messages(tmp_path):
+    (tmp_path / 'empty.mcap').touch()
+    RunLog(tmp_path, 'nothing').close()
+    for name in ('empty.mcap', 'nothing'):
+        assert list(messages(tmp_path / name, NUT.type)) == []
+        with pytest.raises(LogError, match='expected at least one message, found none'):
+            Recording(tmp_path / name)
+
+
+def test_logs_are_detected_by_their_first_bytes(log, tmp_path):
+    log.close()
+    renamed = log.path.rename(tmp_path / 'renamed')
+    assert is_log(renamed)
+    assert list(messages(renamed, NUT.type)) == [data(77)]
+    (tmp_path / 'a.csv').write_text('aspect,count\n')
+    assert not is_log(tmp_path / 'a.csv')
+    assert not is_log(tmp_path / 'nowhere')
+
+
+def test_zeros_after_a_power_failure_are_ignored(log):
+    size = log.path.stat().st_size
+    log.close()
+    log.path.write_bytes(log.path.read_bytes()[:size] + bytes(1000))
+    assert read_messages(Recording(log.path)) == WRITTEN
+
+
+# -- playback -------------------------------------------------------------------------------------
+
+
 def test_messages_have_order_times_and_bytes(log):
+    log.close()
     for place in (log.path, log.path.parent):
         recording = Recording(place)
         assert read_messages(recording) == WRITTEN
         assert read_messages(recording) == WRITTEN  # as often as one likes
         message = next(recording.messages({NUT.name}))
-        assert message == RecordedMessage(NUT.name, 125, data(77))
+        assert (message.topic, message.time, message.data) == (NUT.name, 125, data(77))
 
 
 def test_topics_are_described_as_they_were_recorded(log):
@@ -119,32 +225,6 @@ def test_open_log_has_the_messages_at_its_opening(tmp_path):
     assert [k for _, _, k in read_messages(Recording(log.path.parent))] == [0, 1, 2, 9]
     log.close()
     assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
-
-
-def test_truncated_file_has_its_complete_messages(log, tmp_path):
-    content = log.path.read_bytes()
-    cut = tmp_path / 'cut.mcap'
-    flushed_at = dict(zip([1, 2, 4, 5, 6, 7], log.ends, strict=True))  # messages: bytes
-    near_ends = {end + near for end in log.ends for near in (-1, 0, 1)}
-    for size in sorted(near_ends | set(range(0, len(content), 41))):
-        cut.write_bytes(content[:size])
-        flushed = max((count for count, end in flushed_at.items() if end <= size), default=0)
-        found = []
-        with suppress(LogError):
-            found = read_messages(Recording(cut))
-        if not found:
-            with pytest.raises(LogError, match='expected at least one message'):
-                Recording(cut)
-        assert found == WRITTEN[: len(found)]
-        # A chunk is whole a few bytes before its index is.
-        assert len(found) in (flushed, flushed + 1, 4 if flushed == 2 else flushed)
-    assert found == WRITTEN  # without its index
-
-
-def test_zeros_after_a_power_failure_are_ignored(log, tmp_path):
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(log.path.read_bytes()[: log.ends[1]] + bytes(1000))
-    assert read_messages(Recording(cut)) == WRITTEN[:2]
 
 
 def write_foreign(path, channels, messages):
@@ -223,54 +303,6 @@ def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize(
-    'qos', [POSES.qos, LATCHED, Qos(7, 'best_effort', 'volatile', 'keep_all'), Qos(0)]
-)
-def test_qos_is_read_as_it_was_written(qos):
-    assert recorded_qos(yaml_text(qos_profiles(qos))) == qos
-
-
-def profiles(*offered):
-    return yaml_text([profile for qos in offered for profile in qos_profiles(qos)])
-
-
-def test_strongest_qos_of_several_publishers_is_used():
-    weak = Qos(3, 'best_effort', 'volatile', 'keep_last')
-    for strong in (
-        Qos(5, 'best_effort'), Qos(1, 'reliable'), Qos(1, durability='transient_local'),
-        Qos(2, history='keep_all'),
-    ):  # fmt: skip
-        expected = Qos(max(3, strong.depth), strong.reliability, strong.durability, strong.history)
-        for offered in ((weak, strong), (strong, weak)):
-            assert recorded_qos(profiles(*offered)) == expected
-    assert recorded_qos('[]') is None
-
-
-def test_unspecified_qos_is_the_default_of_ros():
-    """It records from the graph, where a publisher's history and depth cannot be seen."""
-    recorded = profiles(POSES.qos).replace('keep_last', 'unknown').replace('2000', '0')
-    assert recorded_qos(recorded) == Qos(0, 'reliable', 'transient_local', 'keep_last')
-    everything = recorded.replace('reliable', 'system_default')
-    everything = everything.replace('transient_local', 'best_available')
-    default = QoSProfile(depth=1)
-    assert recorded_qos(everything) == Qos(
-        0,
-        default.reliability.short_key,
-        default.durability.short_key,
-        default.history.short_key,
-    )
-
-
-@pytest.mark.parametrize('where', [-4, 12], ids=['length of a word', 'compressed bytes'])
-def test_damaged_file_is_rejected_before_playback(log, where):
-    content = bytearray(log.path.read_bytes())
-    at = content.index(b'zstd', log.ends[3]) + where
-    content[at : at + 4] = b'\xff' * 4
-    log.path.write_bytes(content)
-    with pytest.raises(LogError, match='is damaged: found'):
-        Recording(log.path)
-
-
 def test_file_removed_before_playback_is_reported(log):
     recording = Recording(log.path)
     log.path.unlink()
@@ -278,40 +310,10 @@ def test_file_removed_before_playback_is_reported(log):
         read_messages(recording)
 
 
-@pytest.mark.parametrize(
-    ('name', 'expected'),
-    [
-        ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
-        ('folder', "folder '{}' is not a log: it has no .mcap file"),
-        ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'"),
-        ('empty.mcap', "invalid log '{}': expected at least one message"),
-        ('nothing', "invalid log '{}': expected at least one message"),
-    ],
-)
-def test_invalid_logs_are_rejected(tmp_path, name, expected):
-    (tmp_path / 'folder').mkdir()
-    (tmp_path / 'empty.mcap').touch()
-    (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
-    RunLog(tmp_path, 'nothing').close()
-    path = tmp_path / name
-    with pytest.raises(LogError) as caught:
-        Recording(path)
-    assert str(caught.value).startswith(expected.format(path))
-
-
-def test_type_hash_is_read_from_the_log(tmp_path, monkeypatch):
-    run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
-    older = dataclasses.replace(run_log.load_schema(NUT.type), type_hash='RIHS01_older')
-    monkeypatch.setattr(run_log, 'load_schema', lambda _: older)
-    with RunLog(tmp_path, 'run') as log:
-        log.write(NUT, data(1), 1)
-    assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
-
-
 def test_memory_does_not_grow_with_the_log(tmp_path):
     """200 messages of 100 kB that do not compress; the most is that of a few."""
     size, count = 100_000, 200
-    state = bytearray(importlib.import_module('random').Random(1).randbytes(size))
+    state = bytearray(random.Random(1).randbytes(size))
     with RunLog(tmp_path, 'run') as log:
         for k in range(count):
             state[:8] = struct.pack('<Q', k)

@@ -1,16 +1,23 @@
-"""Name, type and offered QoS of a recorded topic, as plain data."""
+"""Topics of a log: name, type and offered QoS as plain data, and the definition of the type.
+
+Every log contains the definitions of its types, so that it can be read without the packages.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import sys
 from collections.abc import Collection
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from resting_aspects_ros.errors import LogError, shown
-from resting_aspects_ros.input_files import parse_yaml
+from resting_aspects_ros.input_files import named, parse_yaml
 
 # The message types in the log of a run.
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
@@ -27,6 +34,9 @@ _DURABILITIES = ('volatile', 'transient_local')
 
 # The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth.
 _UNSPECIFIED = ('unknown', 'system_default', 'best_available')
+
+# RMW_DURATION_INFINITE
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 _TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 _TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
@@ -101,10 +111,10 @@ def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
             'depth': qos.depth,
             'reliability': qos.reliability,
             'durability': qos.durability,
-            'deadline': _infinite(),
-            'lifespan': _infinite(),
+            'deadline': _INFINITE,
+            'lifespan': _INFINITE,
             'liveliness': 'automatic',
-            'liveliness_lease_duration': _infinite(),
+            'liveliness_lease_duration': _INFINITE,
             'avoid_ros_namespace_conventions': False,
         }
     ]
@@ -149,13 +159,14 @@ def yaml_text(document: object) -> str:
     The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
     reader's locale.
     """
-    return str(yaml.safe_dump(document, sort_keys=False, default_flow_style=False))
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=False))
 
 
-def _infinite() -> dict[str, int]:
-    # RMW_DURATION_INFINITE. A new object each time, because PyYAML writes an object that is used
-    # twice as an alias.
-    return {'sec': 9223372036, 'nsec': 854775807}
+class _Dumper(yaml.SafeDumper):
+    """Writes an object that is used twice as text again, not as an alias."""
+
+    def ignore_aliases(self, _: object) -> bool:
+        return True
 
 
 def _or_default(policy: str, policies: tuple[str, ...]) -> str:
@@ -165,3 +176,105 @@ def _or_default(policy: str, policies: tuple[str, ...]) -> str:
 def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:
     if value not in allowed:
         raise LogError(f'invalid QoS {what} {shown(value)}: expected {" or ".join(allowed)}')
+
+
+# -- definitions ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The definition of a message type.
+
+    name : str
+        `package/msg/Type`.
+    text : str
+        Text of the .msg file, followed by the texts of all types it depends on (encoding
+        `ros2msg`).
+    type_hash : str
+        `RIHS01_...`, the hash with which ROS 2 distinguishes versions of a type.
+    """
+
+    name: str
+    text: str
+    type_hash: str
+
+
+def load_schema(type_name: str) -> Schema:
+    """Return the definition of a type from the installed packages.
+
+    type_name : str
+        `package/msg/Type`.
+
+    Raises LogError if the type, or a type it depends on, is not installed; the message lists the
+    folders that were searched.
+    """
+    hashes = _type_hashes(type_name)
+    texts = [_read(_find(type_name)).removesuffix('\n')]
+    for name in sorted(hashes.keys() - {type_name}):
+        text = _read(_find(name)).removesuffix('\n')
+        # Foxglove's parser finds a dependency by its short name only.
+        texts.append(f'{"=" * 80}\nMSG: {name.replace("/msg/", "/")}\n{text}')
+    return Schema(type_name, '\n\n'.join(texts) + '\n', hashes[type_name])
+
+
+def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
+    """Raise LogError if a type is not installed, or the log was written with another definition.
+
+    CDR does not describe its content, so data read with another definition would be meaningless.
+
+    type_hash : str
+        Hash of the definition in the log; None if it is not recorded.
+    """
+    installed = _type_hashes(type_name)[type_name]
+    if type_hash not in (None, installed):
+        raise LogError(
+            f'{named("log", path)} was recorded by another version of resting_aspects_ros, whose '
+            f'{type_name} has the type hash {shown(type_hash)}: expected that of the installed '
+            f'version, {installed!r}'
+        )
+
+
+def share_folders() -> list[Path]:
+    """Return the folders with one subfolder per package, in search order.
+
+    Sourced workspaces come first. The wheels of a virtual environment install into its own
+    `share` folder, which does not need to be sourced.
+    """
+    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    return [Path(prefix) / 'share' for prefix in dict.fromkeys([*prefixes, sys.prefix])]
+
+
+def _type_hashes(type_name: str) -> dict[str, str]:
+    """Return the hashes of a type and of all types that it depends on, by their names.
+
+    They are in the description of the type that rosidl installs beside its .msg file.
+    """
+    description = _find(type_name).with_suffix('.json')
+    text = _read(description)
+    try:
+        hashes = {
+            each['type_name']: each['hash_string'] for each in json.loads(text)['type_hashes']
+        }
+        return {type_name: hashes.pop(type_name), **hashes}
+    except (ValueError, KeyError, TypeError) as error:
+        raise LogError(f'{description} contains no hash of {type_name}: {error!r}') from error
+
+
+def _find(type_name: str) -> Path:
+    package, _, short = type_name.partition('/msg/')
+    folders = share_folders()
+    for folder in folders:
+        path = folder / package / 'msg' / f'{short}.msg'
+        if path.is_file():
+            return path
+    raise LogError(
+        f'the definition of message type {type_name} is not installed: '
+        f'there is no {type_name}.msg in {", ".join(map(str, folders))}'
+    )
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f'the definition {path} cannot be read: {error}') from error
