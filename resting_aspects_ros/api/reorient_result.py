@@ -221,17 +221,6 @@ class ReorientResult:
         with whole_file(Path(path)) as part:
             part.write_bytes(data)
 
-    def save_flow(self, path: str | Path) -> None:
-        """Write the flow between the aspects in the long run as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.flow_figure import flow_figure
-
-        if self.long_run is None:
-            raise InvalidValueError('invalid result: expected actions from each aspect')
-        data = png_bytes(flow_figure(self.matrix, self.long_run, self.part, self.title))
-        with whole_file(Path(path)) as part:
-            part.write_bytes(data)
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlanResult:

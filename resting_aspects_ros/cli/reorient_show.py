@@ -198,8 +198,6 @@ def save_answer(
     for result in answer.results:
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
-        if pictures and result.long_run is not None:
-            files[f'flow{suffix}.png'] = result.save_flow
         saves.update(files)
     written = []
     for name, save in saves.items():

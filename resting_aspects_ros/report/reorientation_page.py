@@ -5,11 +5,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.report.flow_figure import flow_figure, flow_note
 from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
 from resting_aspects_ros.report.page_template import chart, figure_files, render_page
 from resting_aspects_ros.report.reorientation_report import (
-    FLOW,
     HEAT_MAP,
     MEASURED,
     PAGE,
@@ -99,11 +97,6 @@ def _figures(report: ReorientationReport, action: ActionReport) -> Iterator[tupl
     heat_map = partial(transition_figure, action.matrix, report.part)
     label = f'Heat map of the transition probabilities of {action.name}'
     yield HEAT_MAP, _Figure(heat_map, label, transition_note(action.matrix))
-    if action.shares is not None:
-        long_run = action.shares[1].long_run
-        graph = partial(flow_figure, action.matrix, long_run, report.part)
-        label = f'Graph of the flow between the aspects if {action.name} is repeated'
-        yield FLOW, _Figure(graph, label, flow_note(action.matrix, long_run))
 
 
 def _action_texts(report: ReorientationReport, action: ActionReport) -> dict[str, Any]:

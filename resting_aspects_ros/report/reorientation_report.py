@@ -15,7 +15,7 @@ from resting_aspects_ros.statistics.transitions import RetentionCurve, Transitio
 
 # The page on actions, and that on retention curves.
 PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
-HEAT_MAP, FLOW, RETENTION = 'transitions', 'flow', 'retention'
+HEAT_MAP, RETENTION = 'transitions', 'retention'
 MEASURED = ('from', 'to', 'measured', 'simulated', 'difference in points', 'verdict')
 
 
@@ -116,9 +116,7 @@ class ReorientationReport:
 
 def reorientation_file_names(actions: Sequence[str]) -> list[str]:
     """Return the names of all files of a page on these actions; without any, on retention."""
-    figures = [
-        figure + suffix_of(name, actions) for name in actions for figure in (HEAT_MAP, FLOW)
-    ]
+    figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
     page = PAGE if actions else RETENTION_PAGE
     return [page, *(f'{each}.{ending}' for each in figures or [RETENTION] for ending in ENDINGS)]
 

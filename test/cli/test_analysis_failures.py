@@ -22,10 +22,10 @@ COMMANDS = {
     'report.page:convergence_figure': (DROP + FEW, 'figure', [*DROPPED, 'report.html', 'pie.png']),
     'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
     'api.report_files:report_files': (DROP + FEW, 'report', DROPPED),
-    'report.reorientation_page:flow_figure': (
+    'report.reorientation_page:transition_figure': (
         (*REORIENT, *FEW),
         'figure',
-        ['transitions.json', 'reorientation.html', 'transitions.png'],
+        ['transitions.json', 'reorientation.html'],
     ),
     'api.reorient_result:long_run': (
         (*REORIENT, *FEW),

@@ -30,9 +30,7 @@ def compared(run_in, tmp_path_factory):
 def test_default_folder_has_page_figures_and_documents(compared):
     path, _ = compared
     assert path.parts[-3:] == ('out', 'tetrahedron', 'reorientation.html')
-    figures = [
-        f'{name}_{action}' for name in ('transitions', 'flow') for action in ('tap', 'toss')
-    ]
+    figures = [f'transitions_{action}' for action in ('tap', 'toss')]
     expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
     expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
     assert {file.name for file in path.parent.iterdir()} == set(expected)

@@ -1,23 +1,19 @@
 """The figures of transitions show the numbers, and all words and arrows can be seen."""
 
 import itertools
-import re
 
 import numpy as np
 import pytest
 from matplotlib.image import AxesImage
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.aspect_groups import MAX_GROUPS, aspect_groups, membership
 from resting_aspects_ros.report.colours import aspect_colour
-from resting_aspects_ros.report.flow_figure import MAX_ARROW, MIN_FLOW, NODE, flow_figure
-from resting_aspects_ros.report.flow_layout import arrow_outline, node_places
 from resting_aspects_ros.report.retention_figure import MAX_LINES, retention_figure
 from resting_aspects_ros.report.transition_figure import transition_figure
-from resting_aspects_ros.statistics.markov import long_run
 from resting_aspects_ros.statistics.transitions import (
     RetentionCurve,
     TransitionMatrix,
@@ -35,11 +31,6 @@ def counted(aspects, seed=5, actions=1000, lost=True):
     rows = [generator.dirichlet(weights + 2 * (np.arange(k + 4) == i) + 1e-9) for i in range(k)]
     counts = np.array([generator.multinomial(actions, row) for row in rows])
     return TransitionMatrix(aspects, counts)
-
-
-def run_of(matrix):
-    k = len(matrix.aspects)
-    return long_run(matrix.transitions, matrix.left, np.full(k, 1 / k))
 
 
 def curves_of(aspects, lift, seed=3, parts=300):
@@ -148,86 +139,13 @@ def test_more_than_12_aspects_are_drawn_by_class(part):
     figure = transition_figure(matrix, None, 't')
     assert {'1 and 2', '3 to 14'} <= set(texts(figure))
     assert len(of_kind(figure, Rectangle)) == 4
-    graph = flow_figure(matrix, run_of(matrix), None, 't')
-    assert len(of_kind(graph, Circle)) == 2
 
 
 @pytest.mark.slow
-def test_large_heat_map_and_graph_are_readable(many_sided):
+def test_large_heat_map_is_readable(many_sided):
     matrix = counted(find_aspects(many_sided))
     others = f'{len(matrix.aspects) - MAX_GROUPS}\nothers'
     assert texts(transition_figure(matrix, None, 't')).count(others) == 2
-    graph = flow_figure(matrix, run_of(matrix), None, 't')
-    found = texts(graph)
-    assert len(of_kind(graph, Circle)) == MAX_GROUPS + 1
-    assert any(words.startswith('among them') for words in found)
-
-
-@PARTS
-def test_graph_has_an_arrow_for_each_flow_above_the_limit(part, name):
-    matrix = counted(find_aspects(part(name)))
-    run = run_of(matrix)
-    flow = run.shares[:, None] * matrix.transitions
-    np.fill_diagonal(flow, 0.0)
-    drawn = np.sort(flow[flow >= MIN_FLOW])[::-1]
-    figure = flow_figure(matrix, run, part(name), 'a kick')
-    arrows = of_kind(figure, Polygon)
-    widths = [np.linalg.norm(arrow.get_xy()[0] - arrow.get_xy()[-2]) for arrow in arrows]
-    assert len(widths) == len(drawn) > 4
-    assert widths == pytest.approx(MAX_ARROW * drawn / drawn[0], rel=1e-6)
-    found = texts(figure)
-    omitted = flow[(flow > 0) & (flow < MIN_FLOW)]
-    note = next(words for words in found if 'Beside' in words).replace('\n', ' ')
-    assert f'{len(omitted)} flow' in note
-    together = float(re.search(r'together ([\d.]+) %', note)[1])
-    assert together == pytest.approx(100 * omitted.sum(), rel=0.05)
-    assert len(of_kind(figure, AxesImage)) == len(of_kind(figure, Circle)) == len(matrix.aspects)
-
-
-def test_nodes_have_shares_and_probabilities_to_stay(part):
-    matrix = counted(find_aspects(part('l_bracket')))
-    run = run_of(matrix)
-    found = texts(flow_figure(matrix, run, None, 't'))
-    for k, share in enumerate(run.shares):
-        assert f'aspect {k + 1}\n{100 * share:.1f} %' in found
-        assert f'stays\n{100 * matrix.transitions[k, k]:.1f} %' in found
-
-
-@pytest.mark.filterwarnings('error')
-def test_graph_of_one_aspect_has_no_arrow(part):
-    bracket = find_aspects(part('l_bracket'))
-    one = AspectSet(bracket.part_sha256, bracket.aspects[:1])
-    matrix = TransitionMatrix(one, np.array([[7, 0, 0, 0, 1]]))
-    figure = flow_figure(matrix, run_of(matrix), part('l_bracket'), 'a title ' * 9)
-    assert of_kind(figure, Polygon) == []
-    assert 'stays\n87.5 %' in texts(figure)
-
-
-def test_aspect_without_parts_has_its_probability_to_stay(part):
-    bracket = find_aspects(part('l_bracket'))
-    counts = np.zeros((5, 9), dtype=np.int64)
-    counts[:, 0], counts[4] = 10, [5, 0, 0, 0, 15, 0, 0, 0, 0]
-    matrix = TransitionMatrix(bracket, counts)
-    found = texts(flow_figure(matrix, run_of(matrix), None, 't'))
-    assert 'aspect 5\n0.0 %' in found
-    assert 'stays\n75.0 %' in found
-
-
-@pytest.mark.parametrize('count', range(2, 14))
-def test_arrows_do_not_cross_other_nodes(count):
-    places, _ = node_places(count, NODE)
-    for start, end in itertools.permutations(range(count), 2):
-        outline = arrow_outline(places, start, end, NODE, MAX_ARROW)
-        distance = np.linalg.norm(outline[:, None] - places, axis=2)
-        assert distance.min() > NODE - 1e-9, (start, end)
-        tip = np.linalg.norm(outline - places[end], axis=1).min()
-        assert NODE < tip < NODE + 10
-
-
-def test_opposite_arrows_are_apart():
-    places, _ = node_places(5, NODE)
-    one, other = (arrow_outline(places, *pair, NODE, 20.0) for pair in ((0, 2), (2, 0)))
-    assert np.linalg.norm(one[:, None] - other, axis=2).min() > 1
 
 
 @PARTS

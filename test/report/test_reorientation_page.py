@@ -188,9 +188,8 @@ def test_links_lead_to_elements_of_the_page(page):
 
 def test_figures_are_written_as_png_and_svg(folder):
     names = {file.name for file in folder.iterdir()}
-    # The second action has no flow.
     expected = {*reorientation_file_names(['tap', 'toss']), *reorientation_file_names([])}
-    assert names == expected - {'flow_toss.png', 'flow_toss.svg', RETENTION_PAGE}
+    assert names == expected - {RETENTION_PAGE}
     for path in folder.glob('*.png'):
         with Image.open(path) as image:
             assert image.width >= 700
@@ -201,9 +200,8 @@ def test_figures_are_written_as_png_and_svg(folder):
 
 def test_figures_in_the_page_have_selectable_text(page, text):
     svgs = [each for each in page.all('svg') if each.get('role') == 'img']
-    assert len(svgs) == 4
+    assert len(svgs) == 3
     words = page.words('text')
-    assert words.count('aspect 3') == 1  # in the graph of the flow
     assert 'lift height (mm)' in words
     # The explanation is text of the page, in which lines fit the screen.
     assert not any(each.startswith('Probability in %') for each in words)
@@ -322,7 +320,7 @@ def test_part_of_one_aspect(solid):
         curves=[curve],
     )
     files = dict(reorientation_files(report))
-    assert {'transitions.png', 'flow.svg', 'retention.png'} < set(files)
+    assert {'transitions.png', 'retention.png'} < set(files)
     page = Reader(files[PAGE].decode())
     ((row,),) = page.rows('from', 'to 1 (%)')
     assert_shown(row[1], 90, *(100 * bound[0, 0] for bound in matrix.bounds()))
