@@ -32,7 +32,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.cluster_report import agreement_fields, cluster_document
+from resting_aspects_ros.report.comparison import agreement_fields, cluster_document
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, down_in_part
 from resting_aspects_ros.simulation.surroundings import Surroundings

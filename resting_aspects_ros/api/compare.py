@@ -16,8 +16,7 @@ from resting_aspects_ros.api.counts import (
 )
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.errors import InvalidValueError, warn
-from resting_aspects_ros.report.comparison_report import ComparedResults, comparison_document
-from resting_aspects_ros.report.comparison_text import verdict
+from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.statistics import comparison as statistics
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence

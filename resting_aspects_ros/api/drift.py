@@ -14,7 +14,7 @@ from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
-from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
+from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
     LiveCounts,
@@ -106,8 +106,8 @@ class DriftResult:
     def save_picture(self, path: Path) -> None:
         """Write the shares in each window as PNG; raises OutputError."""
         # These imports take about a second.
-        from resting_aspects_ros.report.drift_report import drift_figure
-        from resting_aspects_ros.report.figure_style import png_bytes
+        from resting_aspects_ros.report.drift import drift_figure
+        from resting_aspects_ros.report.figure import png_bytes
 
         with whole_file(path) as file:
             file.write_bytes(png_bytes(drift_figure(self.test)))

@@ -10,8 +10,8 @@ from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.contact_report import contact_rows
 from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.report.drops import contact_rows
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution, Placements
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -123,8 +123,8 @@ class DropResult:
     def save_picture(self, path: Path) -> None:
         """Write the picture as PNG; raises OutputError."""
         # These imports take about a second.
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.picture import distribution_figure
+        from resting_aspects_ros.report.drop_figures import distribution_figure
+        from resting_aspects_ros.report.figure import png_bytes
 
         figure = distribution_figure(self.distribution, self.part, self.title)
         with whole_file(path) as part:

@@ -20,7 +20,7 @@ from resting_aspects_ros.aspects.estimate import (
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
+from resting_aspects_ros.report.drops import against_fields, estimate_document
 from resting_aspects_ros.statistics.comparison import (
     Comparison,
     DropCounts,

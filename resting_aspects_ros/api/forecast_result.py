@@ -10,15 +10,15 @@ from resting_aspects_ros.api.look_alike_notes import look_alike_texts
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-from resting_aspects_ros.report.controlled_forecast import controlled_fields
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.forecast_document import forecast_fields
-from resting_aspects_ros.report.forecast_table import (
+from resting_aspects_ros.report.forecast import (
     NamedForecast,
+    controlled_fields,
+    forecast_fields,
     forecast_notes,
     forecast_sentence,
 )
-from resting_aspects_ros.report.transition_document import matrix_fields
+from resting_aspects_ros.report.transitions import matrix_fields
 
 # Fields of the document of a reorientation that the document of a forecast has, too.
 _SHARED = (
@@ -191,8 +191,8 @@ def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Pa
 
 def save_forecast_picture(results: Sequence[ForecastResult], path: Path) -> None:
     """Write the curves as PNG; raises OutputError."""
-    from resting_aspects_ros.report.figure_style import png_bytes
-    from resting_aspects_ros.report.forecast_figure import forecast_figure
+    from resting_aspects_ros.report.figure import png_bytes
+    from resting_aspects_ros.report.forecast import forecast_figure
 
     parts = dict.fromkeys(each.reorientation.run.part for each in results)
     title = f'{", ".join(parts)}, {_subtitle(results[0])}'

@@ -11,16 +11,17 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.outline_document import outlines_document
-from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
-from resting_aspects_ros.report.outline_images import (
+from resting_aspects_ros.report.outlines import (
     PIXELS_PER_MM,
     check_px_per_mm,
     coco_document,
     described_image,
+    dxf_drawing,
     mask_name,
     outline_image,
+    outlines_document,
     png_file,
+    svg_drawing,
     template_name,
 )
 from resting_aspects_ros.vision.outline import LookAlike, Outline, find_outlines, look_alikes
@@ -119,7 +120,7 @@ class OutlinesResult:
         OutputError
             The file cannot be written.
         """
-        from resting_aspects_ros.report.counting_sheet import counting_sheet
+        from resting_aspects_ros.report.sheet import counting_sheet
 
         path = Path(path)
         check_sheet_name('path', path)

@@ -16,7 +16,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.transition_document import long_run_fields, matrix_fields
+from resting_aspects_ros.report.transitions import long_run_fields, matrix_fields
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import OUTSIDE, Distribution
@@ -214,8 +214,8 @@ class ReorientResult:
 
     def save_picture(self, path: str | Path) -> None:
         """Write the heat map of the transitions as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.transition_figure import transition_figure
+        from resting_aspects_ros.report.figure import png_bytes
+        from resting_aspects_ros.report.transition_figures import transition_figure
 
         data = png_bytes(transition_figure(self.matrix, self.part, self.title))
         with whole_file(Path(path)) as part:

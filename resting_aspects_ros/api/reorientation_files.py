@@ -19,6 +19,12 @@ from resting_aspects_ros.api.report_files import (
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.report.format import (
+    ids_text,
+    interval_text,
+    points_text,
+    probability_text,
+)
 from resting_aspects_ros.report.reorientation_page import reorientation_files
 from resting_aspects_ros.report.reorientation_report import (
     PAGE,
@@ -29,8 +35,6 @@ from resting_aspects_ros.report.reorientation_report import (
     Way,
     reorientation_file_names,
 )
-from resting_aspects_ros.report.rounding import interval_text, points_text, probability_text
-from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of

@@ -18,13 +18,19 @@ from resting_aspects_ros.aspects.support import NONE, ContactPlane
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
-from resting_aspects_ros.report.comparison_text import ReferenceCounts
-from resting_aspects_ros.report.contact_picture import contact_image
+from resting_aspects_ros.report.comparison import ReferenceCounts
+from resting_aspects_ros.report.drops import symmetry_text
+from resting_aspects_ros.report.format import (
+    GREY,
+    aspect_colour,
+    interval_text,
+    probability_text,
+    rgb,
+    size_text,
+)
 from resting_aspects_ros.report.page import FILES, PAGE, ContactRow, Report, report_files
-from resting_aspects_ros.report.rounding import interval_text, probability_text, size_text
-from resting_aspects_ros.report.table import symmetry_text
+from resting_aspects_ros.report.picture import picture_part
+from resting_aspects_ros.report.scene_picture import contact_image
 from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import (

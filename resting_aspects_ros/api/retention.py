@@ -22,7 +22,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.transition_document import retention_fields
+from resting_aspects_ros.report.transitions import retention_fields
 from resting_aspects_ros.simulation.action_starts import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
@@ -104,8 +104,8 @@ class RetentionResult:
 
     def save_picture(self, path: str | Path) -> None:
         """Write the curves as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.retention_figure import retention_figure
+        from resting_aspects_ros.report.figure import png_bytes
+        from resting_aspects_ros.report.transition_figures import retention_figure
 
         data = png_bytes(retention_figure(self.curves, self.aspects, self.part, self.title))
         with whole_file(Path(path)) as part:

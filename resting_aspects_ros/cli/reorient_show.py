@@ -29,14 +29,16 @@ from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
-from resting_aspects_ros.report.reorientation_table import (
+from resting_aspects_ros.report.transitions import (
+    Rows,
     actions_table,
     long_run_table,
     long_run_text,
     plan_table,
+    table_rows,
+    transition_table,
     wanted_table,
 )
-from resting_aspects_ros.report.transition_table import Rows, table_rows, transition_table
 from resting_aspects_ros.simulation.interruption import catch
 from resting_aspects_ros.statistics.markov import Plan, wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES

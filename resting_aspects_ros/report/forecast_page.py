@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from resting_aspects_ros.report.figure_style import inline_svg, svg_text
-from resting_aspects_ros.report.forecast_figure import forecast_figure, forecast_note
-from resting_aspects_ros.report.forecast_table import (
+from resting_aspects_ros.report.figure import inline_svg, svg_text
+from resting_aspects_ros.report.forecast import (
     NamedForecast,
+    forecast_figure,
+    forecast_note,
     forecast_notes,
     forecast_sentence,
     forecast_table,

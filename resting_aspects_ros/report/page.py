@@ -10,20 +10,21 @@ from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.aspect_pose import picture_part, triangle_counts
-from resting_aspects_ros.report.colours import rgb
-from resting_aspects_ros.report.comparison_text import (
+from resting_aspects_ros.report.comparison import (
     ReferenceCounts,
     comparison_text,
     difference_texts,
 )
-from resting_aspects_ros.report.figure_style import inline_svg, svg_text
-from resting_aspects_ros.report.figures import (
+from resting_aspects_ros.report.drop_figures import (
     bands,
     comparison_figure,
     convergence_figure,
+    distribution_figure,
     estimates_figure,
+    pie_figure,
 )
+from resting_aspects_ros.report.figure import NARROW, WIDE, inline_svg, svg_text
+from resting_aspects_ros.report.format import Row, class_rows, outside_rows, rgb, share_text
 from resting_aspects_ros.report.page_rows import largest_rows, row_texts, unseen_text
 from resting_aspects_ros.report.page_template import (
     ENDINGS,
@@ -33,19 +34,16 @@ from resting_aspects_ros.report.page_template import (
     render_page,
     script_uri,
 )
-from resting_aspects_ros.report.picture import distribution_figure
-from resting_aspects_ros.report.pie import pie_figure
-from resting_aspects_ros.report.posed_part import (
+from resting_aspects_ros.report.picture import (
     FROM_ABOVE,
     OBLIQUE,
     Image,
     downsample,
     draw_parts,
+    picture_part,
     pose_parts,
+    triangle_counts,
 )
-from resting_aspects_ros.report.rounding import share_text
-from resting_aspects_ros.report.row_axes import NARROW, WIDE
-from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
 from resting_aspects_ros.statistics.distribution import Distribution
 

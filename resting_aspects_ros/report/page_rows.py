@@ -8,15 +8,18 @@ import numpy as np
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.aspects.support import resting_on
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.picture import MAX_SHOWN
-from resting_aspects_ros.report.rounding import (
+from resting_aspects_ros.report.drop_figures import MAX_SHOWN
+from resting_aspects_ros.report.drops import down_text
+from resting_aspects_ros.report.format import (
+    Row,
+    class_of,
+    ids_text,
     interval_text,
     millimetre_texts,
     probability_text,
     share_text,
+    short_name,
 )
-from resting_aspects_ros.report.rows import Row, class_of, ids_text, short_name
-from resting_aspects_ros.report.table import down_text
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 

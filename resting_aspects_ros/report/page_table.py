@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rich.table import Table
+from resting_aspects_ros.report.table import Table
 
 
 @dataclass(frozen=True)
@@ -22,20 +22,11 @@ class PageTable:
 
 
 def page_table(table: Table) -> PageTable:
-    """Return a terminal table as a table of a page, without its title.
-
-    Line breaks in headings and in the caption, which fit them to a terminal, are removed.
-    """
-    headings = [_joined(str(column.header)) for column in table.columns]
-    columns = [[str(cell).split('\n') for cell in column.cells] for column in table.columns]
-    caption = _joined(str(table.caption or ''))
-    return PageTable(headings, list(zip(*columns, strict=True)), caption)
+    """Return a terminal table as a table of a page, without its title."""
+    rows = [[cell.split('\n') for cell in row] for row in table.rows]
+    return PageTable(table.page_headings, rows, table.caption)
 
 
 def text_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
     """Return a table of texts; line breaks separate the lines of a cell."""
     return PageTable(headings, [[cell.split('\n') for cell in row] for row in rows])
-
-
-def _joined(text: str) -> str:
-    return text.replace('-\n', '').replace('\n', ' ')

@@ -7,12 +7,12 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
+from resting_aspects_ros.report.figure import inline_svg, png_bytes, svg_text
 
 if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written
     from matplotlib.figure import Figure
 
-    from resting_aspects_ros.report.posed_part import Image
+    from resting_aspects_ros.report.picture import Image
 
 # Endings of the files of a figure.
 ENDINGS = ('png', 'svg')

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from resting_aspects_ros.report.format import ids_text
 from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
 from resting_aspects_ros.report.page_template import chart, figure_files, render_page
 from resting_aspects_ros.report.reorientation_report import (
@@ -18,17 +19,23 @@ from resting_aspects_ros.report.reorientation_report import (
     Shares,
     suffix_of,
 )
-from resting_aspects_ros.report.reorientation_table import (
+from resting_aspects_ros.report.transition_figures import (
+    retention_figure,
+    retention_note,
+    transition_figure,
+    transition_note,
+)
+from resting_aspects_ros.report.transitions import (
+    Rows,
+    interval_table,
     long_run_table,
     long_run_text,
     plan_table,
+    retention_counts_table,
+    retention_table,
+    table_rows,
     wanted_table,
 )
-from resting_aspects_ros.report.retention_figure import retention_figure, retention_note
-from resting_aspects_ros.report.retention_table import retention_counts_table, retention_table
-from resting_aspects_ros.report.rows import ids_text
-from resting_aspects_ros.report.transition_figure import transition_figure, transition_note
-from resting_aspects_ros.report.transition_table import Rows, interval_table, table_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

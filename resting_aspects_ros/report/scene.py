@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.posed_part import PosedPart
-from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.report.format import Row
+from resting_aspects_ros.report.picture import PosedPart
 from resting_aspects_ros.rotations import rotate
 
 

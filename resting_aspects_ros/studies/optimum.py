@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.surroundings import conditions_text, scene_of
@@ -16,6 +15,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.actions import Step
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
@@ -314,13 +314,15 @@ class OptimiseResult:
         """Return the table of the conditions that are compared."""
         yours = self.start or self.best
         base = conditions_text(yours.setting.drop_conditions)
-        table = Table(title=f'{self.part.name}: {self.aim}\nyour conditions: {base}')
-        table.add_column('conditions')
-        for factor in self.factors:
-            table.add_column(factor.label or factor.name, justify='right')
-        table.add_column('entropy' if self.objective.is_entropy else 'share', justify='right')
-        table.add_column(f'{100 * self.confidence:g} % interval', justify='right')
-        table.add_column('drops', justify='right')
+        headings = (
+            'conditions',
+            *(factor.label or factor.name for factor in self.factors),
+            'entropy' if self.objective.is_entropy else 'share',
+            f'{100 * self.confidence:g} % interval',
+            'drops',
+        )
+        title = f'{self.part.name}: {self.aim}\nyour conditions: {base}'
+        table = Table(title, headings, texts={'conditions': None})
         rows = {'best': self.best, 'second': self.second, 'yours': self.start}
         for name, candidate in rows.items():
             if candidate is None:
@@ -343,10 +345,9 @@ class OptimiseResult:
         """Return the table of the factors: range, flat range and effect."""
         difference = self.objective.difference
         within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
-        table = Table(title='what the factors do at the best conditions')
-        table.add_column('factor')
-        for heading in ('searched', f'within {within}', 'effect, at most'):
-            table.add_column(heading, justify='right')
+        headings = ('factor', 'searched', f'within {within}', 'effect, at most')
+        title = 'what the factors do at the best conditions'
+        table = Table(title, headings, texts={'factor': None})
         for factor, facts in zip(self.factors, self.facts, strict=False):
             low, high = factor.values(np.array(facts.flat)).tolist()
             table.add_row(

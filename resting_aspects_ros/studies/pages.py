@@ -9,22 +9,28 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour, rgb
-from resting_aspects_ros.report.figure_style import (
+from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
+    WIDE,
+    RowAxes,
     new_figure,
     percent_axis,
     plain_axes,
 )
+from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
+    Row,
+    aspect_colour,
+    class_rows,
+    rgb,
+    shown_difference,
+)
 from resting_aspects_ros.report.page import PAGE
 from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
 from resting_aspects_ros.report.page_template import chart, picture_uri, render_page
-from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
-from resting_aspects_ros.report.rounding import shown_difference
-from resting_aspects_ros.report.row_axes import WIDE, RowAxes
-from resting_aspects_ros.report.rows import Row, class_rows
+from resting_aspects_ros.report.picture import draw_parts, picture_part, pose_parts
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.studies.design import Factor

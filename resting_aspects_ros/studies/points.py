@@ -27,7 +27,7 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line, shown
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.format import ids_text
 from resting_aspects_ros.simulation.action_starts import (
     action_starts,
     body_of,

@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.comparison_text import ReferenceCounts
+from resting_aspects_ros.report.comparison import ReferenceCounts
 from resting_aspects_ros.report.page import Report, report_files
 from resting_aspects_ros.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.statistics.distribution import Distribution

@@ -14,7 +14,7 @@ from resting_aspects_ros.aspects.clusters import (
     find_differences,
 )
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.cluster_report import (
+from resting_aspects_ros.report.comparison import (
     agreement_line,
     agreement_table,
     cluster_table,

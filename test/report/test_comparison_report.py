@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
-from resting_aspects_ros.report.comparison_report import (
+from resting_aspects_ros.report.comparison import (
     ComparedResults,
     comparison_document,
     comparison_table,
     measures_text,
+    verdict,
 )
-from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
 

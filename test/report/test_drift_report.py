@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.report.drift_report import (
+from resting_aspects_ros.report.drift import (
     MAX_CLASSES,
     MAX_ROWS,
     drift_figure,

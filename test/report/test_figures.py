@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.aspects.estimate import METHODS
-from resting_aspects_ros.report.figures import (
+from resting_aspects_ros.report.drop_figures import (
     MARKERS,
     comparison_figure,
     convergence_figure,
     estimates_figure,
     labels_apart,
 )
-from resting_aspects_ros.report.row_axes import NARROW, WIDE
-from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.report.figure import NARROW, WIDE
+from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.statistics.intervals import Interval
 
 NAMES = ['aspect 1', 'aspects 2 and 3', 'aspects 4, 5, 6 and 12', 'aspects 10, 12, ... 30']

@@ -9,14 +9,14 @@ import trimesh
 from shapely import Polygon
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.report.counting_sheet import _pages, drawing_scale
-from resting_aspects_ros.report.outline_table import (
+from resting_aspects_ros.report.outlines import (
     MAX_GROUPS,
     confused_class_texts,
     family_texts,
     short_look_alike_text,
     yaw_symmetry_text,
 )
+from resting_aspects_ros.report.sheet import _pages, drawing_scale
 from resting_aspects_ros.vision.outline import LookAlike
 
 

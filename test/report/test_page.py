@@ -14,9 +14,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.report.aspect_pose import MAX_PICTURE_TRIANGLES
-from resting_aspects_ros.report.colours import aspect_colour
-from resting_aspects_ros.report.figures import bands
+from resting_aspects_ros.report.drop_figures import bands
+from resting_aspects_ros.report.format import aspect_colour, chance_text, points_text
 from resting_aspects_ros.report.page import (
     ENDINGS,
     FIGURES,
@@ -25,7 +24,7 @@ from resting_aspects_ros.report.page import (
     SMALL_PIXELS,
     Report,
 )
-from resting_aspects_ros.report.rounding import chance_text, points_text
+from resting_aspects_ros.report.picture import MAX_PICTURE_TRIANGLES
 from resting_aspects_ros.rotations import rotate
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}

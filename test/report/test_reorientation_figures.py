@@ -10,10 +10,15 @@ from matplotlib.text import Text
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.aspect_groups import MAX_GROUPS, aspect_groups, membership
-from resting_aspects_ros.report.colours import aspect_colour
-from resting_aspects_ros.report.retention_figure import MAX_LINES, retention_figure
-from resting_aspects_ros.report.transition_figure import transition_figure
+from resting_aspects_ros.report.format import aspect_colour
+from resting_aspects_ros.report.transition_figures import (
+    MAX_GROUPS,
+    MAX_LINES,
+    aspect_groups,
+    membership,
+    retention_figure,
+    transition_figure,
+)
 from resting_aspects_ros.statistics.transitions import (
     RetentionCurve,
     TransitionMatrix,

@@ -22,7 +22,7 @@ from resting_aspects_ros.report.reorientation_report import (
     Way,
     reorientation_file_names,
 )
-from resting_aspects_ros.report.transition_document import matrix_fields, retention_fields
+from resting_aspects_ros.report.transitions import matrix_fields, retention_fields
 from resting_aspects_ros.statistics.markov import Plan, long_run, reach
 from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 

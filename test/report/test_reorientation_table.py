@@ -5,14 +5,14 @@ import pytest
 from rich.console import Console
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.reorientation_table import (
+from resting_aspects_ros.report.transitions import (
     long_run_table,
     long_run_text,
     plan_table,
+    retention_table,
+    table_rows,
     wanted_table,
 )
-from resting_aspects_ros.report.retention_table import retention_table
-from resting_aspects_ros.report.transition_table import table_rows
 from resting_aspects_ros.statistics.markov import Plan, long_run, reach
 from resting_aspects_ros.statistics.transitions import RetentionCurve
 
@@ -33,7 +33,7 @@ def body(table):
     assert max(len(line.rstrip()) for line in found) <= 80
     rule = next(k for k, line in enumerate(found) if set(line.strip()) == {'─'})
     assert all(line.isascii() for line in found[rule + 1 :])
-    return [line.split() for line in found[rule + 1 :]]
+    return [line.split() for line in found[rule + 1 :] if line.strip()]
 
 
 def test_long_run_shares_are_beside_those_of_a_drop(rows):

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour
-from resting_aspects_ros.report.rows import class_rows, ids_text, outside_rows, short_name
+from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
+    aspect_colour,
+    class_rows,
+    ids_text,
+    outside_rows,
+    short_name,
+)
 from resting_aspects_ros.statistics.distribution import Distribution
 
 

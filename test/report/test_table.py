@@ -10,14 +10,14 @@ from rich.console import Console
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.rounding import (
+from resting_aspects_ros.report.drops import distribution_table, never_seen_text
+from resting_aspects_ros.report.format import (
     direction_text,
     interval_of,
     interval_text,
     millimetre_texts,
     probability_text,
 )
-from resting_aspects_ros.report.table import distribution_table, never_seen_text
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.statistics.intervals import Interval
 

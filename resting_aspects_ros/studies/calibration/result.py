@@ -13,7 +13,7 @@ import numpy as np
 
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.report.figure_style import (
+from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
     new_figure,

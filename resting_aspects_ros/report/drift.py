@@ -1,22 +1,21 @@
-"""A drift test in sentences, as terminal tables, as a JSON document and as a figure."""
+"""A drift test in sentences, as tables, as a document and as a figure."""
 
 import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
-from resting_aspects_ros.report.colours import COLOURS
 from resting_aspects_ros.report.document import numbers
-from resting_aspects_ros.report.figure_style import (
+from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
     new_figure,
     percent_axis,
     plain_axes,
 )
-from resting_aspects_ros.report.rounding import (
+from resting_aspects_ros.report.format import (
+    COLOURS,
     decimals_of,
     interval_text,
     points,
@@ -25,14 +24,15 @@ from resting_aspects_ros.report.rounding import (
     share_text,
     shown_difference,
 )
-from resting_aspects_ros.report.transition_table import titled_table
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.drift import POWER, Deviation, DriftTest
 from resting_aspects_ros.statistics.g_test import EXCEEDANCES
 from resting_aspects_ros.statistics.intervals import Interval, bounds
 
-if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
+if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 # Windows of a longer table are left out, except the last ones and those with an alarm.
 MAX_ROWS = 40
@@ -141,8 +141,7 @@ def _unclassified(test: DriftTest) -> Iterator[str]:
 def window_table(test: DriftTest, title: str) -> Table:
     """Return a table with a row for each window: its parts, p value and largest deviation."""
     labels = ['from'] if test.labels else []
-    table = titled_table(
-        title,
+    headings = (
         'parts',
         *labels,
         'p',
@@ -152,6 +151,7 @@ def window_table(test: DriftTest, title: str) -> Table:
         'difference\n(points)',
         '',
     )
+    table = Table(title, headings)
     alarms = set(test.alarms.tolist())
     count = len(test.windows)
     for k in range(count):
@@ -188,7 +188,7 @@ def live_table(test: DriftTest, live: LiveCounts) -> Table:
         f'(weight {live.prior_weight:g})'
     )
     percent = f'{100 * confidence:.10g} %\ninterval'
-    table = titled_table(title, 'class', 'counted', 'simulated', 'share', percent)
+    table = Table(title, ('class', 'counted', 'simulated', 'share', percent))
     for k, interval in enumerate(live.intervals(confidence)):
         table.add_row(
             test.names[k],
