@@ -28,13 +28,13 @@ from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
-from resting_aspects_ros.report.reorientation_report import suffix_of
 from resting_aspects_ros.report.transitions import (
     Rows,
     actions_table,
     long_run_table,
     long_run_text,
     plan_table,
+    suffix_of,
     table_rows,
     transition_table,
     wanted_table,

@@ -1,8 +1,8 @@
 """Two distributions, or aspects and clusters of poses, compared in tables, texts and documents."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,14 +11,11 @@ from resting_aspects_ros.aspects.clusters import Agreement, Clusters, Difference
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.drops import shares
 from resting_aspects_ros.report.format import (
-    Row,
-    chance_text,
     decimals_of,
     direction_text,
     interval_of,
     outside_aspects,
     points,
-    probability_text,
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, Table
@@ -45,6 +42,8 @@ class ComparedResults:
         Counts of the two sides.
     names : tuple of str
         The ids as text, such as '3+4' for classes that were counted together; by default the ids.
+    labels : (str, str)
+        Names of the two sides.
     """
 
     ids: tuple[int, ...]
@@ -53,6 +52,7 @@ class ComparedResults:
     b: DropCounts
     what: Literal['aspect', 'class'] = 'aspect'
     names: tuple[str, ...] = ()
+    labels: tuple[str, str] = ('A', 'B')
 
     def name(self, k: int) -> str:
         """Return the name of row ``k``."""
@@ -92,34 +92,28 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         Plain text, shown above the table.
     """
     percent = f'{100 * comparison.confidence:.10g} %'
+    first, second = sides.labels
     headings = (
         sides.what,
-        DOWN,
-        'A\n(%)',
-        f'{percent}\ninterval of A',
-        'B\n(%)',
-        'A - B\n(%)',
+        DOWN if sides.down is not None else '',
+        f'{first}\n(%)',
+        f'{percent}\ninterval of {first}',
+        f'{second}\n(%)',
+        f'{first} - {second}\n(%)',
         f'{percent}\nsimultaneous',
     )
-    table = Table(title, headings, texts={DOWN: None})
-    rows = zip(*sides.shares(comparison.confidence), strict=True)
-    for k, (a, b) in enumerate(rows):
-        bounds = Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k]))
-        decimals = max(*map(_share_decimals, (a, b)), _deviation_decimals(bounds))
-        difference = shown_difference(a.probability, b.probability, decimals)
-        first, second = (
-            f'{100 * each.probability:.{decimals}f}' if each.probability else '0'
+    table = Table(title, headings, texts={headings[1]: None})
+    sides_shares = sides.shares(comparison.confidence)
+    for k, (a, b, row) in enumerate(
+        zip(*sides_shares, _differences(comparison, sides), strict=True)
+    ):
+        both = (
+            f'{100 * each.probability:.{row.decimals}f}' if each.probability else '0'
             for each in (a, b)
         )
-        table.add_row(
-            sides.name(k),
-            _down_text(sides, k),
-            first,
-            _share_texts(a)[1],
-            second,
-            points(difference, decimals),
-            _deviation_texts(bounds)[1],
-        )
+        one, other = both
+        cells = (one, _share_texts(a)[1], other, row.difference, row.bounds)
+        table.add_row(sides.name(k), _down_text(sides, k), *cells)
     table.add_section()
     for name in REST:
         counts = [getattr(tally, name) for tally in sides.tallies]
@@ -132,8 +126,42 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
     return table
 
 
+class _Difference(NamedTuple):
+    """The difference of a row with its bounds as texts, and the decimals of both shares."""
+
+    difference: str
+    bounds: str
+    decimals: int
+
+
+def _differences(comparison: Comparison, sides: ComparedResults) -> Iterator[_Difference]:
+    """Yield the difference of each row as a reader gets it from the shares that are shown."""
+    for k, both in enumerate(zip(*sides.shares(comparison.confidence), strict=True)):
+        bounds = Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k]))
+        decimals = max(*map(_share_decimals, both), _deviation_decimals(bounds))
+        a, b = (each.probability for each in both)
+        difference = shown_difference(a, b, decimals)
+        yield _Difference(points(difference, decimals), _deviation_texts(bounds)[1], decimals)
+
+
+def difference_texts(comparison: Comparison, sides: ComparedResults) -> list[str]:
+    """Return the difference of each row in percentage points, as '+3.1 (-0.9 to +7.0)'."""
+    return [f'{each.difference} ({each.bounds})' for each in _differences(comparison, sides)]
+
+
 def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
-    """Return lines that state how much the sides differ, and whether chance explains it."""
+    """Return the measures in lines for a terminal."""
+    lines = []
+    for name, text in measures(comparison, sides).items():
+        first, _, rest = text.partition(': how')
+        lines.append(f'{name:<25}{first}')
+        if rest:
+            lines.append(f'{"":<25}how{rest}')
+    return '\n'.join(lines)
+
+
+def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
+    """Return how much the sides differ, and whether chance explains it, as texts by name."""
     aspect = sides.name(comparison.largest_aspect - 1)
     deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
     _, bounds = _deviation_texts(
@@ -146,19 +174,20 @@ def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
         'total variation': f'{100 * comparison.total_variation:.3g} %',
         'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
-        'p value': f'{p_value} by {by}',
-        '': 'how often chance alone gives a difference this large',
+        'p value': f'{p_value} by {by}: how often chance alone gives a difference this large',
     }
-    counted = (f'{tally.counts.sum()} of {tally.drops}' for tally in sides.tallies)
-    rows['drops in aspects'] = 'A {}, B {}'.format(*counted)
+    rows['drops in aspects'] = ', '.join(
+        f'{label} {tally.counts.sum()} of {tally.drops}'
+        for label, tally in zip(sides.labels, sides.tallies, strict=True)
+    )
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
         rows['shares'] = 'aspects: of drops in aspects; others: of all drops'
-    return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
+    return rows
 
 
 def _down_text(sides: ComparedResults, k: int) -> str:
     if sides.down is None:
-        return NOTHING
+        return ''
     return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
 
 
@@ -241,92 +270,6 @@ def comparison_document(
         'p_value': comparison.p_value,
         'p_by': comparison.p_by,
     }
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceCounts:
-    """Simulated and reference counts of the symmetry classes, and their comparison.
-
-    name : str
-        Name of the file with the reference counts.
-    own, tally : DropCounts
-        The simulated counts, and the reference counts.
-    comparison : Comparison
-        The comparison of the two.
-    """
-
-    name: str
-    own: DropCounts
-    tally: DropCounts
-    comparison: Comparison
-
-    def sides(self) -> list[tuple[str, list[Interval]]]:
-        """Return the label of each side, and the shares in its drops that are in an aspect."""
-        confidence = self.comparison.confidence
-        return [
-            (
-                f'{name}, {tally.counts.sum()} of {tally.drops} drops in an aspect',
-                intervals(tally.counts, int(tally.counts.sum()), confidence=confidence),
-            )
-            for name, tally in (('simulated', self.own), (self.name, self.tally))
-        ]
-
-
-@dataclass(frozen=True)
-class ComparisonText:
-    """The texts of a comparison, in percent and percentage points.
-
-    rows : tuple of (str, str, str, str)
-        Name, simulated, measured, difference.
-    """
-
-    verdict: str
-    rows: tuple[tuple[str, ...], ...]
-    mean: str
-    largest: str
-    chance: str
-
-
-def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> ComparisonText:
-    """Return the texts of the comparison; ``rows`` are the rows of the symmetry classes."""
-    comparison = measured.comparison
-    differences = difference_texts(comparison)
-    lines: list[tuple[str, ...]] = []
-    for k, (row, difference) in enumerate(zip(rows, differences, strict=True)):
-        decimals = _decimals(comparison, k)
-        sides = (comparison.first[k], comparison.second[k])
-        lines.append((row.name, *(f'{100 * p:.{decimals}f} %' for p in sides), difference))
-    for name in REST:
-        counts = getattr(measured.own, name), getattr(measured.tally, name)
-        if any(counts):
-            drops = measured.own.drops, measured.tally.drops
-            shares = [intervals([c], n)[0] for c, n in zip(counts, drops, strict=True)]
-            lines.append((f'{name}, of all drops', *map(probability_text, shares), ''))
-    largest = comparison.largest_aspect - 1
-    return ComparisonText(
-        verdict(comparison, [row.name for row in rows]),
-        tuple(lines),
-        f'{100 * comparison.mean_deviation:.1f}',
-        f'{differences[largest].split(" ")[0]} points in {rows[largest].name}',
-        chance_text(comparison.p_value),
-    )
-
-
-def difference_texts(comparison: Comparison) -> list[str]:
-    """Return the difference of each class in percentage points, as '+3.1 (-0.9 to +7.0)'."""
-    found = []
-    for k, (low, high) in enumerate(zip(comparison.lower, comparison.upper, strict=True)):
-        decimals = _decimals(comparison, k)
-        shares = float(comparison.first[k]), float(comparison.second[k])
-        difference = points(shown_difference(*shares, decimals), decimals)
-        ends = (points(float(end), decimals - 1) for end in (low, high))
-        found.append(f'{difference} ({" to ".join(ends)})')
-    return found
-
-
-def _decimals(comparison: Comparison, k: int) -> int:
-    """Return the decimals of the shares of a class and their difference: one more than bounds."""
-    return 1 + decimals_of(Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k])))
 
 
 def verdict(comparison: Comparison, names: Sequence[str]) -> str:

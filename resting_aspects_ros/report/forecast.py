@@ -152,6 +152,25 @@ def mix_table(named: NamedForecast) -> Table:
     return table
 
 
+def curve_table(named: NamedForecast) -> Table:
+    """Return a table of the rate for each number of parts on the tray."""
+    curve = named.forecast.curve
+    headings = ('parts on\nthe tray', 'parts per\nminute', 'interval', 'empty\ncycles', 'free')
+    table = Table('', headings)
+    columns = (curve.number, curve.rate, curve.lower, curve.upper, curve.empty_cycles, curve.free)
+    for number, rate, lower, upper, empty, free in zip(
+        *(column.tolist() for column in columns), strict=True
+    ):
+        table.add_row(
+            f'{number}',
+            f'{rate:.2f}',
+            f'{lower:.2f} to {upper:.2f}',
+            f'{100 * empty:.1f} %',
+            f'{100 * free:.1f} %',
+        )
+    return table
+
+
 def _cells(named: NamedForecast) -> list[tuple[str, str]]:
     model, found = named.model, named.forecast
     picks = found.state.picks

@@ -84,14 +84,6 @@ def shown_difference(first: float, second: float, decimals: int) -> float:
     return (round(100 * first, decimals) - round(100 * second, decimals)) / 100
 
 
-def chance_text(p_value: float) -> str:
-    """Return how often chance alone gives a difference as large, as 'in 12 % of cases'."""
-    if p_value < 0.001:
-        return 'in less than 1 of 1000 cases'
-    percent = 100 * p_value
-    return f'in {percent:.1g} % of cases' if percent < 1 else f'in {percent:.0f} % of cases'
-
-
 def share_text(share: float) -> str:
     """Return a share in percent without the percent sign.
 

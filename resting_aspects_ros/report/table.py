@@ -42,6 +42,8 @@ class Table:
         Numbers of rows with totals.
     pictures : dict of (int, int) to str
         Pictures as data URIs by row and column, which only a page shows.
+    picture_width : int
+        Of the pictures, pixels.
     """
 
     title: str
@@ -52,6 +54,7 @@ class Table:
     sections: list[int] = field(default_factory=list)
     bold: list[int] = field(default_factory=list)
     pictures: dict[tuple[int, int], str] = field(default_factory=dict)
+    picture_width: int = 64
 
     def add_row(self, *cells: str, bold: bool = False) -> None:
         """Add a row; cells that are missing at its end are empty."""

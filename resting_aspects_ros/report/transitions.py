@@ -49,6 +49,11 @@ def table_rows(aspects: AspectSet, *, by_class: bool) -> list[tuple[Aspect, ...]
     return aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
 
 
+def suffix_of(action: str, actions: Sequence[str]) -> str:
+    """Return the end of the names of the files of one of several actions, such as '_tap'."""
+    return f'_{action}' if len(actions) > 1 else ''
+
+
 def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
     """Return a table with a row from each aspect or class; it fits 80 columns, in ASCII.
 

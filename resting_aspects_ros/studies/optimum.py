@@ -303,12 +303,11 @@ class OptimiseResult:
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with the objective over each factor; returns its path. OutputError."""
-        # This import takes about a second.
+        # These imports take about a second.
+        from resting_aspects_ros.api.report_files import write_page
         from resting_aspects_ros.studies.pages import optimise_page
 
-        with whole_file(Path(folder) / PAGE) as file:
-            file.write_text(optimise_page(self), encoding='utf-8')
-        return Path(folder) / PAGE
+        return write_page(optimise_page(self, PAGE), Path(folder))
 
     def candidate_table(self) -> Table:
         """Return the table of the conditions that are compared."""

@@ -229,12 +229,11 @@ class PropagatedResult:
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with both intervals of each class; returns its path. OutputError."""
-        # This import takes about a second.
+        # These imports take about a second.
+        from resting_aspects_ros.api.report_files import write_page
         from resting_aspects_ros.studies.pages import propagated_page
 
-        with whole_file(Path(folder) / PAGE) as file:
-            file.write_text(propagated_page(self), encoding='utf-8')
-        return Path(folder) / PAGE
+        return write_page(propagated_page(self, PAGE), Path(folder))
 
     def __str__(self) -> str:
         found, names = self.by_class, self.case.class_names

@@ -351,14 +351,12 @@ class StudyResult:
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with curves, indices and findings; returns its path. OutputError."""
-        # This import takes about a second.
+        # These imports take about a second.
+        from resting_aspects_ros.api.report_files import write_page
         from resting_aspects_ros.studies.pages import study_page
 
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(folder / PAGE) as part:
-            part.write_text(study_page(self), encoding='utf-8')
-        return folder / PAGE
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        return write_page(study_page(self, PAGE), Path(folder))
 
 
 def study(
