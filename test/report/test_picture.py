@@ -249,7 +249,7 @@ import numpy as np
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.report.figure import png_bytes
-from resting_aspects_ros.report.page import report_files
+from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.report.drop_figures import distribution_figure
 assert 'matplotlib' not in sys.modules
 assert 'jinja2' not in sys.modules
