@@ -8,17 +8,10 @@ from typing import Any
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text
 from resting_aspects_ros.api.look_alike_notes import look_alike_texts
-from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.report_files import (
-    check_files,
-    part_facts,
-    run_facts,
-    warning_notes,
-    write_page,
-)
+from resting_aspects_ros.api.report_files import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.result import Result, check_files, save_figure, write_page
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast import (
     NamedForecast,
     controlled_fields,
@@ -35,6 +28,7 @@ from resting_aspects_ros.report.page import Chart, Fold, Item, Page, Section, Te
 from resting_aspects_ros.report.transitions import matrix_fields
 
 PAGE, FIGURE = 'forecast.html', 'forecast'
+FILES = file_names(PAGE, [FIGURE])
 READING = {
     'Cycle': (
         'the feeder vibrates, the parts come to rest, one image is taken, and the robot picks the '
@@ -76,7 +70,7 @@ _SHARED = (
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForecastResult:
+class ForecastResult(Result):
     """The parts per minute of a feeder.
 
     Attributes
@@ -162,22 +156,14 @@ class ForecastResult:
             'alternatives': [each.document() for each in alternatives],
         }
 
-    def to_json(self, alternatives: 'Sequence[ForecastResult]' = ()) -> str:
-        """Return the document as text."""
-        return json_text(self.document(alternatives))
-
-    def report(self, folder: str | Path, alternatives: 'Sequence[ForecastResult]' = ()) -> Path:
-        """Write a page with the curves and all numbers into a folder, which is made if necessary.
-
-        Returns the path of the page; raises OutputError if it cannot be written.
-        """
-        check_forecast_report('folder', Path(folder))
-        return write_forecast_report([self, *alternatives], Path(folder))
+    def page(self, alternatives: 'Sequence[ForecastResult]' = ()) -> Page:
+        """Return a page with the curves and all numbers."""
+        return forecast_page([self, *alternatives])
 
 
 def check_forecast_report(flag: str, folder: Path) -> None:
     """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    check_files(flag, folder, file_names(PAGE, [FIGURE]))
+    check_files(flag, folder, FILES)
 
 
 def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Path:
@@ -185,7 +171,7 @@ def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Pa
 
     Raises OutputError if a file cannot be written.
     """
-    return write_page(forecast_page(results), folder, file_names(PAGE, [FIGURE]))
+    return write_page(forecast_page(results), folder)
 
 
 def forecast_page(results: Sequence[ForecastResult]) -> Page:
@@ -205,6 +191,7 @@ def forecast_page(results: Sequence[ForecastResult]) -> Page:
         reading=READING,
         facts=_facts(first, parts),
         notes=[note for found in parts.values() for note in warning_notes(found.part)],
+        names=FILES,
     )
 
 
@@ -270,12 +257,8 @@ def _facts(
 
 def save_forecast_picture(results: Sequence[ForecastResult], path: Path) -> None:
     """Write the curves as PNG; raises OutputError."""
-    from resting_aspects_ros.report.figure import png_bytes
-
     title = f'{_parts_text(results)}, {_subtitle(results[0])}'
-    data = png_bytes(forecast_figure([each.named for each in results], title))
-    with whole_file(path) as part:
-        part.write_bytes(data)
+    save_figure(forecast_figure([each.named for each in results], title), path)
 
 
 def _parts_text(results: Sequence[ForecastResult]) -> str:

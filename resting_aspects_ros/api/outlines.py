@@ -6,6 +6,7 @@ from pathlib import Path
 
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -30,7 +31,7 @@ DOCUMENT, COCO = 'outlines.json', 'coco.json'
 
 
 @dataclass(frozen=True, eq=False)
-class OutlinesResult:
+class OutlinesResult(Result):
     """The outlines of a part, and which of them look alike.
 
     Attributes
@@ -48,9 +49,9 @@ class OutlinesResult:
     part: Part
     aspects: AspectSet
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects outlines --json` prints."""
-        return to_json(outlines_document(self.part, self.outlines, self.look_alikes))
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects outlines --json` prints."""
+        return outlines_document(self.part, self.outlines, self.look_alikes)
 
     def save(self, folder: str | Path, px_per_mm: float = PIXELS_PER_MM) -> list[Path]:
         """Write all files of the outlines into a folder, which is made if necessary.

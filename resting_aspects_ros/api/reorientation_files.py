@@ -10,13 +10,12 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.report_files import (
-    check_files,
     energy_text,
     part_facts,
     run_facts,
     warning_notes,
-    write_page,
 )
+from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import analysis
@@ -145,12 +144,12 @@ def write_reorientation_report(
     page = reorientation_page(
         results, wanted=wanted, plan=plan, checks=checks, simulated=simulated
     )
-    return write_page(page, folder, reorientation_file_names([r.action.name for r in results]))
+    return write_page(page, folder)
 
 
 def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
     """Write a report on retention curves, and return the path of the page. Raises OutputError."""
-    return write_page(retention_page(result), folder, reorientation_file_names(()))
+    return write_page(retention_page(result), folder)
 
 
 def reorientation_page(
@@ -208,6 +207,7 @@ def reorientation_page(
         },
         notes=warning_notes(first.part),
         contents=len(results) > 1,
+        names=reorientation_file_names(names),
     )
 
 
@@ -357,6 +357,7 @@ def retention_page(result: 'RetentionResult') -> Page:
             ],
         },
         notes=[*notes, *warning_notes(part)],
+        names=reorientation_file_names(()),
     )
 
 

@@ -1,6 +1,6 @@
 """The files of a report on a result."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
-from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor, outcome_hints, scene_of
 from resting_aspects_ros.arrays import Array
@@ -61,32 +61,9 @@ def check_report(flag: str, folder: Path) -> None:
     check_files(flag, folder, FILES)
 
 
-def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    make_folder(flag, folder)
-    for name in names:
-        check_output(flag, folder / name)
-
-
 def write_report(result: 'DropResult', folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
-    return write_page(result_page(result, against), folder, FILES)
-
-
-def write_page(page: Page, folder: Path, names: Sequence[str] = ()) -> Path:
-    """Write a page with its figures, and return its path. Raises OutputError.
-
-    Files of ``names`` that an earlier page had in addition are removed.
-    """
-    written = set()
-    for name, data in page.files():
-        with whole_file(folder / name) as file:
-            file.write_bytes(data)
-        written.add(name)
-    for name in names:
-        if name not in written:
-            (folder / name).unlink(missing_ok=True)
-    return folder / page.file
+    return write_page(result_page(result, against), folder)
 
 
 def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Page:

@@ -201,6 +201,7 @@ def drop_page(
         notes=notes,
         top=list(_top(shown, drawn, part, drops, spread)),
         saved=[Chart('distribution', _LABELS['distribution'], saved, saved=saved)],
+        names=FILES,
     )
 
 

@@ -217,6 +217,8 @@ class Page:
         Figures that are files and not on the page.
     contents : bool
         Whether links to the sections are shown.
+    names : sequence of str
+        Names of all files that such a page can have.
     """
 
     file: str
@@ -231,6 +233,7 @@ class Page:
     top: Sequence[Item] = ()
     saved: Sequence[Chart] = ()
     contents: bool = False
+    names: Sequence[str] = ()
 
     def files(self) -> Iterator[tuple[str, bytes]]:
         """Yield the name and the content of each file: the figures, then the page."""

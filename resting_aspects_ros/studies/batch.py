@@ -515,7 +515,7 @@ def _folder(name: str, taken: Sequence[str]) -> str:
 
 def _write_index(batch: BatchResult, *, compare: bool = False) -> None:
     # These imports take about a second.
-    from resting_aspects_ros.api.report_files import write_page
+    from resting_aspects_ros.api.result import write_page
     from resting_aspects_ros.studies.pages import batch_page
 
     assert batch.folder is not None
