@@ -17,10 +17,9 @@ from resting_aspects_ros.api.report_files import (
 )
 from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.format import (
-    ids_text,
+    aspects_text,
     interval_text,
     points_text,
     probability_text,
@@ -239,7 +238,7 @@ def _action_items(
         result, [interval_table(matrix, by_class) for by_class in (True, False)]
     )
     if result.convergence is not None:
-        classes = map(_named, matrix.aspects.classes())
+        classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
     yield Text('Long run', 'part')
     yield from _long_run_items(result)
@@ -314,7 +313,7 @@ def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence
 
 
 def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:
-    return _named(tuple(result.matrix.aspects.aspects[k - 1] for k in sorted(set(wanted))))
+    return aspects_text(tuple(result.matrix.aspects.aspects[k - 1] for k in sorted(set(wanted))))
 
 
 def retention_page(result: 'RetentionResult') -> Page:
@@ -367,10 +366,6 @@ def _count_text(matrix: TransitionMatrix) -> str:
     return f'{matrix.actions.sum()} actions, {number} from each aspect'
 
 
-def _named(aspects: tuple[Aspect, ...]) -> str:
-    return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
-
-
 def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[str]:
     matrix = result.matrix
     if not result.complete:
@@ -382,7 +377,7 @@ def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[st
     if replaced.any():
         aspects = tuple(matrix.aspects.aspects[k] for k in np.flatnonzero(replaced))
         measured = 'are measured trials instead of simulated actions'
-        yield f'The transitions from {_named(aspects)} {measured}.'
+        yield f'The transitions from {aspects_text(aspects)} {measured}.'
 
 
 def _incomplete(done: int, requested: int, what: str) -> str:

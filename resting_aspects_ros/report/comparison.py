@@ -15,6 +15,7 @@ from resting_aspects_ros.report.format import (
     direction_text,
     interval_of,
     outside_aspects,
+    percent_text,
     points,
     shown_difference,
 )
@@ -107,10 +108,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
     for k, (a, b, row) in enumerate(
         zip(*sides_shares, _differences(comparison, sides), strict=True)
     ):
-        both = (
-            f'{100 * each.probability:.{row.decimals}f}' if each.probability else '0'
-            for each in (a, b)
-        )
+        both = (percent_text(each.probability, row.decimals) for each in (a, b))
         one, other = both
         cells = (one, _share_texts(a)[1], other, row.difference, row.bounds)
         table.add_row(sides.name(k), _down_text(sides, k), *cells)
@@ -199,8 +197,7 @@ def _share_texts(interval: Interval) -> tuple[str, str]:
     """Return share and interval in percent."""
     decimals = _share_decimals(interval)
     share, low, high = (
-        f'{100 * x:.{decimals}f}' if x else '0'
-        for x in (interval.probability, interval.lower, interval.upper)
+        percent_text(x, decimals) for x in (interval.probability, interval.lower, interval.upper)
     )
     return share, f'{low} to {high}'
 

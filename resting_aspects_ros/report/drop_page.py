@@ -29,13 +29,13 @@ from resting_aspects_ros.report.drop_figures import (
     estimates_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import down_text, estimate_table
+from resting_aspects_ros.report.drops import down_text, estimate_table, never_seen_text
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
+    aspects_text,
     class_of,
     class_rows,
-    ids_text,
     interval_text,
     millimetre_texts,
     outside_rows,
@@ -199,7 +199,7 @@ def drop_page(
         reading=_reading(confidence),
         facts=facts or {},
         notes=notes,
-        top=list(_top(shown, drawn, part, drops, spread)),
+        top=list(_top(shown, drawn, part, distribution, spread)),
         saved=[Chart('distribution', _LABELS['distribution'], saved, saved=saved)],
         names=FILES,
     )
@@ -245,7 +245,7 @@ def _top(
     shown: Sequence[OutcomeRow],
     drawn: _DrawnRows,
     part: Part | None,
-    drops: int,
+    distribution: Distribution,
     spread: str,
 ) -> Iterator[Item]:
     """Yield the 3D view, if there is one, and the shares of all outcomes."""
@@ -264,11 +264,11 @@ def _top(
     rows = [*drawn.rows, *drawn.outside]
     images = [drawn.oblique.get(k) for k in range(len(rows))]
     bars = largest_rows(shown)
-    caption = f'Share of each outcome in all {drops} drops, with {spread}.'
+    caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
     if len(bars) < len(shown):
         caption += f' Bars are shown for the {len(bars)} largest of {len(shown)} outcomes.'
-    if drops and (unseen := unseen_text(drawn.rows)):
-        caption += f' Never seen: {unseen}.'
+    if unseen := never_seen_text(distribution):
+        caption += f' {unseen}'
     draw = partial(pie_figure, rows, images)
     yield Bars(Chart('pie', _LABELS['pie'], draw, saved=draw), bars, caption)
 
@@ -410,15 +410,6 @@ def largest_rows(rows: Sequence[OutcomeRow]) -> list[OutcomeRow]:
     return [rows[k] for k in sorted(order[:MAX_SHOWN])]
 
 
-def unseen_text(rows: Sequence[Row]) -> str:
-    """List the rows in which no drop ended, with the upper bound of their probability."""
-    return ', '.join(
-        f'{row.name} (at most {interval_text(row.interval).removeprefix("0 to ")})'
-        for row in rows
-        if not row.count
-    )
-
-
 def _note(row: Row) -> str:
     if not row.aspects:
         return OUTSIDE[row.name]
@@ -470,10 +461,8 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     if not aspect.neighbour:
         return 'none'
     members = class_of(aspect.neighbour, classes)
-    if members == row.aspects:
-        target = 'an aspect that looks the same'
-    else:
-        target = f'aspect{"s" * (len(members) > 1)} {ids_text(members)}'
+    same = members == row.aspects
+    target = 'an aspect that looks the same' if same else aspects_text(members)
     return f'{1000 * aspect.min_barrier:.3g} mm, to {target}'
 
 

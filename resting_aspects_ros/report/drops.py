@@ -15,6 +15,7 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, share_f
 from resting_aspects_ros.report.format import (
     Row,
     aspect_rows,
+    aspects_text,
     class_of,
     class_rows,
     decimals_of,
@@ -105,10 +106,9 @@ def merged_text(aspects: AspectSet) -> str:
     if not having:
         return ''
     highest = 1000 * max(aspect.merged for aspect in having)
-    plural = 's' if len(having) > 1 else ''
     return (
-        f'Ignored in aspect{plural} {ids_text(having)}: barriers of up to {highest:.2g} mm, which '
-        'the mesh or noise explains.'
+        f'Ignored in {aspects_text(having)}: barriers of up to {highest:.2g} mm, which the mesh '
+        'or noise explains.'
     )
 
 

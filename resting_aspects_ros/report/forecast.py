@@ -26,6 +26,7 @@ from resting_aspects_ros.report.figure import (
 from resting_aspects_ros.report.format import (
     COLOURS,
     GREY,
+    aspects_text,
     ids_text,
     minutes_text,
     number_text,
@@ -216,7 +217,7 @@ def _aspects_text(rows: Sequence[tuple[Aspect, ...]], mask: Sequence[bool]) -> s
         aspect for row, wanted in zip(rows, mask, strict=True) if wanted for aspect in row
     )
     found = tuple(sorted(found, key=lambda aspect: aspect.id))
-    return f'aspect{"s" * (len(found) > 1)} {ids_text(found)}'
+    return aspects_text(found)
 
 
 def _small_share_text(share: float) -> str:

@@ -59,13 +59,15 @@ def decimals_of(interval: Interval) -> int:
 
 def probability_text(interval: Interval) -> str:
     """Return the probability in percent, as '27.8 %'; '0 %' if the count is zero."""
-    return f'{_percent(interval.probability, decimals_of(interval))} %'
+    return f'{percent_text(interval.probability, decimals_of(interval))} %'
 
 
 def interval_text(interval: Interval) -> str:
     """Return both bounds in percent, as '25.1 to 30.7 %' or '0 to 0.38 %'."""
     decimals = decimals_of(interval)
-    return f'{_percent(interval.lower, decimals)} to {_percent(interval.upper, decimals)} %'
+    return (
+        f'{percent_text(interval.lower, decimals)} to {percent_text(interval.upper, decimals)} %'
+    )
 
 
 def points_text(deviation: float, lower: float, upper: float) -> str:
@@ -105,6 +107,11 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
     return [f'{1000 * length:.{max(4 - whole_digits, 0)}f}' for length in lengths]
 
 
+def millimetres_text(length: float) -> str:
+    """Return a length, m, in mm with three significant digits."""
+    return number_text(1000 * length) if length else '0'
+
+
 def size_text(part: Part) -> str:
     """Return the lengths along the axes of the mesh, as '40 x 30 x 12.5 mm'."""
     sides = 1000 * np.ptp(part.vertices, axis=0)
@@ -115,7 +122,8 @@ def size_text(part: Part) -> str:
     return ' x '.join(texts) + ' mm'
 
 
-def _percent(share: float, decimals: int) -> str:
+def percent_text(share: float, decimals: int) -> str:
+    """Return a share in percent without the percent sign; '0' if it is exactly zero."""
     # An exact zero has no decimals: they would suggest that it was measured precisely.
     return f'{100 * share:.{decimals}f}' if share else '0'
 
@@ -205,7 +213,7 @@ def class_rows(distribution: Distribution) -> list[Row]:
     classes = distribution.by_class()
     members = distribution.aspects.classes()
     return [
-        Row(f'aspect{"s" * (len(alike) > 1)} {ids_text(alike)}', count, interval, colour, alike)
+        Row(aspects_text(alike), count, interval, colour, alike)
         for alike, count, interval, colour in zip(
             members,
             classes.counts.tolist(),
@@ -242,6 +250,11 @@ def ids_text(aspects: tuple[Aspect, ...]) -> str:
     return (
         text if ' to ' in text or len(ids) <= _MAX_LISTED else f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
     )
+
+
+def aspects_text(aspects: tuple[Aspect, ...]) -> str:
+    """Return the ids with the word 'aspect', as 'aspect 3' or 'aspects 1 and 2'."""
+    return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
 
 
 def numbers_text(numbers: Sequence[int]) -> str:

@@ -15,7 +15,13 @@ from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
-from resting_aspects_ros.report.format import ids_text, millimetre_texts, number_text, numbers_text
+from resting_aspects_ros.report.format import (
+    ids_text,
+    millimetre_texts,
+    millimetres_text,
+    number_text,
+    numbers_text,
+)
 from resting_aspects_ros.report.table import NOTHING, Table
 from resting_aspects_ros.vision.outline import (
     LookAlike,
@@ -216,7 +222,9 @@ def _order(entry: LookAlike) -> tuple[int, float]:
 
 def _reason(entry: LookAlike) -> str:
     return (
-        f'distinct by {_mm(entry.resolution)} mm' if entry.verdict == 'distinct' else entry.verdict
+        f'distinct by {millimetres_text(entry.resolution)} mm'
+        if entry.verdict == 'distinct'
+        else entry.verdict
     )
 
 
@@ -225,7 +233,7 @@ def _same_text(outlines: Sequence[Outline]) -> str:
     classes = numbers_text([each.symmetry_class for each in outlines])
     heights = sorted(each.height for each in outlines)
     clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
-    measured = [f'{_mm(each.height)}' for each in outlines]
+    measured = [f'{millimetres_text(each.height)}' for each in outlines]
     values = f'{", ".join(measured[:-1])} and {measured[-1]} mm'
     if all(clear):
         needed = f'a measured height does: {values}'
@@ -243,7 +251,7 @@ def _group_text(
 ) -> str:
     """Return what distinguishes classes whose outlines are mirror images, or almost the same."""
     entries = [pairs[pair] for pair in inside]
-    sizes = [_mm(each(entry.resolution for entry in entries)) for each in (min, max)]
+    sizes = [millimetres_text(each(entry.resolution for entry in entries)) for each in (min, max)]
     mirrors = any(entry.verdict == 'mirrored' for entry in entries)
     if mirrors and len(entries) == 1:
         one, other = (numbers_text(groups[number]) for number in inside[0])
@@ -261,10 +269,6 @@ def _group_text(
             ' Some show mirror images of each other: a match must not accept mirrored outlines.'
         )
     return text
-
-
-def _mm(length: float) -> str:
-    return number_text(1000 * length)
 
 
 MM = 1000.0  # mm/m

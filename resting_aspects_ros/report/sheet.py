@@ -18,7 +18,7 @@ from resting_aspects_ros.report.figure import FAINT, PIXELS_PER_INCH, TEXT
 from resting_aspects_ros.report.format import (
     GREY,
     aspect_colour,
-    ids_text,
+    aspects_text,
     millimetre_texts,
     rgb,
     size_text,
@@ -218,7 +218,7 @@ def _rows(
     heights = millimetre_texts(np.array([each.height for each in outlines]))
     rows = [
         SheetRow(
-            f'Class {each.symmetry_class}: {_aspects_text(group)}',
+            f'Class {each.symmetry_class}: {aspects_text(group)}',
             tuple(_notes(part, each, group, height, look_alikes[each.symmetry_class])),
             colour,
             scale(drawing, factor, factor, origin=(0, 0)),
@@ -241,10 +241,6 @@ def _notes(
     yield f'rests on {resting_on(part, group[0])}; {height} mm high'
     if text := short_look_alike_text(outline, others):
         yield f'From above it looks like {text}.'
-
-
-def _aspects_text(group: tuple[Aspect, ...]) -> str:
-    return f'aspect{"s" * (len(group) > 1)} {ids_text(group)}'
 
 
 def _yaw(one: Array, other: Array) -> float:

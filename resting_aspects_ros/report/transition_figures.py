@@ -21,9 +21,17 @@ from resting_aspects_ros.report.figure import (
     pixel_axes,
     plain_axes,
 )
-from resting_aspects_ros.report.format import GREY, aspect_colour, decimals_of, ids_text, rgb
+from resting_aspects_ros.report.format import (
+    GREY,
+    aspect_colour,
+    decimals_of,
+    ids_text,
+    millimetres_text,
+    percent_text,
+    rgb,
+)
 from resting_aspects_ros.report.picture import Image, draw_parts, picture_part, pose_parts
-from resting_aspects_ros.report.transitions import OUTCOME_HEADINGS, millimetres_text
+from resting_aspects_ros.report.transitions import OUTCOME_HEADINGS
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.transitions import OUTCOMES, RetentionCurve, TransitionMatrix
 
@@ -261,7 +269,7 @@ def _draw_cells(
 def _write_cell(axes: 'Axes', interval: Interval, x: float, y: float) -> None:
     decimals = min(decimals_of(interval), MAX_DECIMALS)
     share, low, high = (
-        f'{100 * value:.{decimals}f}' if value else '0'
+        percent_text(value, decimals)
         for value in (interval.probability, interval.lower, interval.upper)
     )
     # An outcome that was never seen is less conspicuous.

@@ -11,10 +11,13 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.report.document import numbers, plain
 from resting_aspects_ros.report.format import (
+    aspects_text,
     decimals_of,
     ids_text,
     interval_text,
+    millimetres_text,
     number_text,
+    percent_text,
     probability_text,
     share_text,
 )
@@ -166,8 +169,7 @@ def _list_text(cells: _Cells, row: int) -> str:
 
 def _row_text(interval: Interval, widest: Interval) -> str:
     """Return a probability in percent with the decimals of the widest interval of its row."""
-    percent = 100 * interval.probability
-    return f'{percent:.{decimals_of(widest)}f}' if percent else '0'
+    return percent_text(interval.probability, decimals_of(widest))
 
 
 def _half_width(cells: _Cells, row: int) -> str:
@@ -380,7 +382,7 @@ def _marks(long_run: LongRun, count: int) -> list[str]:
 def _names(rows: Rows, indices: Sequence[int]) -> str:
     """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
     aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
-    return f'aspect{"s" * (len(aspects) > 1)} {ids_text(tuple(aspects))}'
+    return aspects_text(tuple(aspects))
 
 
 def _heading(rows: Rows) -> str:
@@ -430,11 +432,6 @@ def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Tabl
                 interval_text(chance),
             )
     return table
-
-
-def millimetres_text(length: float) -> str:
-    """Return a length, m, in mm with three significant digits."""
-    return number_text(1000 * length) if length else '0'
 
 
 def _level_text(curve: RetentionCurve, level: float) -> str:

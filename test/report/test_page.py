@@ -174,7 +174,7 @@ def test_unseen_aspect_has_an_upper_bound(page):
     (row,) = [each for each in page.all('li', **{'class': 'unseen'}) if 'data-row' in each]
     assert 'never seen' in words(row)
     assert '0 to 0.38 %' in words(row)
-    assert any('Never seen: aspect 5 (at most 0.38 %)' in words(e) for e in page.all('figcaption'))
+    assert any('Never seen: aspect 5 (at most 0.38 %' in words(e) for e in page.all('figcaption'))
 
 
 def test_input_texts_are_escaped(page):
