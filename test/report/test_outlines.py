@@ -12,7 +12,6 @@ from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.report.outlines import (
     MAX_GROUPS,
     confused_class_texts,
-    family_texts,
     short_look_alike_text,
     yaw_symmetry_text,
 )
@@ -127,21 +126,6 @@ def test_sides_that_are_almost_equal_do_not_multiply_the_sentences(solid):
         for other in others:
             alike = other.verdict != 'distinct' or other.resolution < 2e-4
             assert alike == any({one, other.symmetry_class} <= group for group in groups)
-
-
-def test_table_and_verdict_use_the_same_words(outline):
-    entries = entry_table(
-        3, lambda a, b: ('same', 1e-5) if (a, b) == (1, 2) else ('distinct', 5e-5)
-    )
-    text = short_look_alike_text(outline, entries[1])
-    assert text == 'class 2 (same), 3 (distinct by 0.0500 mm)'
-
-
-def test_a_family_is_mentioned(outline):
-    rolling = dataclasses.replace(outline, family=(outline.polygon,) * 3)
-    (text,) = family_texts([outline, rolling])
-    assert 'changes while the part rolls or rocks' in text
-    assert 'contains 3 more' in text
 
 
 def test_yaw_symmetry_is_a_turn():
