@@ -24,37 +24,20 @@ from resting_aspects_ros.report.forecast import (
     forecast_table,
     mix_table,
 )
-from resting_aspects_ros.report.page import Chart, Fold, Item, Page, Section, Text, file_names
+from resting_aspects_ros.report.page import (
+    Chart,
+    Fold,
+    Item,
+    Page,
+    Section,
+    Text,
+    file_names,
+    reading,
+)
 from resting_aspects_ros.report.transitions import matrix_fields
 
 PAGE, FIGURE = 'forecast.html', 'forecast'
 FILES = file_names(PAGE, [FIGURE])
-READING = {
-    'Cycle': (
-        'the feeder vibrates, the parts come to rest, one image is taken, and the robot picks the '
-        'pickable free parts that it shows. Then as many parts are supplied as are missing.'
-    ),
-    'Free': (
-        'no other part is closer to the part than the clearance, or in the footprint of the '
-        'gripper.'
-    ),
-    'Best number': (
-        'with fewer parts on the tray there is less to pick in each cycle; with more parts, fewer '
-        'of them are free.'
-    ),
-    'Flips of a part until picked': (
-        'how often a part is vibrated, on average, from its supply until it is picked.'
-    ),
-    'What limits': (
-        'the resource whose time raises the rate most if it is 10 % shorter: the robot, the '
-        'feeder (vibrate, settle, supply) or vision (image).'
-    ),
-    'Where the forecast ends': (
-        'parts do not lean on each other, overlap or entangle in it. This is a fair assumption '
-        'while they cover up to about 30 % of the tray, and wrong for parts that interlock, such '
-        'as open rings or springs.'
-    ),
-}
 # Fields of the document of a reorientation that the document of a forecast has, too.
 _SHARED = (
     'mesh_sha256',
@@ -188,7 +171,7 @@ def forecast_page(results: Sequence[ForecastResult]) -> Page:
             Section('Parts per minute', 'rate', list(_rate_items(results))),
             Section('What lies on the tray', 'mix', list(_mix_items(results))),
         ],
-        reading=READING,
+        reading=reading('forecast'),
         facts=_facts(first, parts),
         notes=[note for found in parts.values() for note in warning_notes(found.part)],
         names=FILES,

@@ -33,6 +33,7 @@ from resting_aspects_ros.report.page import (
     Section,
     Text,
     file_names,
+    reading,
 )
 from resting_aspects_ros.report.table import NOTHING, Table
 from resting_aspects_ros.report.transition_figures import (
@@ -69,47 +70,6 @@ MEASURED = ('from', 'to', 'measured', 'simulated', 'difference in points', 'verd
 # Conditions that matter only for drops.
 _RELEASE = {
     QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
-}
-ASPECT = (
-    'one way in which the part can rest on the surface. Two poses that differ only by a rotation '
-    'about the vertical are the same aspect. Aspects that a rotation of the part maps onto each '
-    'other are a symmetry class; they look the same and have the same colour.'
-)
-READING = {
-    'Aspect': ASPECT,
-    'Transition': (
-        'the part rests in the aspect of the row, the action is applied once, and the part comes '
-        'to rest in the aspect of the column. Each row adds up to 100 % with the parts that are '
-        'in no aspect afterwards: unclassified (at rest, but in none of the stable aspects), '
-        'unsettled (still moving at the end of the simulated time), failed (numerically) or lost '
-        '(no longer on the surface).'
-    ),
-    'Interval': (
-        'the range that contains the true probability under these conditions with this '
-        'confidence. A transition that was never seen has an upper bound, too.'
-    ),
-    'Long run': (
-        'the mix of aspects if the action is repeated many times, and each part that leaves the '
-        'aspects is replaced by a dropped part. If it differs much from the shares of a drop, the '
-        'feed rate of a feeder that circulates its parts does, too.'
-    ),
-    'Group': (
-        'aspects that the action does not lead out of, a closed class of the Markov chain. If '
-        'there are several groups, it depends on the first drop in which of them a part ends.'
-    ),
-}
-RETENTION_READING = {
-    'Aspect': ASPECT,
-    'Lift height': (
-        'the energy of a disturbance, given as the height by which it would lift the centre of '
-        'mass. The direction of the disturbance is random, so only a part of the energy helps to '
-        'tip the part over.'
-    ),
-    'Barrier': (
-        'the smallest rise of the centre of mass with which the part can leave the aspect. Below '
-        'it, every part stays. Far above it the part comes to rest anew, and returns to its '
-        'aspect with some probability; therefore a curve need not reach 100 %.'
-    ),
 }
 
 
@@ -198,7 +158,7 @@ def reorientation_page(
         subtitle=f'{", ".join(names)} on {conditions_text(first.run.conditions)}, '
         f'seed {first.run.seed}',
         sections=sections,
-        reading=READING,
+        reading=reading('reorientation'),
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
             **_condition_facts(first.run.conditions),
@@ -346,7 +306,7 @@ def retention_page(result: 'RetentionResult') -> Page:
         lead='How firmly the part rests in each aspect',
         subtitle=subtitle,
         sections=[Section('Retention', 'retention', items)],
-        reading=RETENTION_READING,
+        reading=reading('retention'),
         facts={
             'Part': part_facts(part, run, result.aspects),
             'Conditions': _condition_facts(run.conditions)['Conditions'],

@@ -58,6 +58,7 @@ from resting_aspects_ros.report.page import (
     View,
     file_names,
     picture_uri,
+    reading,
 )
 from resting_aspects_ros.report.picture import (
     FROM_ABOVE,
@@ -196,7 +197,7 @@ def drop_page(
         lead='Resting aspects and their probabilities',
         subtitle=subtitle,
         sections=sections,
-        reading=_reading(confidence),
+        reading=reading('drops', confidence=confidence),
         facts=facts or {},
         notes=notes,
         top=list(_top(shown, drawn, part, distribution, spread)),
@@ -464,40 +465,6 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     same = members == row.aspects
     target = 'an aspect that looks the same' if same else aspects_text(members)
     return f'{1000 * aspect.min_barrier:.3g} mm, to {target}'
-
-
-def _reading(confidence: str) -> dict[str, str]:
-    return {
-        'Aspect': (
-            'one way in which the part can rest on the surface. Two poses that differ only by a '
-            'rotation about the vertical are the same aspect. Aspects that a rotation of the part '
-            'maps onto each other look the same to every camera; they share a row and a colour.'
-        ),
-        'Probability and interval': (
-            'the share of all drops that ended in this aspect, and the range that contains the '
-            f'true probability under these conditions with {confidence} % confidence. An aspect '
-            'that was never seen has an upper bound, too.'
-        ),
-        'Basin': (
-            'the share of all initial orientations from which the part rolls into the aspect if '
-            'it is released without speed and does not bounce. If the basin differs much from the '
-            'probability, the release height and the friction matter.'
-        ),
-        'Minimum barrier': (
-            'the smallest rise of the centre of mass that tips the part out of the aspect, and '
-            'the aspect that it then reaches. It tells how firmly the part rests. A nudge, an '
-            'edge of a track or a neighbouring part overcomes a low barrier; a high barrier needs '
-            'a tool.'
-        ),
-        'Centre of mass': (
-            'its height above the surface. The lower it is, the harder it is to turn the part '
-            'over and, in most cases, the more probable the aspect is.'
-        ),
-        'From above': (
-            "what a feeder's camera sees. If two aspects look the same from above, light from the "
-            'side or another feature is needed to tell them apart.'
-        ),
-    }
 
 
 def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> dict[str, object]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import yaml
+
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.figure import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.table import Table
@@ -322,6 +324,15 @@ def picture_uri(image: 'Image') -> str:
 def script_uri(name: str) -> str:
     """Return a script of page_files as a data URI."""
     return _data_uri('text/javascript', read_file(name).encode())
+
+
+def reading(kind: str, **values: str) -> dict[str, str]:
+    """Return the explanations of a kind of page by term, from reading.yaml.
+
+    ``values`` replace their names in braces.
+    """
+    texts = yaml.safe_load(read_file('reading.yaml'))[kind]
+    return {term: text.format(**values) for term, text in texts.items()}
 
 
 def read_file(name: str) -> str:

@@ -40,6 +40,7 @@ from resting_aspects_ros.report.page import (
     Text,
     Tile,
     picture_uri,
+    reading,
 )
 from resting_aspects_ros.report.picture import draw_parts, picture_part, pose_parts
 from resting_aspects_ros.report.table import Table
@@ -71,76 +72,6 @@ MAX_COLUMNS = 4
 PIXELS = 176
 # Number of classes of a part that the index of a batch shows.
 TOP = 3
-
-
-STUDY_READING = {
-    'Findings': (
-        'the largest change of a share that a factor makes within its range, at any of the base '
-        'points of the other factors, by fresh drops there. If it exceeds the tolerance of '
-        '{tolerance} points, it is worth while to measure or to control the factor. If the factor '
-        'is not known better than its range, the shares are not known better than this.'
-    ),
-    'First Sobol index': (
-        'the share of the variance of a probability that would vanish, on average, if the factor '
-        'were known exactly.'
-    ),
-    'Total Sobol index': (
-        'the share of the variance that would remain if all other factors were known. It exceeds '
-        'the first index if factors interact.'
-    ),
-    'All shares': 'the indices of all classes together, weighted by their variances.',
-    'What is varied': (
-        'each factor has every value of its range with equal probability, or each of its levels, '
-        'independently of the others. A wider range makes a factor more important.'
-    ),
-}
-OPTIMISE_READING = {
-    'Best': (
-        'of the compared conditions within the ranges, those with the best value in fresh drops. '
-        'There is a winner if it is nearly certain that they are better than all others; if all '
-        'are equally good, there is one in at most {chance} % of the searches.'
-    ),
-    'Second': (
-        'the other conditions that the search chose, which are not nearly the same as its first '
-        'ones: at least one factor differs by a fifth of its range.'
-    ),
-    'Yours': 'the conditions that were given, from which the factors vary.',
-    'Within the tolerance': (
-        'choose a value in the middle of this range of a factor: within it, little is lost.'
-    ),
-}
-SURFACE_READING = {
-    'By sampling alone': (
-        'the {confidence} % interval of the mean over these samples of the surface. More drops '
-        'make it shorter.'
-    ),
-    'With the surface': (
-        'the {confidence} % interval that also contains what is not known of the surface. Only a '
-        'better known surface, by more counts by hand, makes this part shorter.'
-    ),
-    'Part of the surface in the variance': (
-        'if it exceeds 50 %, more counts by hand shorten the interval more than more drops. If '
-        'the sentence above says that no effect is shown, this part and the intervals with the '
-        'surface can be due to sampling: make more drops first.'
-    ),
-    'What is not contained': (
-        'the deviation of real parts from the simulation, which the calibration reports.'
-    ),
-}
-BATCH_READING = {
-    'Aspects': (
-        'the most probable classes of each part, with {confidence} % intervals. The name of a '
-        'part leads to its report.'
-    ),
-    'Entropy': (
-        'how uncertain the aspect of a part is: 0 bit if all parts rest in one class, 1 bit if '
-        'two classes are equally probable.'
-    ),
-    'Side by side': (
-        'parts whose shapes are similar are designs of one part. Their aspects are matched by '
-        'shape.'
-    ),
-}
 
 
 def case_colours(case: Case) -> list[str]:
@@ -194,10 +125,7 @@ def study_page(result: 'StudyResult', file: str) -> Page:
             ),
             *_comparison_sections(result.comparisons, pictures, spec.confidence),
         ],
-        reading={
-            **STUDY_READING,
-            'Findings': STUDY_READING['Findings'].format(tolerance=points_text(spec.tolerance)),
-        },
+        reading=reading('study', tolerance=points_text(spec.tolerance)),
         facts=_study_facts(result),
         notes=list(_study_notes(result)),
     )
@@ -430,10 +358,7 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
             Section('Answer', 'answer', answer),
             Section('What the factors do', 'factors', factors),
         ],
-        reading={
-            **OPTIMISE_READING,
-            'Best': OPTIMISE_READING['Best'].format(chance=f'{100 - 100 * result.confidence:g}'),
-        },
+        reading=reading('optimise', chance=f'{100 - 100 * result.confidence:g}'),
         facts={
             'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
             'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
@@ -517,9 +442,7 @@ def propagated_page(result: 'PropagatedResult', file: str) -> Page:
         subtitle=f'{result.drops} drops, {result.drops_per_sample} at each of '
         f'{len(result.counts)} samples of the surface, seed {result.seed}',
         sections=[Section('Probabilities', 'shares', items)],
-        reading={
-            term: text.format(confidence=confidence) for term, text in SURFACE_READING.items()
-        },
+        reading=reading('surface', confidence=confidence),
         facts={'Conditions': _surface_facts(result)},
         notes=notes,
     )
@@ -648,7 +571,7 @@ def batch_page(batch: 'BatchResult', file: str, *, compare: bool) -> Page:
                 batch.comparisons if compare else [], pictures, batch.confidence
             ),
         ],
-        reading={term: text.format(confidence=confidence) for term, text in BATCH_READING.items()},
+        reading=reading('batch', confidence=confidence),
         facts=facts,
         notes=[f'{len(failed)} of {len(batch.entries)} parts failed; see below.']
         if failed
