@@ -24,7 +24,7 @@ from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, forecast_controller
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.forecast_table import NamedForecast
+from resting_aspects_ros.report.forecast import NamedForecast
 from resting_aspects_ros.simulation.actions import Action, NamedAction, Vibration
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 

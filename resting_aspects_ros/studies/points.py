@@ -27,7 +27,7 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line, shown
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.format import aspects_text
 from resting_aspects_ros.simulation.action_starts import (
     action_starts,
     body_of,
@@ -436,7 +436,7 @@ class Case:
     def class_names(self) -> list[str]:
         """Names of the symmetry classes, such as 'aspects 1 and 2'."""
         members = self.aspects.classes()
-        return [f'aspect{"s" * (len(alike) > 1)} {ids_text(alike)}' for alike in members]
+        return [aspects_text(alike) for alike in members]
 
     @property
     def drops(self) -> Counts:

@@ -58,7 +58,7 @@ def write_json(aspects, described, tmp_path):
 
     def write(name, counts=COUNTS, rest=(0, 0, 0), fields=None, complete=True, **changes):
         run = described(**changes)
-        given = dataclasses.asdict(run) | {
+        given = run.document() | {
             'method': 'drops', 'complete': complete, 'drops_asked': run.drops
         }  # fmt: skip
         document = distribution_document(Distribution(aspects, np.array(counts), *rest), given)

@@ -15,7 +15,7 @@ from resting_aspects_ros.aspects.find import find_aspects, join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.page import PAGE, Report, report_files
+from resting_aspects_ros.report.drop_page import PAGE, drop_page
 from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.statistics.distribution import no_drops
 
@@ -41,7 +41,7 @@ def geometry() -> Section:
     loaded = time.perf_counter()
     aspects = find_aspects(part)
     classified = time.perf_counter()
-    files = dict(report_files(Report('scan', '', no_drops(aspects), part)))
+    files = dict(drop_page(no_drops(aspects), part, 'scan', '').files())
     found['scan'] = {
         'load_s': loaded - started,
         'aspects_s': classified - loaded,
