@@ -80,7 +80,7 @@ def cost(job: DropJob) -> Cost:
 def released(job: DropJob, first: int, drops: int) -> InitialState:
     """Return the states at the release; on the plane with the fall that the suite leaves out."""
     states, c = initial_states(job, first, first + drops), job.conditions
-    if job.scene is None:
+    if job.scene.level:
         if c.height_of is not HeightOf.LOWEST_POINT or c.speed_horizontal or c.speed_vertical:
             raise ValueError(f'invalid conditions {c}: expected a release at rest, by clearance')
         states.position[:, 2] = c.height / job.radius + depth_of(states.orientation, job.hull)
@@ -91,7 +91,7 @@ def released(job: DropJob, first: int, drops: int) -> InitialState:
 def contacts_of(job: DropJob) -> list[tuple[Array, float, float, float]]:
     """Return normal, offset (R), friction and restitution of each plane."""
     c = job.conditions
-    if job.scene is None:
+    if job.scene.level:
         return [(np.array([0.0, 0.0, 1.0]), 0.0, c.friction, c.restitution)]
     return [
         (p.normal, p.offset / job.radius, p.contact.friction, p.contact.restitution)

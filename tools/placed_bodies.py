@@ -132,14 +132,12 @@ def point_path(angle: float, friction: float, velocity: Array, step: float = 1e-
 
 def groove_height(job: DropJob, rolls: Array, corners: Array) -> Array:
     """Return the heights (n,) at which a turned cross-section (k, 2) touches both planes."""
-    assert job.scene is not None
     planes = [body.normal for body in job.scene.half_spaces]
     return np.asarray(sum(_reaches(job, rolls, corners)) / sum(n[2] for n in planes))
 
 
 def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
     """Place bodies along a groove that are turned by rolls (n,), a little above both planes."""
-    assert job.scene is not None
     planes = [body.normal[1:] for body in job.scene.half_spaces]
     reach = 0.002 + np.array(_reaches(job, rolls, corners))
     at = np.linalg.solve(np.array(planes), reach).T
@@ -149,7 +147,6 @@ def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
 
 def _reaches(job: DropJob, rolls: Array, corners: Array) -> list[Array]:
     """Return how far a cross-section that is turned by rolls reaches into each plane, (n,)."""
-    assert job.scene is not None
     c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
     y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
     return [-(p.normal[1] * y + p.normal[2] * z).min(axis=1) for p in job.scene.half_spaces]

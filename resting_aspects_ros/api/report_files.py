@@ -224,9 +224,9 @@ def part_facts(
 def contact_page_rows(result: 'DropResult') -> Iterator[ContactRow]:
     """Yield a row for each of the most frequent placements; nothing without walls or part."""
     part, contacts, distribution = result.part, result.contacts, result.distribution
-    scene = None if part is None else scene_of(part, result.run.conditions)
-    if part is None or contacts is None or scene is None:
+    if part is None or contacts is None:
         return
+    scene = scene_of(part, result.run.conditions)
     planes = [
         ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
         for face in scene.faces

@@ -68,8 +68,7 @@ class LocalRunLog:
         message = part_msg(part)
         self._recorder.write_part(topic, serialize_message(message), message, time.time_ns())
         scene = scene_of(part, run.conditions)
-        around = run.conditions.surroundings
-        if scene is not None and around is not None:
+        if not scene.level:
             topic = Topic(
                 f'/{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, offered_qos(SURROUNDINGS_QOS)
             )

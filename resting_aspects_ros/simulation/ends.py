@@ -43,32 +43,27 @@ class Ends:
 
 
 def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
-    """Return the poses of drops that have ended; the first has the index ``first_drop``."""
-    return (_on_plane if job.scene is None else _in_scene)(job, first_drop, ends)
+    """Return the poses of drops that have ended, in the tray frame.
 
-
-def _on_plane(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
-    failed = ends.status == RestStatus.FAILED
+    The first has the index ``first_drop``.
+    """
+    scene = job.scene
+    failed, settled = ends.status == RestStatus.FAILED, ends.status == RestStatus.SETTLED
     body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
-    orientation = canonical(part_from_body(body, job.axes))
+    orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
     # A drop decided by its energy would continue to roll to the minimum. Its yaw and its sliding
     # on the way there are not predicted.
     decided = ends.minimum >= 0
     minima = job.rest.directions[ends.minimum[decided]]
     orientation[decided] = turned_down(orientation[decided], minima)
-    centre = ends.position * job.radius
-    # In Bullet, a hull rests a margin (0.001 R) above the plane; the pose has the part on it.
-    settled = ends.status == RestStatus.SETTLED
-    depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
-    centre[:, 2] = np.where(settled, depth, centre[:, 2])
-    return _poses_at(job, first_drop, ends, centre, orientation)
-
-
-def _poses_at(
-    job: DropJob, first_drop: int, ends: Ends, centre: Array, orientation: Array
-) -> RestingPoses:
-    """Return the poses of ended drops whose centres of mass (n, 3) are at ``centre``, m."""
-    failed = ends.status == RestStatus.FAILED
+    # In Bullet, a hull rests a margin (0.001 R) above a plane; the pose has the part on it.
+    if scene.level:
+        centre = ends.position * job.radius
+        depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
+        centre[:, 2] = np.where(settled, depth, centre[:, 2])
+    else:
+        put_down = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
+        centre = scene.in_tray(put_down * job.radius)
     return RestingPoses(
         first_drop=first_drop,
         position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
@@ -80,29 +75,12 @@ def _poses_at(
     )
 
 
-def _in_scene(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
-    """Return the poses of drops that have ended, in the tray frame."""
-    scene = job.scene
-    assert scene is not None
-    failed = ends.status == RestStatus.FAILED
-    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
-    settled = ends.status == RestStatus.SETTLED
-    centre = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
-    orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
-    return _poses_at(job, first_drop, ends, scene.in_tray(centre * job.radius), orientation)
-
-
 def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
-    """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them.
-
-    In Bullet, a hull rests a margin above a half-space.
-    """
-    scene = job.scene
-    assert scene is not None
+    """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them."""
     position = position.copy()
     planes = [
         (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
-        for p in scene.half_spaces
+        for p in job.scene.half_spaces
     ]
     gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]
     touching = [np.abs(gap) < TOUCH for gap in gaps]

@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import kernel_data as kernel
-from resting_aspects_ros.simulation.actions import RAMP_PERIODS, Vibration
+from resting_aspects_ros.simulation.actions import RAMP_PERIODS
 from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.ends import Ends, resting_poses
 from resting_aspects_ros.simulation.job import CUDA, DropJob
 from resting_aspects_ros.simulation.release import initial_states
+from resting_aspects_ros.simulation.scene import HalfSpace
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -111,47 +112,31 @@ def _edges(points: Array) -> Array:
 def ground_of(job: DropJob) -> kernel.Ground:
     """Return what the part of a job touches, for the kernel."""
     scale = job.time_unit / job.radius
-    scene, c = job.scene, job.conditions
-    rows = []
-    if scene is None:
-        contact = (c.restitution, c.friction, c.rolling_friction * job.rolling_length)
-        rows.append(_plane(np.array([0.0, 0.0, 1.0]), 0.0, contact, np.zeros(3)))
-    else:
-        for space in scene.half_spaces:
-            values = space.contact
-            contact = (
-                values.restitution,
-                values.friction,
-                values.rolling_friction * job.rolling_length,
-            )
-            rows.append(
-                _plane(space.normal, space.offset / job.radius, contact, space.velocity * scale)
-            )
-    planes = np.array(rows)
-    planes[:, kernel.SPIN] = c.spinning_friction
-    driven = scene is not None and scene.driven
+    scene = job.scene
+    planes = np.array([_plane(job, space) for space in scene.half_spaces])
     return kernel.Ground(
         planes=planes,
         gravity=job.down,
-        carriers=np.zeros((1, 3)) if scene is None else scene.velocities() * scale,
+        carriers=scene.velocities() * scale,
         motion=_motion(job),
-        level=scene is None,
-        endless=2 if scene is None else scene.free,
-        driven=driven,
+        level=scene.level,
+        endless=scene.free,
+        driven=scene.driven,
         fastest=max(MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
     )
 
 
-def _plane(
-    normal: Array, offset: float, contact: tuple[float, float, float], velocity: Array
-) -> Array:
-    row = np.zeros(kernel.PLANE)
+def _plane(job: DropJob, space: HalfSpace) -> Array:
+    """Return the columns of a plane, in R and T."""
+    row, normal, contact = np.zeros(kernel.PLANE), space.normal, space.contact
     across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     across /= np.linalg.norm(across)
     row[:9] = np.concatenate([normal, np.cross(across, normal), across])
-    row[kernel.OFFSET] = offset
-    row[kernel.RESTITUTION], row[kernel.FRICTION], row[kernel.ROLL] = contact
-    row[kernel.CARRIES : kernel.CARRIES + 3] = velocity
+    row[kernel.OFFSET] = space.offset / job.radius
+    row[kernel.RESTITUTION], row[kernel.FRICTION] = contact.restitution, contact.friction
+    row[kernel.ROLL] = contact.rolling_friction * job.rolling_length
+    row[kernel.SPIN] = job.conditions.spinning_friction
+    row[kernel.CARRIES : kernel.CARRIES + 3] = space.velocity * (job.time_unit / job.radius)
     return row
 
 
@@ -161,7 +146,6 @@ def _motion(job: DropJob) -> Array:
     motion = job.motion
     if motion is None:
         return numbers
-    assert isinstance(motion, Vibration)
     unit, radius = job.time_unit, job.radius
     numbers[kernel.RATE] = 2 * np.pi * motion.frequency * unit
     numbers[kernel.RAMP] = RAMP_PERIODS / motion.frequency / unit
@@ -175,9 +159,7 @@ def _motion(job: DropJob) -> Array:
             [motion.rocking_x, motion.rocking_y, 0.0],
         ]
     )
-    if job.scene is None:
+    if job.scene.level:
         numbers[kernel.SIZE] = motion.plate_size / radius
-    else:
-        vectors = job.scene.in_scene(vectors)
-    numbers[kernel.LIFT :] = vectors.ravel()
+    numbers[kernel.LIFT :] = job.scene.in_scene(vectors).ravel()
     return numbers

@@ -11,8 +11,8 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import Random, composed, down_in_part, random_orientations
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import BULLET, DropJob
-from resting_aspects_ros.simulation.scene import Scene, in_scene_axes, released
-from resting_aspects_ros.simulation.starts import Starts, States
+from resting_aspects_ros.simulation.scene import in_scene_axes, released
+from resting_aspects_ros.simulation.starts import Starts
 
 # -- Random numbers -------------------------------------------------------------------------------
 
@@ -128,24 +128,25 @@ def initial_states(job: DropJob, first: int, end: int) -> InitialState:
     random, n = DropRandom(job.seed, first, end), end - first
     if job.starts is not None:
         return _started(job, job.starts, np.arange(first, end), random)
-    return _released(job, random, n) if job.scene is None else _in_scene(job, random, n)
+    return (_released if job.scene.level else _in_scene)(job, random, n)
 
 
 def _started(
     job: DropJob, starts: Starts, index: npt.NDArray[np.int64], random: Random
 ) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
-    states = starts.states(index, random)
-    if job.scene is not None:
-        return _started_in_scene(job, job.scene, states)
+    states, scene = starts.states(index, random), job.scene
     of_body = body_from_part(states.orientation, job.axes)
-    position = states.position / job.radius
-    # A part that lies on the surface begins where the engine lets it rest.
-    lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
-    position[:, 2] = np.maximum(position[:, 2], lowest)
-    velocity = states.velocity * (job.time_unit / job.radius)
+    position = scene.in_scene(states.position) / job.radius
+    if scene.level:  # a part that lies on the surface begins where the engine lets it rest
+        lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
+        position[:, 2] = np.maximum(position[:, 2], lowest)
     return InitialState(
-        position, of_body, velocity, states.spin * job.time_unit, np.zeros(len(index))
+        position,
+        in_scene_axes(scene, of_body),
+        scene.in_scene(states.velocity) * (job.time_unit / job.radius),
+        scene.in_scene(states.spin) * job.time_unit,
+        np.zeros(len(index)),
     )
 
 
@@ -175,22 +176,9 @@ def _released(job: DropJob, random: Random, n: int) -> InitialState:
     return InitialState(position, of_body, velocity, spin, elapsed)
 
 
-def _started_in_scene(job: DropJob, scene: Scene, states: States) -> InitialState:
-    """Return given states, in the tray frame, as initial states in the scene frame."""
-    scale = job.time_unit / job.radius
-    return InitialState(
-        scene.in_scene(states.position) / job.radius,
-        in_scene_axes(scene, body_from_part(states.orientation, job.axes)),
-        scene.in_scene(states.velocity) * scale,
-        scene.in_scene(states.spin) * job.time_unit,
-        np.zeros(len(states.position)),
-    )
-
-
 def _in_scene(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are released in surroundings, scene frame."""
     scene, c, unit = job.scene, job.conditions, job.time_unit
-    assert scene is not None
     corners = job.hull * job.radius
     position, of_body, velocity, spin = released(scene, c, corners, job.axes, random, n)
     position /= job.radius

@@ -256,7 +256,6 @@ class SceneSettling(Settling):
     """The drops of one world in surroundings; see Settling for the attributes."""
 
     def __init__(self, job: DropJob, states: InitialState) -> None:
-        assert job.scene is not None
         self._scene = job.scene
         scale = job.time_unit / job.radius
         # The states are relative to a frame that moves; the positions at the end are not.
@@ -379,3 +378,8 @@ class SceneSettling(Settling):
         radius = self._job.radius
         inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]
         return np.asarray(np.any([np.zeros(len(position), dtype=np.bool_), *inside], axis=0))
+
+
+def settling_of(job: DropJob, states: InitialState) -> Settling:
+    """Return the drops of a world, before any check."""
+    return (Settling if job.scene.level else SceneSettling)(job, states)

@@ -31,6 +31,9 @@ from resting_aspects_ros.simulation.scene import (
     MeshBody,
     PairValues,
     SceneBody,
+    X,
+    Y,
+    Z,
     ground_below,
 )
 
@@ -40,7 +43,6 @@ if TYPE_CHECKING:
 
 # Maximum inclination, rad: 85 degrees.
 MAX_TILT = math.radians(85)
-X, Y, Z = np.eye(3)
 # Depth of blocks below the surface on which parts rest, m.
 DEPTH = 1.0
 # Length of a track along x in both directions, m, as it is drawn; parts meet no end of it.

@@ -13,6 +13,7 @@ from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.job import BULLET, CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.release import BodyStates, InitialState
+from resting_aspects_ros.simulation.scene import X
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_WINDOW,
@@ -20,14 +21,7 @@ from resting_aspects_ros.simulation.settling import (
     SceneSettling,
     Settling,
 )
-from resting_aspects_ros.simulation.surroundings_kinds import (
-    Chute,
-    Corner,
-    Slope,
-    VGroove,
-    Wall,
-    X,
-)
+from resting_aspects_ros.simulation.surroundings_kinds import Chute, Corner, Slope, VGroove, Wall
 from resting_aspects_ros.statistics.poses import RestStatus
 
 YAWS = np.radians([0, 20, 45, 70, 90])
