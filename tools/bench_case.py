@@ -12,7 +12,6 @@ from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
 from resting_aspects_ros.simulation.release import (
     InitialState,
@@ -20,7 +19,7 @@ from resting_aspects_ros.simulation.release import (
     initial_states,
     part_from_body,
 )
-from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 EXAMPLE = 'l_bracket'
@@ -61,7 +60,7 @@ def suite(workers: LocalWorkers, job: DropJob, first: int, drops: int) -> Trial:
     """Simulate drops as the commands do."""
     started = time.perf_counter()
     futures = submit_drops(job, first, drops, workers)
-    poses = RestingPoses.join([workers.result(future) for future in futures])
+    poses = RestingPoses.join([future.result() for future in futures])
     seconds = time.perf_counter() - started
     return Trial(drops, seconds, down_in_part(poses.orientation[poses.status == SETTLED]))
 

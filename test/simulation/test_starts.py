@@ -12,7 +12,6 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.actions import Kick, Nozzle, disturbance_starts
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
 from resting_aspects_ros.simulation.starts import (
@@ -22,6 +21,7 @@ from resting_aspects_ros.simulation.starts import (
     States,
     rest_starts,
 )
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 GRAVITY = 9.81
@@ -152,7 +152,7 @@ def test_declared_maximum_speed_is_not_exceeded(box, aspects, mat):
 
 
 @pytest.fixture
-def jet_on_box(aspects, mat):
+def jet_on_box(box, aspects, mat):
     """Return the states of a box after a jet along x, with its edges along the axes."""
 
     def after(**values):

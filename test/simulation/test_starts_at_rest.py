@@ -8,9 +8,9 @@ import trimesh
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.actions import Kick, disturbance_starts
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.starts import rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 
 # Depth of the flats of the coarsest round side, of 24 sides, as a share of its radius.
 FLATS = 1 - np.cos(np.pi / 24)

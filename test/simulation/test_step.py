@@ -25,7 +25,6 @@ from resting_aspects_ros.simulation.bullet_engine import (
 )
 from resting_aspects_ros.simulation.bullet_world import compound
 from resting_aspects_ros.simulation.conditions import actions_file
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
@@ -34,6 +33,7 @@ from resting_aspects_ros.simulation.release import (
     initial_states,
 )
 from resting_aspects_ros.simulation.starts import rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 
 # All parts are at the same place along the edge.

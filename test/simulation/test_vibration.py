@@ -25,10 +25,10 @@ from resting_aspects_ros.simulation.actions import (
     Vibration,
 )
 from resting_aspects_ros.simulation.conditions import actions_file
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job, plan_run
 from resting_aspects_ros.simulation.release import BodyStates, initial_states
 from resting_aspects_ros.simulation.starts import Action, rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.statistics.transitions import no_actions
@@ -125,8 +125,12 @@ class Push(Action):
     """Parts at places along x, which all start with the same velocity, m/s."""
 
     places: np.ndarray
-    motion: Vibration
+    plate: Vibration
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def motion(self):
+        return self.plate
 
     def max_speed(self, at):
         return 1.0

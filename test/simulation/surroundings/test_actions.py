@@ -15,8 +15,8 @@ from resting_aspects_ros.api.transition_counter import TransitionCounter
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.bullet_engine import WallWorld
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.statistics.transitions import no_actions
 

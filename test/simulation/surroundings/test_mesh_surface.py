@@ -13,11 +13,11 @@ from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, make_job
 from resting_aspects_ros.simulation.mesh_simplification import DEPTH, GRID, merged_mesh
 from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
