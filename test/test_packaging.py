@@ -98,7 +98,7 @@ def third_party_imports(folder):
         'resting_aspects_ros',
         'test',
         'conftest',
-        *(p.stem for p in (ROOT / 'tools').glob('*.py')),
+        *(p.stem for folder in ('tools', 'test') for p in (ROOT / folder).glob('*.py')),
     }
     return names - sys.stdlib_module_names - own
 

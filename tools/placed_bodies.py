@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
-from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.release import BodyStates
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.scene import depth_along
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
+from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import Kind
 
@@ -28,7 +27,7 @@ Vectors = Array | Sequence[float]
 class Placed:
     """Bodies in the kernel, from given states: frame of the surroundings, R and T.
 
-    states : BodyStates
+    states : States
     time : (n,) float
         How long each was simulated, T.
     status : (n,) uint8
@@ -45,7 +44,7 @@ class Placed:
     ) -> None:
         n = len(position)
         self.job = job
-        self.states = BodyStates(
+        self.states = States(
             *(
                 np.array(np.broadcast_to(each, (n, columns)), dtype=float)
                 for each, columns in ((position, 3), (orientation, 4), (velocity, 3), (spin, 3))
@@ -55,7 +54,7 @@ class Placed:
         self.status = np.zeros(n, dtype=np.uint8)
         self._ground = ground_of(job)
 
-    def run(self, time: float) -> BodyStates:
+    def run(self, time: float) -> States:
         """Simulate each body until it has ended, or for ``time`` T or up to 0.5 T longer."""
         s, n = self.states, len(self.time)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
@@ -69,7 +68,7 @@ class Placed:
             codes,
         )
         rows = ends[:, :3], ends[:, 3:7], ends[:, 9:12], ends[:, 12:]
-        self.states = BodyStates(*(np.ascontiguousarray(each) for each in rows))
+        self.states = States(*(np.ascontiguousarray(each) for each in rows))
         self.time = self.time + ends[:, 7]
         self.status = codes[:, 0].astype(np.uint8)
         return self.states

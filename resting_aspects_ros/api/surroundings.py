@@ -35,18 +35,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
 
-# Where a part is, by the kind of the surroundings.
-PLACES = {
-    **dict.fromkeys(('plane', 'slope', 'bowl_track', 'mesh'), 'on a'),
-    'wall': 'at a',
-    **dict.fromkeys(('v_groove', 'chute', 'corner', 'tray'), 'in a'),
-}
-# How parts leave surroundings of a kind.
-_LOST = {
-    'bowl_track': 'they fell over the edge of the track',
-    'mesh': 'they are beside the mesh or below it',
-}
-
 
 def surroundings(name: str | Path, **changes: Any) -> Surroundings:
     """Return named surroundings, a kind of surroundings, or those in a YAML file.
@@ -168,7 +156,7 @@ def _shipped_names() -> dict[Surroundings, str]:
 def surroundings_text(surroundings: Surroundings) -> str:
     """Return where parts are, such as 'on a slope (angle 10 deg)'."""
     text = dataclasses.replace(surroundings, name='').text
-    return f'{PLACES[surroundings.shape.kind]} {text}'
+    return f'{surroundings.shape.place} {text}'
 
 
 def conditions_text(conditions: DropConditions) -> str:
@@ -225,7 +213,7 @@ def outcome_hints(
             f'{": " if reason else ""}{reason}.'
         )
     if distribution.lost:
-        how = _LOST.get(surroundings.shape.kind, 'they left the surroundings')
+        how = surroundings.shape.loss
         yield f'{_count(distribution.lost, distribution)} are lost: {how}.'
     if distribution.unclassified and len(scene.faces) > 1:
         name = scene.faces[0].name.replace('_', ' ')

@@ -26,13 +26,12 @@ from resting_aspects_ros.ros.conversions import serialized_batch, serialized_par
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
-from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.distribution import (
     Distribution,
 )
-from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
 
 T = TypeVar('T')
 TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)

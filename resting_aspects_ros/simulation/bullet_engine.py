@@ -18,14 +18,13 @@ from resting_aspects_ros.simulation.bullet_world import (
     compound,
     pybullet,
 )
-from resting_aspects_ros.simulation.ends import resting_poses
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, MAX_SEED, STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
-    BodyStates,
     InitialState,
     depth_of,
     initial_states,
+    resting_poses,
 )
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
@@ -33,6 +32,7 @@ from resting_aspects_ros.simulation.settling import (
     Settling,
     settling_of,
 )
+from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 Rows = npt.NDArray[np.int64]
@@ -285,23 +285,23 @@ class EdgeWorld(BeltWorld):
                 self._collide(body, SURFACE_GROUP, PART_GROUP)
             pybullet.stepSimulation(physicsClientId=self._client)
 
-    def _beyond(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+    def _beyond(self, at: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have their whole hull beyond the wall."""
         return np.asarray(at.position[:, 0] - self._depth(at, _X_UP) > CLEARANCE)
 
-    def _landing(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+    def _landing(self, at: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) can touch the lower belt before the next check."""
         speed = np.linalg.norm(at.velocity, axis=1) + np.linalg.norm(at.spin, axis=1)
         reach = CLEARANCE + speed / EDGE_CHECKS_PER_T
         ahead = at.position[:, 0] + self._depth(at, _X_DOWN) > -reach
         return np.asarray(ahead & (at.position[:, 2] - self._depth(at, NO_TURN) < reach))
 
-    def _depth(self, at: BodyStates, turn: list[float]) -> Array:
+    def _depth(self, at: States, turn: list[float]) -> Array:
         """Return how far the hulls (n,) reach below their centres after a turn."""
         turned = product(np.tile(turn, (len(at.orientation), 1)), at.orientation)
         return depth_of(turned, self._job.hull)
 
-    def _sound(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+    def _sound(self, at: States) -> npt.NDArray[np.bool_]:
         numbers = (at.position, at.orientation, at.velocity, at.spin)
         sound = np.isfinite(np.hstack(numbers)).all(axis=1)
         return np.asarray(sound & (at.position[:, 2] > -MAX_DEPTH))

@@ -12,13 +12,12 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.release import BodyStates, InitialState
+from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
@@ -28,6 +27,7 @@ from resting_aspects_ros.simulation.scene import (
     in_scene_axes,
 )
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling, settling_of
+from resting_aspects_ros.simulation.starts import States
 
 # -- Client ---------------------------------------------------------------------------------------
 
@@ -287,7 +287,7 @@ class World:
     def _collide(self, body: int, group: int, mask: int) -> None:
         pybullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=self._client)
 
-    def _add(self, states: InitialState) -> list[int]:
+    def _add(self, states: States) -> list[int]:
         """Add the parts, which a collision mask keeps from touching each other."""
         # Creating all bodies at once and placing them afterwards is faster: creating them one by
         # one takes a tenth of the time of a drop.
@@ -396,15 +396,13 @@ class World:
             moved = (at + arm, facing, v + np.cross(w, arm) + own, w)
             self._place(body, *(values.tolist() for values in moved))
 
-    def _states(
-        self, bodies: list[int] | dict[int, int], which: npt.NDArray[np.int64]
-    ) -> BodyStates:
+    def _states(self, bodies: list[int] | dict[int, int], which: npt.NDArray[np.int64]) -> States:
         ids, client = [bodies[i] for i in which.tolist()], self._client
         poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
         speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
-        return BodyStates(position, orientation, velocity, spin)
+        return States(position, orientation, velocity, spin)
 
 
 @lru_cache(maxsize=16)

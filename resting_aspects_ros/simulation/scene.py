@@ -152,11 +152,6 @@ class Scene:
         return len(self.half_spaces) == len(self.bodies)
 
     @property
-    def finite(self) -> bool:
-        """Whether all bodies are meshes that do not move, so that each part can have its own."""
-        return not self.driven and all(isinstance(body, MeshBody) for body in self.bodies)
-
-    @property
     def down(self) -> Array:
         """(3,) direction of gravity, scene frame."""
         return np.asarray(self.in_scene(-Z[None])[0])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
@@ -66,20 +67,26 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """States of n parts, in SI units and tray axes.
+    """States of n parts: at the start in SI units and tray axes, in an engine in R and T.
 
     position, velocity : (n, 3)
-        Of the centre of mass, m and m/s. A part that would be below the surface is lifted onto it.
+        Of the centre of mass. A part that starts below a level plane is lifted onto it.
     orientation : (n, 4)
-        Unit quaternions xyzw, tray from part.
+        Unit quaternions xyzw, from part, or in an engine from body.
     spin : (n, 3)
-        Angular velocity, rad/s.
+        Angular velocity.
     """
 
     position: Array
     orientation: Array
     velocity: Array
     spin: Array
+
+    def select(self, which: npt.NDArray[Any]) -> 'States':
+        """Return the states of some of the parts."""
+        return States(
+            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
+        )
 
 
 class Starts(Protocol):
@@ -204,9 +211,7 @@ class GivenStarts:
 
     def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
-        row, s = index % self.rows, self._states
-        chosen = States(s.position[row], s.orientation[row], s.velocity[row], s.spin[row])
-        return _with_noise(chosen, self._noise, random)
+        return _with_noise(self._states.select(index % self.rows), self._noise, random)
 
 
 def _with_noise(states: States, noise: Noise, random: Random) -> States:

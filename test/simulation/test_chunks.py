@@ -191,17 +191,6 @@ def test_closing_cancels_only_chunks_not_started(job):
     assert len(workers.asked) == 4
 
 
-def test_the_lookahead_may_grow_and_shrink(job):
-    lookahead = [1]
-    workers = Recorder(lambda: lookahead[0])
-    under_way = []
-    chunks = submit_drops(job, 0, 6 * CHUNK, workers)
-    for taken, _ in enumerate(chunks):
-        under_way.append(len(workers.futures) - taken)
-        lookahead[0] = [3, 2, 2, 2, 2, 2][taken]
-    assert under_way == [1, 3, 2, 2, 2, 1]
-
-
 def test_chunks_are_ordered_and_follow_their_futures(campaign):
     workers = Mortal()
     chunks, warnings, error = campaign(workers)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import pickle
 import re
 import select
 import signal
@@ -20,7 +19,6 @@ from resting_aspects_ros.simulation import workers as process_workers
 from resting_aspects_ros.simulation.job import BULLET, CHUNKS, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
-    NICENESS,
     LocalWorkers,
     WorkerDiedError,
     drop_chunks,
@@ -119,11 +117,6 @@ def dropped_here(job):
     return drop_range(job, FIRST, FIRST + 30)
 
 
-def test_large_job_is_larger_than_a_pipe(planned):
-    job, asked = planned
-    assert (len(pickle.dumps(job)) > PIPE) == (asked.part == LARGE)
-
-
 def test_error_in_a_worker_reaches_the_caller(job, make_workers):
     workers = make_workers(1)
     with pytest.raises(ValueError, match='counter must be positive'):
@@ -145,13 +138,6 @@ def test_signals_for_the_parent_do_not_end_a_worker(number, job, make_workers, a
     assert_same_poses(running.result(), first)
     # They are held off while a worker is started, and not after that.
     assert number not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-
-
-def test_workers_have_a_lower_priority(make_workers):
-    before = children()
-    make_workers(1)
-    (worker,) = processes(1, besides=before)
-    assert os.getpriority(os.PRIO_PROCESS, worker) == os.nice(0) + NICENESS
 
 
 def test_processes_start_with_the_first_job_of_bullet(part, surfaces, job):
@@ -243,7 +229,7 @@ def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_s
 
 
 def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
-    planned, make_workers, assert_same_poses
+    planned, make_workers, assert_same_poses, wait
 ):
     # As by drops of one chunk that always end the process that simulates them.
     job, asked = planned
@@ -254,7 +240,8 @@ def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
     kept = [step for step in (next(steps), next(steps)) if not isinstance(step, Future)]
     for _ in range(MAX_DEATHS):
         assert isinstance(next(steps), Future)
-        os.kill(*processes(1, besides=before), signal.SIGKILL)
+        started = wait(lambda: children() - before, 'a process for the repeated chunk')
+        os.kill(*started, signal.SIGKILL)
     with pytest.raises(EngineError, match=f'^{MAX_DEATHS} worker processes died in a row'):
         next(steps)
     assert workers.replaced == MAX_DEATHS
@@ -272,13 +259,6 @@ def test_failure_to_start_a_process_is_an_error(job, monkeypatch):
     with pytest.raises(EngineError, match=expected):
         workers.submit(job, 0, 1).result()
     stop(workers)
-
-
-def test_worker_that_lacks_the_engine_is_an_error(make_workers, monkeypatch, tmp_path):
-    (tmp_path / 'pybullet.py').write_text('raise MemoryError\n', encoding='utf-8')
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(MemoryError):
-        make_workers(1)
 
 
 def disc(solid):

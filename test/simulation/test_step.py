@@ -13,9 +13,8 @@ from scipy.integrate import solve_ivp
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.actions import Actions, Step, _supported, make_action
+from resting_aspects_ros.simulation.actions import Step, _supported, make_action
 from resting_aspects_ros.simulation.bullet_engine import (
     CLEARANCE,
     GROUP,
@@ -23,8 +22,6 @@ from resting_aspects_ros.simulation.bullet_engine import (
     EdgeWorld,
     over_edge,
 )
-from resting_aspects_ros.simulation.bullet_world import compound
-from resting_aspects_ros.simulation.conditions import actions_file
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
@@ -311,21 +308,6 @@ def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat)
     # The wall gives energy to the parts that it pushes, which is no error of the engine.
 
 
-def test_compound_has_all_pieces(mat, part):
-    # PyBullet ignores the shapes of a compound after the 16th, except in a file.
-    cube = trimesh.creation.box((0.1, 0.1, 0.1)).vertices
-    pieces = tuple(cube + np.array([k, 0, 0]) for k in range(40))
-    client = bullet_world.World(make_job(part('box_10x20x30'), mat, 1))._client
-    shape = compound(pieces, client)
-    body = pybullet.createMultiBody(0, shape, physicsClientId=client)
-    low, high = pybullet.getAABB(body, physicsClientId=client)
-    assert low[0] == pytest.approx(-0.05, abs=0.03)
-    assert high[0] == pytest.approx(39.05, abs=0.03)
-    ray = pybullet.rayTest([20, 0, 5], [20, 0, -5], physicsClientId=client)[0]
-    gap = pybullet.rayTest([20.5, 0, 5], [20.5, 0, -5], physicsClientId=client)[0]
-    assert (ray[0], gap[0]) == (body, -1)
-
-
 @pytest.mark.slow
 def test_finer_steps_give_the_same_shares(part, mat):
     n = 1000
@@ -374,14 +356,6 @@ def test_restitution_above_one_is_refused(part, mat):
     step = dataclasses.replace(LOW, restitution_factor=2.0)
     with pytest.raises(InvalidValueError, match=r'invalid restitution 1\.28 of the upper belt'):
         step_job(part('box_10x20x30'), mat, step)
-
-
-def test_named_step_is_read_from_the_file():
-    named = Actions.read(actions_file()).get('step_down')
-    assert isinstance(named.action, Step)
-    assert named.source
-    assert named.action.has_effect
-    assert 'step, belt speed' in named.text
 
 
 def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):

@@ -26,8 +26,8 @@ from resting_aspects_ros.simulation.actions import (
 )
 from resting_aspects_ros.simulation.conditions import actions_file
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job, plan_run
-from resting_aspects_ros.simulation.release import BodyStates, initial_states
-from resting_aspects_ros.simulation.starts import Action, rest_starts
+from resting_aspects_ros.simulation.release import initial_states
+from resting_aspects_ros.simulation.starts import Action, States, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
@@ -354,7 +354,7 @@ def resting(part, mat):
     """The ends of four parts on a plate, and their states at rest before any check."""
     job = vibration_job(part('l_bracket'), mat, STRONG, aspects=1, engine=BULLET)
     start = initial_states(job, 0, 4)
-    states = BodyStates(start.position, start.orientation, start.velocity, start.spin)
+    states = States(start.position, start.orientation, start.velocity, start.spin)
     return job, settling.Settling(job, start), states
 
 
@@ -393,7 +393,7 @@ def test_height_above_a_tilted_plate_decides_about_falling_through(part, mat):
     place = np.array([[0.9, 0.0, 0.01], [0.9, 0.0, -0.02]])
     position = (rotate(turned, place) + at) / job.radius
     assert position[0, 2] < -settling.MAX_DEPTH
-    states = BodyStates(position, start.orientation, start.velocity, start.spin)
+    states = States(position, start.orientation, start.velocity, start.spin)
     assert ends.check(5.25 / job.time_unit, states).tolist() == [1]
 
 

@@ -129,7 +129,7 @@ def test_a_mesh_that_is_open_below_the_release_is_refused(part, on_mesh):
     both.vertices[4:, 0] += 250
     with pytest.raises(InvalidValueError, match=r'release at x 0 mm, y 0 mm.*above the mesh'):
         on_mesh(part('l_bracket'), both)
-    assert on_mesh(part('l_bracket'), both, release={'x_min': 0.25}).scene.finite
+    assert on_mesh(part('l_bracket'), both, release={'x_min': 0.25}).scene.bodies
 
 
 def test_a_mesh_that_is_seen_from_inside_is_refused(part, on_mesh):
