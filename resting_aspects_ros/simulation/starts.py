@@ -419,16 +419,9 @@ def starts_of(
             'that no action can start; expected surroundings in which an aspect occurs, or more '
             'drops'
         )
-    rows = [(a.id, found == a.id) for a in wanted if (found == a.id).any()]
-    return _in_scene(
-        part,
-        action,
-        scene,
-        conditions,
-        [centre[which] for _, which in rows],
-        [orientation[which] for _, which in rows],
-        tuple(each for each, _ in rows),
-    )
+    occurring = [a.id for a in wanted if (found == a.id).any()]
+    rows = [_row(centre[found == k], orientation[found == k]) for k in occurring]
+    return _starts(part, action, scene, conditions, rows, occurring)
 
 
 def pose_starts(
@@ -441,9 +434,8 @@ def pose_starts(
 ) -> RestStarts:
     """Return the parts at rest in an aspect, each with a row of its own, in the order of drops."""
     centre, orientation, ids = _at_rest(part, aspects, scene, rests)
-    which = ids > 0
-    poses = list(centre[which][:, None]), list(orientation[which][:, None])
-    return _in_scene(part, action, scene, conditions, *poses)
+    rows = [_row(centre[k : k + 1], orientation[k : k + 1]) for k in np.flatnonzero(ids)]
+    return _starts(part, action, scene, conditions, rows)
 
 
 def rest_starts(
@@ -451,40 +443,38 @@ def rest_starts(
 ) -> RestStarts:
     """Return a part at rest on a level plane in these aspects, a row for each; see starts_of."""
     known = {aspect.id: _rests(aspect) for aspect in {each.id: each for each in aspects}.values()}
-    rows = [known[aspect.id] for aspect in aspects]
-    return RestStarts(
-        positions=tuple(np.zeros((len(weights), 3)) for _, weights in rows),
-        orientations=tuple(orientation for orientation, _ in rows),
-        weights=tuple(weights for _, weights in rows),
-        ids=tuple(aspect.id for aspect in aspects),
-        action=action,
-        body=body_of(part),
-        scene=level_plane(conditions),
-        gravity=conditions.gravity,
-        edge=action.edge(part),
-    )
+    ids = [aspect.id for aspect in aspects]
+    return _starts(part, action, level_plane(conditions), conditions, [known[k] for k in ids], ids)
 
 
-def _in_scene(
+# Positions (m, 3), orientations (m, 4) and weights (m,) of a row of RestStarts.
+Row = tuple[Array, Array, Array]
+
+
+def _starts(
     part: Part,
     action: Action,
     scene: Scene,
     conditions: DropConditions,
-    positions: Sequence[Array],
-    orientations: Sequence[Array],
-    ids: tuple[int, ...] = (),
+    rows: Sequence[Row],
+    ids: Sequence[int] = (),
 ) -> RestStarts:
     return RestStarts(
-        positions=tuple(positions),
-        orientations=tuple(orientations),
-        weights=tuple(np.full(len(rows), 1 / len(rows)) for rows in positions),
-        ids=ids,
+        positions=tuple(position for position, _, _ in rows),
+        orientations=tuple(orientation for _, orientation, _ in rows),
+        weights=tuple(weights for _, _, weights in rows),
+        ids=tuple(ids),
         action=action,
         body=body_of(part),
         scene=scene,
         gravity=conditions.gravity,
         edge=action.edge(part),
     )
+
+
+def _row(position: Array, orientation: Array) -> Row:
+    """Return equally probable poses as a row."""
+    return position, orientation, np.full(len(position), 1 / len(position))
 
 
 def body_of(part: Part) -> Body:
@@ -506,8 +496,8 @@ def body_of(part: Part) -> Body:
     )
 
 
-def _rests(aspect: Aspect) -> tuple[Array, Array]:
-    """Return the orientations (m, 4) in which a part rests in an aspect, and their weights (m,).
+def _rests(aspect: Aspect) -> Row:
+    """Return how a part rests in an aspect on a level plane.
 
     On a curved side, a direction has the weight of the links of the mesh that lead to it, so that
     all directions of the sweep are about equally probable for an irregular mesh, too.
@@ -521,7 +511,8 @@ def _rests(aspect: Aspect) -> tuple[Array, Array]:
         weights = np.zeros(len(down))
         for end in (one, other):
             np.add.at(weights, end, angle)
-    return np.array([orientation_with_down(d) for d in down]), weights / weights.sum()
+    orientation = np.array([orientation_with_down(d) for d in down])
+    return np.zeros((len(down), 3)), orientation, weights / weights.sum()
 
 
 def _at_rest(
