@@ -11,9 +11,8 @@ from validation.measured import cases
 from validation.sensitivity import fit
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 
 

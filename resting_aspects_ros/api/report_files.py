@@ -216,9 +216,9 @@ def part_facts(
 def contact_page_table(result: 'DropResult') -> Table | None:
     """Return the table of contacts with a picture in each row; None without walls or part."""
     part, contacts, distribution = result.part, result.contacts, result.distribution
-    scene = None if part is None else scene_of(part, result.run.conditions)
-    if part is None or contacts is None or scene is None:
+    if part is None or contacts is None:
         return None
+    scene = scene_of(part, result.run.conditions)
     planes = [
         ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
         for face in scene.faces

@@ -22,7 +22,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.transitions import retention_fields
-from resting_aspects_ros.simulation.action_starts import MAX_LIFT, disturbance_starts
+from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
@@ -173,7 +173,7 @@ def retention(
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
         landscape=landscape,
-        starts=disturbance_starts(loaded, aspects.aspects, lift, given.gravity),
+        starts=disturbance_starts(loaded, aspects.aspects, lift, given),
         engine=engine,
     )
     left, parts = np.zeros((2, lift.size), dtype=np.int64)

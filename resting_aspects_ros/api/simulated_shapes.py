@@ -61,7 +61,7 @@ def simulated_shapes(part: Part | None, conditions: DropConditions) -> Simulated
         return None
     try:
         scene = scene_of(part, conditions)
-        if scene is None or scene.flat:
+        if scene.flat:
             return None
         pieces = convex_pieces(part)
     except PartError:

@@ -39,7 +39,6 @@ from resting_aspects_ros.ros.distribution_conversions import serialized_distribu
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
-from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts as CountedParts
@@ -51,7 +50,7 @@ from resting_aspects_ros.statistics.distribution import (
     count_poses,
     no_drops,
 )
-from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
 
 T = TypeVar('T')
 TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)

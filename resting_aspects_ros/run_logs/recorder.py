@@ -260,7 +260,7 @@ class LocalRunLog:
         message = part_msg(part)
         recorder.write_part(topic, serialize_message(message), message, time.time_ns())
         scene = scene_of(part, run.conditions)
-        if scene is not None and run.conditions.surroundings is not None:
+        if not scene.level:
             topic = _topic(f'{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, SURROUNDINGS_QOS)
             around = surroundings_msg(run, scene)
             recorder.write_surroundings(topic, serialize_message(around), around, time.time_ns())

@@ -16,7 +16,6 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.simulation.actions import Step
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.objective import Objective, listed
@@ -231,8 +230,8 @@ class OptimiseResult(Result):
         """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
         setting = self.best.setting
         scene = scene_of(self.part, setting.drop_conditions)
-        edge = setting.action is not None and isinstance(setting.action.action, Step)
-        return BULLET if edge or not (scene is None or scene.flat) else KERNEL
+        edge = setting.action is not None and setting.action.action.has_edge
+        return BULLET if edge or not scene.flat else KERNEL
 
     def over(self, other: Candidate | None) -> Advantage | None:
         """Return by how much the best conditions are better than others; None if not known."""

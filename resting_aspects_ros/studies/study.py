@@ -22,16 +22,14 @@ from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.actions import (
-    Action,
-    NamedAction,
-)
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
 )
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers, worker_versions
 from resting_aspects_ros.statistics.distribution import OUTSIDE

@@ -164,7 +164,7 @@ def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
 
 def workers_of(process, session):
     processes = session(process.pid).items()
-    return [pid for pid, words in processes if 'simulation.process_workers ' in ' '.join(words)]
+    return [pid for pid, words in processes if 'simulation.workers ' in ' '.join(words)]
 
 
 @pytest.mark.slow

@@ -27,8 +27,8 @@ from resting_aspects_ros.ros.conversions import part_msg, poses_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))

@@ -48,8 +48,8 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
@@ -187,7 +187,7 @@ class Process:
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
-                if 'simulation.process_workers ' in Path(f'/proc/{pid}/cmdline').read_text():
+                if 'simulation.workers ' in Path(f'/proc/{pid}/cmdline').read_text():
                     os.kill(pid, number)
                     workers += 1
         return workers

@@ -24,8 +24,8 @@ from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 SEED = 5

@@ -20,8 +20,8 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
 from resting_aspects_ros.ros.liveliness import announce
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 40

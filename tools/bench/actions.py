@@ -10,8 +10,8 @@ from bench.report import Section, Table
 from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.action_starts import action_starts
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.starts import rest_starts
 
 PARTS = ('l_bracket', 'box_10x20x30')
 
@@ -60,6 +60,6 @@ def _jobs(part: Part) -> dict[str, DropJob]:
     conditions, aspects = surfaces.get(), find_aspects(part).aspects
     jobs = {f'drop, {s}': make_job(part, surfaces.get(s), SEED) for s in ('rubber_mat', 'thrown')}
     for name in actions.names():
-        starts = action_starts(part, aspects, actions.get(name).action, conditions.gravity)
+        starts = rest_starts(part, aspects, actions.get(name).action, conditions)
         jobs[name] = make_job(part, conditions, SEED, starts=starts)
     return jobs

@@ -12,7 +12,6 @@ from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
 from resting_aspects_ros.simulation.release import (
     InitialState,
@@ -20,7 +19,7 @@ from resting_aspects_ros.simulation.release import (
     initial_states,
     part_from_body,
 )
-from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 EXAMPLE = 'l_bracket'
@@ -61,7 +60,7 @@ def suite(workers: LocalWorkers, job: DropJob, first: int, drops: int) -> Trial:
     """Simulate drops as the commands do."""
     started = time.perf_counter()
     futures = submit_drops(job, first, drops, workers)
-    poses = RestingPoses.join([workers.result(future) for future in futures])
+    poses = RestingPoses.join([future.result() for future in futures])
     seconds = time.perf_counter() - started
     return Trial(drops, seconds, down_in_part(poses.orientation[poses.status == SETTLED]))
 
@@ -80,7 +79,7 @@ def cost(job: DropJob) -> Cost:
 def released(job: DropJob, first: int, drops: int) -> InitialState:
     """Return the states at the release; on the plane with the fall that the suite leaves out."""
     states, c = initial_states(job, first, first + drops), job.conditions
-    if job.scene is None:
+    if job.scene.level:
         if c.height_of is not HeightOf.LOWEST_POINT or c.speed_horizontal or c.speed_vertical:
             raise ValueError(f'invalid conditions {c}: expected a release at rest, by clearance')
         states.position[:, 2] = c.height / job.radius + depth_of(states.orientation, job.hull)
@@ -91,7 +90,7 @@ def released(job: DropJob, first: int, drops: int) -> InitialState:
 def contacts_of(job: DropJob) -> list[tuple[Array, float, float, float]]:
     """Return normal, offset (R), friction and restitution of each plane."""
     c = job.conditions
-    if job.scene is None:
+    if job.scene.level:
         return [(np.array([0.0, 0.0, 1.0]), 0.0, c.friction, c.restitution)]
     return [
         (p.normal, p.offset / job.radius, p.contact.friction, p.contact.restitution)

@@ -8,9 +8,8 @@ from rich.progress import track
 from bench.case import job_of
 from bench.geometry import EGG, egg
 from bench.report import Section, Table
-from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.kernel_data import Numerics
-from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.statistics.poses import RestStatus

@@ -60,7 +60,7 @@ def _body(job: DropJob, client: int) -> int:
         fixedTimeStep=step,
         numSubSteps=0,
         numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
-        solverResidualThreshold=RESIDUAL if job.scene else bullet_world.SOLVER_RESIDUAL,
+        solverResidualThreshold=bullet_world.SOLVER_RESIDUAL if job.scene.level else RESIDUAL,
         restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
         erp=step / bullet_world.PENETRATION_TIME,
         contactERP=step / bullet_world.PENETRATION_TIME,

@@ -1,8 +1,8 @@
 """Comparison of the controller of the feeder with rules of today, on simulated trays.
 
 `python -m validation.compare_controllers [--seeds 40] [--minutes 60] [--positions]` prints a table
-in Markdown. With 24 seeds of 60 minutes it takes about 8 minutes on one core; with --positions, which
-places the outlines on the tray instead of using the density model, several times as long.
+in Markdown. With 24 seeds of 60 minutes it takes about 8 minutes on one core; with --positions,
+which places the outlines on the tray instead of using the density model, several times as long.
 """
 
 import argparse

@@ -28,7 +28,7 @@ class Dropper:
     def poses(self, job: DropJob, drops: int) -> Iterator[RestingPoses]:
         """Yield the first drops of a job in chunks."""
         for future in submit_drops(job, 0, drops, self.workers):
-            yield self.workers.result(future)
+            yield future.result()
 
     def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:
         """Return the distribution of the first drops of a job."""

@@ -82,7 +82,7 @@ def _surroundings(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
         conditions = with_surroundings(dropper.surfaces.get(), ra.surroundings(name))
         for part in track(parts, name):
             job = make_job(part, conditions, SEED)
-            if job.engine == BULLET or job.scene is None:
+            if job.engine == BULLET or job.scene.level:
                 continue
             in_bullet = dataclasses.replace(job, seed=SEED + 1, engine=BULLET)
             counts = [_counts(dropper, each, part, FEW) for each in (job, in_bullet)]

@@ -13,9 +13,8 @@ import numpy.typing as npt
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.action_starts import action_starts
-from resting_aspects_ros.simulation.actions import Action
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 from validation.dropper import SEED, Dropper
@@ -113,7 +112,7 @@ def action_job(
     With at least ``per_class`` actions from each symmetry class.
     """
     conditions, aspects = dropper.surfaces.get(), find_aspects(part)
-    starts = action_starts(part, aspects.aspects, action, conditions.gravity)
+    starts = rest_starts(part, aspects.aspects, action, conditions)
     fewest = min(len(members) for members in aspects.classes())
     n = len(aspects) * -(-per_class // fewest)
     before = class_indices(aspects)[np.arange(n) % len(aspects)]

@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
-from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
-from resting_aspects_ros.simulation.release import BodyStates
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.scene import depth_along
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
+from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import Kind
 
@@ -28,7 +27,7 @@ Vectors = Array | Sequence[float]
 class Placed:
     """Bodies in the kernel, from given states: frame of the surroundings, R and T.
 
-    states : BodyStates
+    states : States
     time : (n,) float
         How long each was simulated, T.
     status : (n,) uint8
@@ -45,7 +44,7 @@ class Placed:
     ) -> None:
         n = len(position)
         self.job = job
-        self.states = BodyStates(
+        self.states = States(
             *(
                 np.array(np.broadcast_to(each, (n, columns)), dtype=float)
                 for each, columns in ((position, 3), (orientation, 4), (velocity, 3), (spin, 3))
@@ -55,7 +54,7 @@ class Placed:
         self.status = np.zeros(n, dtype=np.uint8)
         self._ground = ground_of(job)
 
-    def run(self, time: float) -> BodyStates:
+    def run(self, time: float) -> States:
         """Simulate each body until it has ended, or for ``time`` T or up to 0.5 T longer."""
         s, n = self.states, len(self.time)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
@@ -69,7 +68,7 @@ class Placed:
             codes,
         )
         rows = ends[:, :3], ends[:, 3:7], ends[:, 9:12], ends[:, 12:]
-        self.states = BodyStates(*(np.ascontiguousarray(each) for each in rows))
+        self.states = States(*(np.ascontiguousarray(each) for each in rows))
         self.time = self.time + ends[:, 7]
         self.status = codes[:, 0].astype(np.uint8)
         return self.states
@@ -132,14 +131,12 @@ def point_path(angle: float, friction: float, velocity: Array, step: float = 1e-
 
 def groove_height(job: DropJob, rolls: Array, corners: Array) -> Array:
     """Return the heights (n,) at which a turned cross-section (k, 2) touches both planes."""
-    assert job.scene is not None
     planes = [body.normal for body in job.scene.half_spaces]
     return np.asarray(sum(_reaches(job, rolls, corners)) / sum(n[2] for n in planes))
 
 
 def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
     """Place bodies along a groove that are turned by rolls (n,), a little above both planes."""
-    assert job.scene is not None
     planes = [body.normal[1:] for body in job.scene.half_spaces]
     reach = 0.002 + np.array(_reaches(job, rolls, corners))
     at = np.linalg.solve(np.array(planes), reach).T
@@ -149,7 +146,6 @@ def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
 
 def _reaches(job: DropJob, rolls: Array, corners: Array) -> list[Array]:
     """Return how far a cross-section that is turned by rolls reaches into each plane, (n,)."""
-    assert job.scene is not None
     c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
     y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
     return [-(p.normal[1] * y + p.normal[2] * z).min(axis=1) for p in job.scene.half_spaces]

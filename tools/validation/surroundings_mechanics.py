@@ -14,7 +14,8 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import CONTACT_STEPS
-from resting_aspects_ros.simulation.surroundings_kinds import Corner, Slope, VGroove, X
+from resting_aspects_ros.simulation.scene import X
+from resting_aspects_ros.simulation.surroundings_kinds import Corner, Slope, VGroove
 from resting_aspects_ros.statistics.poses import RestStatus
 from validation.placed_bodies import flat_on, groove_height, in_groove, job_in, point_path
 
@@ -177,7 +178,6 @@ def _normal_force(conditions: DropConditions, right: float, left: float) -> Row:
         placed = flat_on(job, [0.0], (1.0, 0.0, 0.0))
         placed.states.position[:, 2] = 0.005 / job.radius / math.sin(groove.opening / 2)
         forces.append((1 - placed.run(4).velocity[0, 0]) / placed.time[0] / 0.1)
-    assert job.scene is not None
     a1, a2 = (math.acos(-float(body.normal @ job.scene.down)) for body in job.scene.half_spaces)
     expected = np.sin([a2, a1]) / math.sin(a1 + a2)
     name = f'forces of a roller between planes of {right} and {left} deg'

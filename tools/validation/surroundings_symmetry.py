@@ -13,20 +13,13 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.bullet_world import SceneWorld
+from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.ends import resting_poses
 from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
-from resting_aspects_ros.simulation.release import initial_states
-from resting_aspects_ros.simulation.scene import HalfSpace, PairValues, Scene
+from resting_aspects_ros.simulation.release import initial_states, resting_poses
+from resting_aspects_ros.simulation.scene import HalfSpace, PairValues, Scene, X, Y
 from resting_aspects_ros.simulation.surroundings import Surroundings
-from resting_aspects_ros.simulation.surroundings_kinds import (
-    MeshSurface,
-    VGroove,
-    X,
-    Y,
-    tray_from_scene,
-)
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, VGroove, tray_from_scene
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Corners of a chiral part, mm: those of no two of its sides are alike.
@@ -50,7 +43,6 @@ def tilted_plane(level: DropJob, angle: float) -> DropJob:
 
 def mirrored_chute(job: DropJob) -> DropJob:
     """Return the job in the mirror image of its chute, which has a roll of 45 degrees."""
-    assert job.scene is not None
     belt, wall = job.scene.half_spaces
     low, high = job.scene.region
     scene = dataclasses.replace(
@@ -94,7 +86,7 @@ def poses_from(job: DropJob, released: DropJob, drops: int) -> RestingPoses:
     """
     groups = []
     for first in range(0, drops, GROUP):
-        settling = SceneWorld(job).drop(initial_states(released, first, first + GROUP))
+        settling = World(job).drop(initial_states(released, first, first + GROUP))
         groups.append(resting_poses(job, first, settling.ends))
     return RestingPoses.join(groups)
 
@@ -106,7 +98,6 @@ def counts_on_belt(
 
     ``flip`` is -1 for a mirrored part, and ``aspects`` are those of the part itself.
     """
-    assert job.scene is not None
     up = job.scene.in_tray(job.scene.half_spaces[0].normal[None])
     down = -rotate(poses.orientation * [-1, -1, -1, 1], np.tile(up, (len(poses), 1)))
     ids, angle = aspects.locate(down * [1, flip, 1])

@@ -106,7 +106,6 @@ def serialized_markers(
         around = serialized_surroundings(description)
         conditions = dataclasses.replace(conditions, surroundings=around)
     scene = scene_of(part, conditions)
-    assert scene is not None
     return bytes(serialize_message(surroundings_markers(scene, part.hull_radius, frame)))
 
 

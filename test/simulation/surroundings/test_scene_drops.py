@@ -12,7 +12,6 @@ from validation.surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_ch
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
@@ -25,7 +24,7 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     VGroove,
     Wall,
 )
-from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
 from resting_aspects_ros.statistics.distribution import count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 

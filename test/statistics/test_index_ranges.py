@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.simulation.index_ranges import IndexRanges
+from resting_aspects_ros.statistics.poses import IndexRanges
 
 ranges = st.tuples(st.integers(0, 40), st.integers(0, 40))
 
