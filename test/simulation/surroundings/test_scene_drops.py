@@ -80,7 +80,7 @@ def test_drops_do_not_depend_on_the_workers(part, make, assert_same_poses, engin
     job = make(part('tetrahedron'), Chute(roll=0.3), engine, bodies={'belt': {'speed': 0.1}})
     n, workers = 2 * job.chunk + 10, LocalWorkers(count)
     try:
-        found = [workers.result(f) for f in submit_drops(job, 0, n, workers)]
+        found = [f.result() for f in submit_drops(job, 0, n, workers)]
     finally:
         workers.stop()
     assert_same_poses(RestingPoses.join(found), drop_range(job, 0, n))
