@@ -1,15 +1,17 @@
 """Conversions between the types of the suite and ROS messages."""
 
+from array import array
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     DropConditions,
     PartDescription,
-    RestingPose,
     RunDescription,
     Status,
 )
@@ -33,6 +35,17 @@ from resting_aspects_ros.statistics.poses import RestingPoses
 NANOSECONDS = 1_000_000_000
 # Maximum length of the JSON document of surroundings; those of the suite have 300 characters.
 MAX_DOCUMENT = 100_000
+# Maximum number of drops in a message with poses.
+MAX_POSES = 10_000
+# Columns of a message with poses, and the number of values of each drop.
+POSE_COLUMNS = {
+    'position': 3,
+    'orientation': 4,
+    'status': 1,
+    'decided_by': 1,
+    'time_to_rest': 1,
+    'energy_growth': 1,
+}
 # Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
 
@@ -111,35 +124,30 @@ def run_from(msg: RunDescription) -> Run:
     )
 
 
-def poses_msg(
-    poses: RestingPoses, run: Run, stamp: Time, last: bool, frame: str = FRAME
-) -> RestingPosesMsg:
-    """Return the message for a batch of poses."""
-    rows = zip(
-        poses.position.tolist(),
-        poses.orientation.tolist(),
-        poses.status.tolist(),
-        poses.decided_by.tolist(),
-        poses.time_to_rest.tolist(),
-        poses.energy_growth.tolist(),
-        strict=True,
-    )
-    return RestingPosesMsg(
-        header=Header(stamp=stamp, frame_id=frame),
-        run=run_msg(run),
-        first_drop=poses.first_drop,
-        poses=[
-            RestingPose(
-                pose=pose_msg(position, orientation),
-                status=code,
-                decided_by=decided_by,
-                time_to_rest=rest,
-                energy_growth=growth,
-            )
-            for position, orientation, code, decided_by, rest, growth in rows
-        ],
-        last=last,
-    )
+def poses_msgs(
+    poses: RestingPoses, run: Run, stamp: Time, *, last: bool, frame: str = FRAME
+) -> list[RestingPosesMsg]:
+    """Return the messages for poses of a run, at least one, each with at most MAX_POSES drops.
+
+    last : whether the poses end the run
+    """
+    header, described = Header(stamp=stamp, frame_id=frame), run_msg(run)
+    messages = []
+    for first in range(poses.first_drop, max(poses.end, poses.first_drop + 1), MAX_POSES):
+        piece = poses.between(first, first + MAX_POSES)
+        columns = {name: _column(getattr(piece, name)) for name in POSE_COLUMNS}
+        messages.append(
+            RestingPosesMsg(header=header, run=described, first_drop=piece.first_drop, **columns)
+        )
+    messages[-1].last = last
+    return messages
+
+
+def _column(values: npt.NDArray[Any]) -> 'array[Any]':
+    """Return the buffer of an array; rclpy checks every element of anything else."""
+    column: array[Any] = array('B' if values.dtype == np.uint8 else 'd')
+    column.frombytes(np.ascontiguousarray(values).tobytes())
+    return column
 
 
 def pose_msg(position: list[float], orientation: list[float]) -> Pose:
@@ -150,19 +158,19 @@ def pose_msg(position: list[float], orientation: list[float]) -> Pose:
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
-    """Return the poses of a batch; raises InvalidValueError for an invalid pose or code."""
-    position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
-    orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
-    poses = RestingPoses(
-        first_drop=msg.first_drop,
-        position=np.array(position, dtype=np.float64).reshape(-1, 3),
-        orientation=np.array(orientation, dtype=np.float64).reshape(-1, 4),
-        status=np.array([p.status for p in msg.poses], dtype=np.uint8),
-        decided_by=np.array([p.decided_by for p in msg.poses], dtype=np.uint8),
-        time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
-        energy_growth=np.array([p.energy_growth for p in msg.poses], dtype=np.float64),
-    )
-    check_first_drop(poses.first_drop, len(poses))
+    """Return the poses in a message; raises InvalidValueError for an invalid pose or code."""
+    n = len(msg.status)
+    columns = {}
+    for name, width in POSE_COLUMNS.items():
+        values = np.array(getattr(msg, name))
+        if len(values) != width * n:
+            raise InvalidValueError(
+                f'invalid number of values {len(values)} of {name}: expected {width * n} for '
+                f'{n} drops'
+            )
+        columns[name] = values.reshape(n, width) if width > 1 else values
+    poses = RestingPoses(int(msg.first_drop), **columns)
+    check_first_drop(poses.first_drop, n)
     poses.check()
     return poses
 
@@ -209,15 +217,15 @@ def part_from(msg: PartDescription) -> Part:
 
 
 def serialized_poses(data: bytes) -> tuple[Run, RestingPoses, bool]:
-    """Return run, poses and `last` of a serialized batch; RuntimeError if it is unreadable."""
+    """Return run, poses and `last` of a serialized message; RuntimeError if it is unreadable."""
     msg = deserialize_message(data, RestingPosesMsg)
     return run_from(msg.run), poses_from(msg), bool(msg.last)
 
 
-def serialized_batch(data: bytes) -> tuple[Run, int, int, bool]:
-    """Return run, first drop, number of drops and `last` of a serialized batch."""
+def serialized_range(data: bytes) -> tuple[Run, int, int, bool]:
+    """Return run, first drop, number of drops and `last` of a serialized message with poses."""
     msg = deserialize_message(data, RestingPosesMsg)
-    return run_from(msg.run), int(msg.first_drop), len(msg.poses), bool(msg.last)
+    return run_from(msg.run), int(msg.first_drop), len(msg.status), bool(msg.last)
 
 
 def serialized_part(data: bytes) -> Part:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import MachineTransitions as MachineTransitionsMsg
 from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
@@ -145,10 +144,10 @@ def add_drift(message: Posterior, test: DriftTest) -> None:
     message.deviation_lower, message.deviation_upper = found.lower, found.upper
 
 
-def machine_transitions_msg(
-    action: str, counts: Counts, simulated: TransitionMatrix, run_id: str
-) -> MachineTransitionsMsg:
-    """Return the message for parts that were followed through an action.
+def add_action(
+    message: Posterior, action: str, counts: Counts, simulated: TransitionMatrix, run_id: str
+) -> None:
+    """Add the parts that were followed through an action to a message.
 
     Parameters
     ----------
@@ -162,18 +161,24 @@ def machine_transitions_msg(
     ids = [members[0].symmetry_class for members in simulated.aspects.classes()]
     rows = [(ids[i], ids[j], int(counts[i, j])) for i in range(len(ids)) for j in range(len(ids))]
     found = machine_transitions(rows, simulated)
-    return MachineTransitionsMsg(
-        action=action,
-        counts=counts.ravel().tolist(),
-        run_id=run_id,
-        message=_difference_text(found) if run_id else '',
-        **_shares(found.machine, ('probability', 'lower', 'upper')),
-        **_shares(found.simulated, ('simulated', 'simulated_lower', 'simulated_upper'), run_id),
-    )
+    columns = {
+        'actions': [action],
+        'action_run_ids': [run_id],
+        'action_messages': [_difference_text(found) if run_id else ''],
+        'moved': counts.ravel().tolist(),
+        **_shares(found.machine, ('moved_probability', 'moved_lower', 'moved_upper')),
+        **_shares(
+            found.simulated,
+            ('simulated_probability', 'simulated_lower', 'simulated_upper'),
+            known=bool(run_id),
+        ),
+    }
+    for name, values in columns.items():
+        getattr(message, name).extend(values)
 
 
 def _shares(
-    matrix: TransitionMatrix, names: tuple[str, ...], known: str = 'known'
+    matrix: TransitionMatrix, names: tuple[str, ...], *, known: bool = True
 ) -> Mapping[str, list[float]]:
     """Return the probabilities and bounds from class to class by the names of fields."""
     count = len(matrix.counts)

@@ -27,7 +27,6 @@ SURROUNDINGS = 'surroundings'  # + /<part>
 OUTLINES = 'outlines'  # + /<part>
 MARKERS = 'markers'
 SURROUNDINGS_MARKERS = 'surroundings_markers'
-RECORDED_RUNS = 'recorded_runs'
 # Absolute: ROS tools expect this name.
 DIAGNOSTICS = '/diagnostics'
 # Hidden topic, + /<kind of node>; see liveliness.py.
@@ -75,22 +74,14 @@ COUNTS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_AVAILABLE,
     durability=DurabilityPolicy.BEST_AVAILABLE,
 )
-# Holds all batches of the largest run, on both sides: reliable QoS alone does not throttle a
-# publisher, so a slow or late subscriber would lose batches.
-POSES_DEPTH = 2000
+# The largest run has 200 messages with poses, and each can wait for a slow or late subscriber:
+# reliable QoS alone does not throttle a publisher.
+POSES_DEPTH = 200
 POSES = QoSProfile(
     depth=POSES_DEPTH,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-# Minimum number of poses in a batch, so that small runs need few messages. Large runs have larger
-# batches, so that no run has more than POSES_DEPTH batches.
-MIN_BATCH = 250
-
-
-def batch_size(drops: int) -> int:
-    """Return the number of poses in each batch, except the last, of a run of ``drops`` drops."""
-    return max(MIN_BATCH, -(-drops // POSES_DEPTH))
 
 
 def offered_qos(profile: QoSProfile) -> Qos:

@@ -7,10 +7,8 @@ import numpy as np
 from geometry_msgs.msg import Point, Point32, Polygon, Quaternion
 from resting_aspects_interfaces.msg import (
     Outline,
-    OutlineComparison,
     PartCandidate,
     PartOutlines,
-    PolygonWithHoles,
 )
 
 from resting_aspects_ros.arrays import Array
@@ -25,9 +23,9 @@ from resting_aspects_ros.vision.outline import LookAlike
 
 # By the verdict of a LookAlike.
 VERDICTS = {
-    'distinct': OutlineComparison.DISTINCT,
-    'same': OutlineComparison.SAME,
-    'mirrored': OutlineComparison.MIRRORED,
+    'distinct': Outline.DISTINCT,
+    'same': Outline.SAME,
+    'mirrored': Outline.MIRRORED,
 }
 # Fields with the same name and type in Outline and in Candidate and their messages.
 _OUTLINE_FIELDS = [
@@ -77,21 +75,19 @@ def outlines_msg(
 def _outline_msg(outline: part_outline.Outline, others: Sequence[LookAlike]) -> Outline:
     x, y = outline.centroid.tolist()
     orientation = dict(zip('xyzw', outline.orientation.tolist(), strict=True))
+    family = [polygon_msgs(each) for each in outline.family]
     return Outline(
         **{name: getattr(outline, name) for name in _OUTLINE_FIELDS},
         **polygon_msgs(outline.polygon),
         orientation=Quaternion(**orientation),
         centroid=Point(x=x, y=y),
-        family=[PolygonWithHoles(**polygon_msgs(each)) for each in outline.family],
-        look_alike=[
-            OutlineComparison(
-                symmetry_class=each.symmetry_class,
-                overlap=each.overlap,
-                resolution=each.resolution,
-                verdict=VERDICTS[each.verdict],
-            )
-            for each in others
-        ],
+        family=[each['outer'] for each in family],
+        family_holes=[hole for each in family for hole in each['holes']],
+        family_hole_of=[k for k, each in enumerate(family) for _ in each['holes']],
+        other_class=[each.symmetry_class for each in others],
+        other_overlap=[each.overlap for each in others],
+        other_resolution=[each.resolution for each in others],
+        other_verdict=[VERDICTS[each.verdict] for each in others],
     )
 
 

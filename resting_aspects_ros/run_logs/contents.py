@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import (
     DetectionArray,
     FeederAdvice,
@@ -33,9 +33,17 @@ from resting_aspects_ros.logs.topics import (
     TRANSITIONS_TYPE,
 )
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
+from resting_aspects_ros.ros.conversions import (
+    serialized_part,
+    serialized_poses,
+    serialized_range,
+    time_msg,
+)
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
-from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
+from resting_aspects_ros.ros.distribution_conversions import (
+    distribution_msg,
+    serialized_distribution,
+)
 from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
@@ -192,7 +200,7 @@ class LoggedRun:
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
-            return parsed(self.log, serialized_batch, data)
+            return parsed(self.log, serialized_range, data)
         run, poses, last = parsed(self.log, serialized_poses, data)
         self.batches.append((run, poses))
         return run, poses.first_drop, len(poses), last
@@ -255,12 +263,20 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     InvalidValueError if the log has no drops or not their part, LogError if it cannot be read.
     """
     logged = read_logged_run(log, keep_poses=True)
-    run, part = logged.run, logged.part
+    result, blocks = _counted(logged)
+    logged.warn_if_unfinished()
+    return dataclasses.replace(
+        result, poses=blocks[0] if keep_poses and len(blocks) == 1 else None
+    )
+
+
+def _counted(logged: LoggedRun) -> tuple[DropResult, list[RestingPoses]]:
+    """Return a count of the drops in a log, without poses, and the blocks of its drops."""
+    log, run, part = logged.log, logged.run, logged.part
     if run is None:
         raise InvalidValueError(f'{named("log", log)} contains no drops')
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'{named("log", log)} does not describe its part')
-    logged.warn_if_unfinished()
     run = logged.known_run
     assert run is not None
     aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
@@ -275,17 +291,29 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
         distribution += count_poses(distribution.aspects, poses, ids)
         if contacts is not None:
             contacts.add(poses, ids)
-    whole = logged.outcome.whole and logged.finished
-    return DropResult(
+    result = DropResult(
         distribution,
         run,
         part,
         METHOD,
-        whole,
+        logged.outcome.whole and logged.finished,
         history=history.points(),
-        poses=blocks[0] if keep_poses and len(blocks) == 1 else None,
         contacts=contacts,
     )
+    return result, blocks
+
+
+def counted_distribution(log: Path, stamp: int, frame: str) -> bytes:
+    """Return the serialized distribution of the drops in a log, which may be open.
+
+    Runs in a FileWorker. Raises InvalidValueError and LogError as logged_result.
+
+    stamp : ns since the epoch
+    """
+    result, _ = _counted(read_logged_run(log, keep_poses=True))
+    distribution = dataclasses.replace(result.distribution, contacts=result.contacts)
+    message = distribution_msg(distribution, result.run, time_msg(stamp), True, frame)
+    return bytes(serialize_message(message))
 
 
 # -- feeder ---------------------------------------------------------------------------------------

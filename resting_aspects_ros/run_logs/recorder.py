@@ -24,8 +24,13 @@ from resting_aspects_ros.logs.topics import (
 )
 from resting_aspects_ros.logs.writer import RunLog, run_folder_name
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.batching import PoseBatches
-from resting_aspects_ros.ros.conversions import NANOSECONDS, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.conversions import (
+    MAX_POSES,
+    NANOSECONDS,
+    part_msg,
+    poses_msgs,
+    time_msg,
+)
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -35,16 +40,12 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     SURROUNDINGS,
     SURROUNDINGS_QOS,
-    batch_size,
     offered_qos,
 )
 from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
-from resting_aspects_ros.statistics.poses import RestingPoses
-
-# Timeout for the part and the last distribution to arrive after the end of a run, s.
-END_TIMEOUT = 10.0
+from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
 
 
 class RunRecorder:
@@ -57,6 +58,10 @@ class RunRecorder:
 
     unit : str
         What the run consists of: drops, or actions, of which ``drops`` is then the number.
+    seen : IndexRanges
+        The drops whose messages have arrived.
+    heard : float
+        Time of the last message, on the monotonic clock, s.
     """
 
     def __init__(self, folder: Path, run: RunDescription, unit: str = 'drops') -> None:
@@ -67,12 +72,13 @@ class RunRecorder:
         self.has_part = False
         # Whether the surroundings were written, if they are not an infinite level plane.
         self.has_surroundings = run.conditions.surroundings is None
-        self.has_distribution = False  # whether the one after the last drop was written
         self.drops = 0  # number of drops that were written
+        self.seen = IndexRanges()
+        self.heard = time.monotonic()
         self.closed_whole = False
         self.earlier: Path | None = None
+        self.ended = False  # whether the last message of the run has arrived
         self._whole = False
-        self._over_at: float | None = None
         self.folder = folder
         self._log: RunLog | None = None
         try:
@@ -118,6 +124,7 @@ class RunRecorder:
 
         Returns whether all was written.
         """
+        self.heard = time.monotonic()
         if self._log is None or self.error:
             return False
         try:
@@ -132,12 +139,22 @@ class RunRecorder:
         return not self.error
 
     def write_poses(
-        self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
+        self, topic: Topic, data: bytes, log_time: int, publish_time: int, first: int, end: int
     ) -> int:
-        """Write a batch with ``drops`` new drops; returns how many of these were written."""
-        written = drops if self.write(topic, data, log_time, publish_time) else 0
+        """Write the message with the drops ``first`` to ``end - 1``, if any are new.
+
+        Returns how many new drops were written. A message without drops is always written.
+        """
+        new = sum(high - low for low, high in self.seen.add(first, end)) if first < end else 0
+        if first < end and not new:
+            return 0
+        written = new if self.write(topic, data, log_time, publish_time) else 0
         self.drops += written
         return written
+
+    def missing(self) -> list[tuple[int, int]]:
+        """Return the ranges of drops before the last one whose messages have not arrived."""
+        return self.seen.missing(self.run.first_drop, self.seen.end)
 
     def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
         """Write the part's description, and its mesh as an attachment."""
@@ -155,11 +172,6 @@ class RunRecorder:
             mesh = name, media_type, bytes(surroundings.mesh)
         self.has_surroundings = self.write(topic, data, log_time, log_time, mesh)
 
-    def run_is_over(self, *, whole: bool) -> None:
-        """Mark the end of the run; ``whole``: all published poses were written."""
-        self._over_at = time.monotonic()
-        self._whole = whole
-
     def problem(self) -> str:
         """Return a message with the consequence of the error for the run."""
         run = f'run {self.run.run_id} of {self.run.part}'
@@ -173,27 +185,19 @@ class RunRecorder:
         return f'{run} is not recorded: {self.error}'
 
     @property
-    def run_over(self) -> bool:
-        """Whether the run has ended."""
-        return self._over_at is not None
+    def is_described(self) -> bool:
+        """Whether the part and the surroundings were written."""
+        return self.has_part and self.has_surroundings
 
-    @property
-    def done(self) -> bool:
-        """Whether the log can be closed: all messages were written, or the timeout is over."""
-        if self._over_at is None:
-            return False
-        waited = time.monotonic() - self._over_at > END_TIMEOUT
-        return (
-            waited
-            or not self.being_written
-            or (self.has_part and self.has_surroundings and self.has_distribution)
-        )
+    def close(self, *, whole: bool) -> Path | None:
+        """Finish the log; returns its folder, or None if it cannot be finished.
 
-    def close(self) -> Path | None:
-        """Finish the log; returns its folder, or None if it cannot be finished."""
+        whole : all drops or actions of the run were written
+        """
+        self._whole = whole
         if self._log is None or self.error:
             return None
-        whole = self._whole and self.has_part and self.has_surroundings
+        whole = whole and self.is_described
         try:
             self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
             folder = self._log.close()
@@ -251,8 +255,7 @@ class LocalRunLog:
 
     def __init__(self, folder: Path, part: Part, run: RunDescription) -> None:
         self._run = run
-        self._batches = PoseBatches(batch_size(run.drops))
-        self._next_drop = run.first_drop
+        self._waiting = RestingPoses.none(run.first_drop)
         self._recorder = recorder = RunRecorder(folder, run)
         if recorder.error:
             raise LogError(recorder.error)
@@ -271,10 +274,14 @@ class LocalRunLog:
         return self._recorder.folder
 
     def add(self, poses: RestingPoses, _: npt.NDArray[np.int64]) -> None:
-        """Write the batches that the poses complete; they follow those of the call before."""
-        self._next_drop = poses.end
-        for batch in self._batches.add(poses):
-            self._write(batch, last=False)
+        """Write the messages that the poses complete; they follow those of the call before."""
+        waiting = RestingPoses.join([self._waiting, poses])
+        end = waiting.end - (waiting.end - waiting.first_drop) % MAX_POSES
+        if end == waiting.end:  # the last message of a run is not empty
+            end -= MAX_POSES
+        if end > waiting.first_drop:
+            self._write(waiting.between(waiting.first_drop, end), last=False)
+        self._waiting = waiting.between(end, waiting.end)
 
     def close(self, distribution: Distribution, contacts: ContactCounts | None = None) -> None:
         """Write the remaining poses and the distribution, and finish the log.
@@ -284,23 +291,23 @@ class LocalRunLog:
         Raises LogError if the log does not have all of it.
         """
         recorder, run = self._recorder, self._run
-        self._write(self._batches.remaining(self._next_drop), last=True)
+        self._write(self._waiting, last=True)
         topic = _topic(f'{ASPECT_DISTRIBUTIONS}/{run.part}', DISTRIBUTION_TYPE, LATCHED)
         now = time.time_ns()
         if contacts is not None:
             distribution = dataclasses.replace(distribution, contacts=contacts.counted)
         message = distribution_msg(distribution, run, time_msg(now), complete=True)
         recorder.write(topic, serialize_message(message), now, now)
-        recorder.run_is_over(whole=True)
-        recorder.close()
+        recorder.close(whole=True)
         if recorder.error:
             raise LogError(recorder.problem())
 
     def _write(self, poses: RestingPoses, *, last: bool) -> None:
         now = time.time_ns()
-        data = serialize_message(poses_msg(poses, self._run, time_msg(now), last))
         topic = _topic(RESTING_POSES, POSES_TYPE, POSES)
-        self._recorder.write_poses(topic, data, now, now, len(poses))
+        for message in poses_msgs(poses, self._run, time_msg(now), last=last):
+            first, end = message.first_drop, message.first_drop + len(message.status)
+            self._recorder.write_poses(topic, serialize_message(message), now, now, first, end)
 
 
 def _topic(name: str, type_name: str, profile: QoSProfile) -> Topic:

@@ -13,7 +13,7 @@ from resting_aspects_ros.rotations import LENGTH_TOLERANCE
 
 
 class RestStatus(IntEnum):
-    """How a drop ended; the codes of the message RestingPose.
+    """How a drop ended; the codes of the message RestingPoses.
 
     A part that slides still slides or rolls on the surface, and does not come to rest. A lost part
     left the surface. Its pose is where it was when this was detected, perhaps in
@@ -28,7 +28,7 @@ class RestStatus(IntEnum):
 
 
 class DecidedBy(IntEnum):
-    """Criterion by which a drop was found to be at rest; the codes of the message RestingPose."""
+    """Criterion by which a drop was found to be at rest; the codes of the message RestingPoses."""
 
     STILLNESS = 0
     ENERGY = 1

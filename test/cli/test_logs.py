@@ -23,7 +23,7 @@ from resting_aspects_ros.logs.topics import (
     Topic,
 )
 from resting_aspects_ros.logs.writer import RunLog, lock_file
-from resting_aspects_ros.ros.conversions import part_msg, poses_msg
+from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.simulation.conditions import HeightOf
@@ -59,7 +59,7 @@ def log(tmp_path, part, dropped):
             written.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         for k in range(3 if batches is None else batches):
             end = 100 * (k + 1)
-            batch = poses_msg(poses.between(100 * k, end), run, Time(), end == DROPS)
+            (batch,) = poses_msgs(poses.between(100 * k, end), run, Time(), last=end == DROPS)
             written.write(POSES, serialize_message(batch), 2 + k)
             if counted:
                 found = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
@@ -124,7 +124,7 @@ def test_info_fields_have_the_same_types_without_distribution(run, log, dropped,
     whole = json.loads(run('info', log(), '--json').stdout)
     with RunLog(log('other').parent, 'bare') as bare:
         bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        batch = poses_msg(dropped[1].between(0, 100), dropped[0], Time(), False)
+        (batch,) = poses_msgs(dropped[1].between(0, 100), dropped[0], Time(), last=False)
         bare.write(POSES, serialize_message(batch), 2)
     # Its drops are counted.
     assert types_of(json.loads(run('info', bare.path, '--json').stdout)) == types_of(whole)
@@ -146,7 +146,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
     run_of = dataclasses.replace(dropped[0], conditions=named, **odd)
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        batch = poses_msg(dropped[1].between(0, 100), run_of, Time(), True)
+        (batch,) = poses_msgs(dropped[1].between(0, 100), run_of, Time(), last=True)
         log.write(POSES, serialize_message(batch), 2)
     for command in ('info', 'recover', 'report'):
         ended = run(command, 'run')
@@ -189,7 +189,7 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
     message.aspect_numbering += 1
     with RunLog(tmp_path, 'other') as other:
         other.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        batch = poses_msg(poses, dropped[0], Time(), True)
+        (batch,) = poses_msgs(poses, dropped[0], Time(), last=True)
         other.write(POSES, serialize_message(batch), 2)
         other.write(DISTRIBUTION, serialize_message(message), 3)
     for words in (['info', 'other'], ['compare', 'other', log()]):
@@ -353,7 +353,7 @@ def test_log_of_a_canceled_run_is_complete(run, dropped, part, tmp_path):
     run_of, poses = dropped
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        batch = poses_msg(poses.between(0, 100), run_of, Time(), True)
+        (batch,) = poses_msgs(poses.between(0, 100), run_of, Time(), last=True)
         log.write(POSES, serialize_message(batch), 2)
     words = '100 of 300 drops of l_bracket, where the run ended'
     assert run('recover', 'run').stdout == f'run: is already closed, 2 messages, {words}\n'
@@ -369,7 +369,7 @@ def test_drops_of_another_run_fill_a_gap(run, dropped, part, tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
     for run_of, first, end in ((own, 0, 100), (other, 100, 300)):
-        batch = poses_msg(poses.between(first, end), run_of, Time(), run_of is other)
+        (batch,) = poses_msgs(poses.between(first, end), run_of, Time(), last=run_of is other)
         log.write(POSES, serialize_message(batch), 2)
     log.flush()
     content = log.path.read_bytes()
@@ -482,7 +482,7 @@ def log_of(tmp_path):
             log.write(PART, serialize_message(part_msg(part)), 1)
             for k, batch in enumerate(poses):
                 is_last = last and k == len(poses) - 1
-                message = poses_msg(batch, run_of, Time(), is_last)
+                (message,) = poses_msgs(batch, run_of, Time(), last=is_last)
                 log.write(POSES, serialize_message(message), 2 + k)
             outcome = LogOutcome(sum(len(batch) for batch in poses), whole=whole)
             log.add_metadata(OUTCOME, outcome.record())
@@ -601,7 +601,7 @@ def test_from_log_warns_of_another_engine(run, dropped, part, tmp_path):
     before = dataclasses.replace(dropped[0], engine='bullet', engine_version='3.1.0')
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        batch = poses_msg(dropped[1].between(0, 100), before, Time(), True)
+        (batch,) = poses_msgs(dropped[1].between(0, 100), before, Time(), last=True)
         log.write(POSES, serialize_message(batch), 2)
     ended = run('drop', '--from-log', log.path)
     assert ended.returncode == 0

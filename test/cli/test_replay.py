@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.ros.conversions import poses_msg, time_msg
+from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 
@@ -30,7 +30,9 @@ def log(tmp_path, part, surfaces):
     topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
     with RunLog(tmp_path, 'log') as log:
         for first in range(0, DROPS, BATCH):
-            batch = poses_msg(poses.between(first, first + BATCH), run, time_msg(1), last=False)
+            (batch,) = poses_msgs(
+                poses.between(first, first + BATCH), run, time_msg(1), last=False
+            )
             log.write(topic, serialize_message(batch), first * 5 * 10**8 // BATCH)
     return 'log'
 

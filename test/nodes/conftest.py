@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import subprocess
+import threading
 import time
 import weakref
 from contextlib import suppress
@@ -39,11 +40,11 @@ from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, List
 from resting_aspects_ros.client import pending_request
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros import file_worker
+from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DIAGNOSTICS,
-    MIN_BATCH,
     POSES,
     RESTING_POSES,
     SERVICES,
@@ -51,6 +52,8 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 
+# Number of drops in each message of the fixture ``batches``.
+BATCH = 250
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 300.0
@@ -232,7 +235,7 @@ class Processes:
     def node(self, node, namespace, parameters=(), constants=(), ready='ready', arguments=()):
         """Start a node, wait until it is ready, and return its process.
 
-        ``constants`` are set before: {'nodes.run_tracking.tracker.GRACE': 1.0}.
+        ``constants`` are set before: {'nodes.drop_client.ARRIVAL_TIMEOUT': 1.0}.
         """
         arguments = [node, '--ros-args', '-r', f'__ns:={namespace}', *map(str, arguments)]
         for name, value in dict(parameters).items():
@@ -595,6 +598,58 @@ def fresh_suite(processes, connect, tmp_path_factory):
     return fresh_suite
 
 
+class LocalNodes:
+    """Nodes in this process, on one executor in a thread.
+
+    Parameters
+    ----------
+    factories : of the nodes, which the attribute ``nodes`` has in the same order
+    parameters : of all nodes together
+    """
+
+    def __init__(self, namespace, factories, parameters):
+        arguments = ['--ros-args', '-r', f'__ns:={namespace}']
+        for name, value in parameters.items():
+            arguments += ['-p', f'{name}:={value}']
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        self._executor = SingleThreadedExecutor()
+        self.nodes = [factory() for factory in factories]
+        for node in self.nodes:
+            self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._spin)
+        self._stopped = False
+        self._thread.start()
+
+    def _spin(self):
+        while not self._stopped:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def stop(self):
+        self._stopped = True
+        self._thread.join()
+        for node in self.nodes:
+            node.close()
+            node.destroy_node()
+        self._executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture(scope='module')
+def local_nodes():
+    """Return a function that runs nodes in this process until the end of the module."""
+    started = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(file_worker, 'get_context', lambda _: FORKSERVER)
+
+        def local_nodes(namespace, *factories, **parameters):
+            started.append(LocalNodes(namespace, factories, parameters))
+            return started[-1].nodes
+
+        yield local_nodes
+        for each in started:
+            each.stop()
+
+
 class Diagnostics:
     """The newest status of each node of a suite."""
 
@@ -717,18 +772,18 @@ def batches(part, surfaces):
             part('tetrahedron'),
             surfaces.get(),
             seed=1,
-            drops=count * MIN_BATCH,
+            drops=count * BATCH,
             run_id=run_id,
             started=10**18,
         )
 
     job, _ = plan(1, '')
-    poses = drop_range(job, 0, MIN_BATCH)
+    poses = drop_range(job, 0, BATCH)
 
     def batches(count, run_id='recorded'):
-        batch = poses_msg(poses, plan(count, run_id)[1], time_msg(7), last=False)
+        (batch,) = poses_msgs(poses, plan(count, run_id)[1], time_msg(7), last=False)
         for k in range(count):
-            batch.first_drop = k * MIN_BATCH
+            batch.first_drop = k * BATCH
             batch.last = k == count - 1
             data = serialize_message(batch)
             yield data + bytes(-len(data) % 4)  # padded as on the wire and in a log

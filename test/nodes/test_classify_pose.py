@@ -14,16 +14,10 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, UnknownPartError
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    DistributionStore,
-    RunCounts,
-    newest_distribution,
-)
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import requested_part
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.simulation.conditions import parts_folder
-from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -122,77 +116,6 @@ def test_exceptions_become_the_status_of_the_response(box):
         raise ZeroDivisionError('a defect')
     assert response.status.code == Status.FAILED
     assert complaints == ["classify_pose failed: ZeroDivisionError('a defect')"]
-
-
-@pytest.fixture
-def run(box, surfaces):
-    """Return a function that creates the description of a run of the box."""
-
-    def run(seed, sha=box.part_sha256):
-        return RunDescription(
-            run_id=f'run{seed}',
-            part=BOX,
-            part_sha256=sha,
-            conditions=surfaces.get(),
-            seed=seed,
-            first_drop=0,
-            drops=100,
-            precision=0.0,
-            engine='none',
-            engine_version='0',
-            suite_version='0',
-            time_step=1e-3,
-            started=seed,
-        )
-
-    return run
-
-
-def test_complete_distributions_precede_active_ones(box, run):
-    known, sha = DistributionStore(lambda _: None), box.part_sha256
-    one, two, three = (counted(box, k, 0, 0, 0, 0, 0) for k in (1, 2, 3))
-    under_way = [
-        RunCounts(run(7), one),
-        RunCounts(run(8), two),
-        RunCounts(run(9, 'another'), three),
-        RunCounts(run(10), counted(box, 0, 0, 0, 0, 0, 0)),
-        RunCounts(run(11)),
-    ]
-    assert newest_distribution(known, [], sha) is None
-    assert newest_distribution(known, under_way, sha) is two
-    known.add(run(1), one)
-    known.add(run(2), three)
-    known.add(run(3, 'another'), two)
-    assert newest_distribution(known, under_way, sha) is three
-    assert newest_distribution(known, under_way, 'another') is two
-
-
-def test_distributions_of_other_aspects_are_removed(box, run):
-    described = {}
-    known, sha = DistributionStore(described.get), box.part_sha256
-    fewer = AspectSet(sha, box.aspects[:5])
-    known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
-    known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
-    assert known.remove_inconsistent(sha) == []
-    described[sha] = box
-    assert known.remove_inconsistent(sha) == [run(2)]
-    assert len(known) == 1
-    with pytest.raises(
-        InvalidValueError, match='invalid distribution of run run2: expected the 6'
-    ):
-        known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
-    turned = AspectSet(sha, box.aspects[::-1])
-    with pytest.raises(InvalidValueError, match='expected the 6 aspects of box_10x20x30'):
-        known.add(run(3), counted(turned, 1, 0, 0, 0, 0, 0))
-
-
-def test_part_version_is_mentioned_only_if_it_differs(box, run):
-    known = DistributionStore(lambda _: None)
-    known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
-    message = '1 drops on rubber_mat'
-    assert known.describe(BOX, box.part_sha256, None) == [message]
-    assert known.describe(BOX, '', None) == [message]
-    assert known.describe(BOX, 'another', None) == [f'{message} of another version of the part']
 
 
 # Over DDS

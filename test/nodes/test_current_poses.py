@@ -8,7 +8,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
 from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPosesPublisher
-from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, MIN_BATCH
+from resting_aspects_ros.ros.conversions import poses_from
+from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 
@@ -23,10 +24,12 @@ def settled(batches, run_id):
     """Return the settled poses of a run, in the order of drops."""
     of_run = sorted((b for b in batches if b.run.run_id == run_id), key=lambda b: b.first_drop)
     return [
-        numbers(entry.pose)
-        for batch in of_run
-        for entry in batch.poses
-        if entry.status == entry.SETTLED
+        (*position, *orientation)
+        for poses in map(poses_from, of_run)
+        for position, orientation, status in zip(
+            poses.position.tolist(), poses.orientation.tolist(), poses.status, strict=True
+        )
+        if status == RestStatus.SETTLED
     ]
 
 
@@ -48,7 +51,7 @@ def shows(shown, expected):
     'drops',
     [
         pytest.param(30, id='few', marks=pytest.mark.slow),
-        pytest.param(MIN_BATCH + 20, id='last batch is short'),
+        pytest.param(270, id='last batch is short'),
     ],
 )
 def test_poses_are_the_newest_of_the_newest_run(suite, drops):

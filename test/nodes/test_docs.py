@@ -48,7 +48,6 @@ TOPICS = {
     f'{interface.SURROUNDINGS}/<part>': interface.SURROUNDINGS_QOS,
     interface.MARKERS: interface.LATCHED,
     interface.SURROUNDINGS_MARKERS: interface.LATCHED,
-    interface.RECORDED_RUNS: interface.ALL_LATCHED,
     interface.CURRENT_POSES: interface.LATCHED,
     interface.DEFAULT_CONDITIONS: interface.LATCHED,
 }
@@ -380,7 +379,7 @@ def test_every_topic_and_service_of_the_nodes_is_listed(suite, dropped):
             for name in own
             if not name.startswith((f'{program}/', '_'))
         }
-        assert found
+        assert found or program == 'drop_recorder'
         assert found <= listed, program
 
 

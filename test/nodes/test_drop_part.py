@@ -5,15 +5,17 @@ import functools
 
 import numpy as np
 import pytest
-from resting_aspects_interfaces.msg import RestingPose, Status
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.ros.conversions import nanoseconds, poses_from
-from resting_aspects_ros.ros.interface import FRAME, MIN_BATCH, POSES_DEPTH, batch_size
+from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS
+from resting_aspects_ros.ros.conversions import MAX_POSES, nanoseconds, poses_from
+from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
-DROPS = 2 * MIN_BATCH + 30
+DROPS = 1000
 
 
 @pytest.fixture(scope='module')
@@ -71,10 +73,10 @@ def test_result_counts_every_drop(drop, batches):
     assert drop.outcome == 'succeeded'
     assert result.status == Status(code=Status.OK)
     assert result.drops == DROPS
-    codes = [pose.status for batch in batches for pose in batch.poses]
-    assert result.settled == codes.count(RestingPose.SETTLED)
-    assert result.unsettled == codes.count(RestingPose.UNSETTLED)
-    assert result.failed == codes.count(RestingPose.FAILED)
+    codes = [code for batch in batches for code in batch.status]
+    assert result.settled == codes.count(RestingPosesMsg.SETTLED)
+    assert result.unsettled == codes.count(RestingPosesMsg.UNSETTLED)
+    assert result.failed == codes.count(RestingPosesMsg.FAILED)
     assert result.settled + result.unsettled + result.failed == DROPS
     assert result.settled > 0
 
@@ -89,10 +91,20 @@ def test_feedback_grows_towards_the_total(drop):
     assert all(feedback.drops_per_second > 0 for feedback in drop.feedback)
 
 
-def test_batches_are_full_and_consecutive(batches):
-    assert [len(batch.poses) for batch in batches] == [MIN_BATCH, MIN_BATCH, 30]
-    assert [batch.first_drop for batch in batches] == [0, MIN_BATCH, 2 * MIN_BATCH]
-    assert [batch.last for batch in batches] == [False, False, True]
+def test_messages_are_consecutive(batches):
+    ends = [batch.first_drop + len(batch.status) for batch in batches]
+    assert [batch.first_drop for batch in batches] == [0, *ends[:-1]]
+    assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
+    # On a busy machine, a message can be published before it has all drops of the run.
+    assert len(batches) <= 2
+
+
+def test_messages_of_a_long_run_are_bounded(suite, batches_of, quick):
+    drop = suite.client.drop('tetrahedron', 2 * MAX_POSES + 5, seed=15, conditions=quick)
+    sizes = [len(batch.status) for batch in batches_of(drop.result.run_id)]
+    assert sum(sizes) == 2 * MAX_POSES + 5
+    assert min(sizes) > 0
+    assert max(sizes) <= MAX_POSES
 
 
 def test_every_batch_describes_its_run(drop, batches, part, surfaces):
@@ -120,21 +132,6 @@ def test_drops_from_the_middle_equal_a_slice_of_the_run(suite, batches_of, engin
     assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11).between(230, 270))
 
 
-def test_exactly_full_batch_can_be_the_last(suite, batches_of):
-    drop = suite.client.drop('tetrahedron', MIN_BATCH, seed=12)
-    batches = batches_of(drop.result.run_id)
-    assert [(len(batch.poses), batch.last) for batch in batches] == [(MIN_BATCH, True)]
-
-
-@pytest.mark.parametrize(
-    ('drops', 'size'),
-    [(1, 250), (500_000, 250), (500_001, 251), (2_000_000, 1000), (1_999_999, 1000)],
-)
-def test_number_of_batches_is_at_most_the_qos_depth(drops, size):
-    assert batch_size(drops) == size
-    assert -(-drops // size) <= POSES_DEPTH
-
-
 def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=13)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
@@ -153,7 +150,7 @@ def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     poses = RestingPoses.join([poses_from(batch) for batch in batches])
     assert (poses.first_drop, len(poses)) == (0, result.drops)
     assert result.settled == int((poses.status == RestStatus.SETTLED).sum())
-    assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].poses), seed=13))
+    assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].status), seed=13))
 
 
 def test_drops_before_a_cancel_are_known(suite, counts):
@@ -169,3 +166,35 @@ def test_drops_before_a_cancel_are_known(suite, counts):
     distribution = suite.client.wait(known, 'distribution of the canceled run')
     assert distribution.run.run_id == drop.result.run_id
     assert distribution.drops == sum(counts(distribution)) == drop.result.drops
+
+
+def test_drops_of_a_run_are_published_again(suite, received, drop, batches):
+    run_id = drop.result.run_id
+    again = suite.client.drop('tetrahedron', 30, first_drop=20, seed=11, run_id=run_id).result
+    assert (again.status.code, again.run_id, again.drops) == (Status.OK, run_id, 30)
+
+    def newest():
+        return next((b for b in reversed(received) if b.run.run_id == run_id), None)
+
+    suite.client.wait(lambda: newest().first_drop == 20, 'drops')
+    assert (newest().run, newest().last, len(newest().status)) == (batches[0].run, False, 30)
+
+
+def test_only_drops_of_runs_of_this_simulator_are_published_again(suite, drop):
+    refused = suite.client.drop(drops=5, seed=11, run_id='another').result.status
+    assert refused.code == Status.NOT_AVAILABLE
+    assert refused.message.startswith('run another was not made by this simulator')
+    refused = suite.client.drop(drops=5, seed=12, run_id=drop.result.run_id).result.status
+    assert refused.code == Status.INVALID
+    assert refused.message.startswith('invalid request for drops of run ')
+
+
+def test_too_many_goals_are_refused(suite):
+    goals = [
+        suite.client.dropping('tetrahedron', 2_000_000, seed=1000 + k) for k in range(MAX_GOALS)
+    ]
+    suite.client.wait(lambda: all(goal.feedback for goal in goals), 'feedback')
+    assert suite.client.drop(drops=1).result.status.code == Status.BUSY
+    for goal in goals:
+        goal.cancel()
+    suite.client.wait(lambda: all(goal.done for goal in goals), 'canceled goals')

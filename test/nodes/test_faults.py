@@ -6,20 +6,17 @@ import pytest
 from resting_aspects_interfaces.msg import Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.ros.interface import MIN_BATCH
-
 # Shorter timeouts, which do not change the tested behaviour.
 QUICK = {
     'aspect_classifier': {
-        'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
         'ros.goal_client.RETRY_PERIOD': 1.0,
-        'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
-        'nodes.aspect_classifier.drop_part_requests.DISCOVERY_TIMEOUT': 1.0,
+        'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
+        'nodes.drop_client.DISCOVERY_TIMEOUT': 1.0,
     },
     'drop_recorder': {
-        'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
         'ros.goal_client.RETRY_PERIOD': 1.0,
-        'run_logs.recorder.END_TIMEOUT': 2.0,
+        'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 1.0,
+        'nodes.drop_recorder.node.IDLE': 10.0,
     },
 }
 
@@ -40,7 +37,7 @@ def recorded():
             for connection, _, data in reader.messages():
                 if connection.topic.endswith('/resting_poses'):
                     batch = reader.deserialize(data, connection.msgtype)
-                    found += range(batch.first_drop, batch.first_drop + len(batch.poses))
+                    found += range(batch.first_drop, batch.first_drop + len(batch.status))
         return found
 
     return recorded
@@ -49,7 +46,7 @@ def recorded():
 @pytest.mark.slow
 def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier start in the middle of a run, and others after it."""
-    drops = 8 * MIN_BATCH + 50
+    drops = 2050
     # In surroundings with an edge, worker processes make the drops, which can be held up.
     asked_for = {'seed': [41], 'surroundings': 'bowl_track'}
     received = suite.client.poses()
@@ -83,7 +80,7 @@ def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, coun
 
 @pytest.mark.slow
 def test_suspended_node_loses_no_drops(suite, recorded):
-    drops = 4 * MIN_BATCH
+    drops = 1000
     slow = [suite.processes[name] for name in ('aspect_classifier', 'drop_recorder')]
     for process in slow:
         process.send(signal.SIGSTOP)

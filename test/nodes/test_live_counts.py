@@ -95,8 +95,7 @@ def logs(simulated, tmp_path_factory):
     topic = Topic(f'/aspect_distributions/{PART}', DISTRIBUTION_TYPE, qos)
     log.write(topic, serialize_message(message), 1, 1)
     log.drops = simulated.drop.drops
-    log.run_is_over(whole=True)
-    assert log.close() is not None
+    assert log.close(whole=True) is not None
     return folder
 
 
@@ -219,18 +218,19 @@ def test_refused_counts_are_forgotten_after_valid_ones(status, machine):
 
 def test_moved_parts_give_the_transitions_of_the_machine(machine, simulated):
     machine.send(session='moves', action='flip', moved=[3, 7, 40, 50])
-    (found,) = machine.posterior(lambda each: each.transitions).transitions
-    assert (found.run_id, found.message) == ('', '')
-    assert list(found.probability) == pytest.approx([3 / 10, 7 / 10, 4 / 9, 5 / 9])
-    assert all(map(math.isnan, found.simulated))
+    found = machine.posterior(lambda each: each.actions)
+    assert (found.actions, found.action_run_ids, found.action_messages) == (['flip'], [''], [''])
+    assert list(found.moved_probability) == pytest.approx([3 / 10, 7 / 10, 4 / 9, 5 / 9])
+    assert all(map(math.isnan, found.simulated_probability))
     machine.moves.publish(transitions_msg(simulated, Time(sec=1), ended=True))
     # The next counts show them.
     machine.send(session='moves', action='flip', moved=[3, 7, 40, 51])
-    holds = lambda each: list(each.transitions[0].counts) == [3, 7, 40, 51]  # noqa: E731
-    (found,) = machine.posterior(holds).transitions
-    assert found.run_id == 'a'
-    assert list(found.simulated) == pytest.approx([0.6, 0.4, 0.6, 0.4])
-    assert found.message.startswith('44 % of class 2 come to class 1 instead of 60 %: -16 (-27 to')
+    found = machine.posterior(lambda each: list(each.moved) == [3, 7, 40, 51])
+    assert found.action_run_ids == ['a']
+    assert list(found.simulated_probability) == pytest.approx([0.6, 0.4, 0.6, 0.4])
+    assert found.action_messages[0].startswith(
+        '44 % of class 2 come to class 1 instead of 60 %: -16 (-27 to'
+    )
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from resting_aspects_ros.logs.topics import (
 )
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
-from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
@@ -59,7 +59,7 @@ def write(tmp_path, part, run_of, aspects):
             topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
             log.write(topic, serialize_message(part_msg(part(described))), 1)
             for first, end in pieces:
-                batch = poses_msg(poses.between(first, end), run, time_msg(1), False)
+                (batch,) = poses_msgs(poses.between(first, end), run, time_msg(1), last=False)
                 log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), serialize_message(batch), 2)
             if whole:
                 topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))

@@ -24,9 +24,9 @@ from std_srvs.srv import Trigger
 
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, MIN_BATCH, POSES
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, POSES
 
-DROPS = 2 * MIN_BATCH + 200
+DROPS = 700
 DISTRIBUTION, PART = 'aspect_distributions/tetrahedron', 'parts/tetrahedron'
 TOPICS = {
     'resting_poses': (RestingPoses, POSES),

@@ -6,10 +6,8 @@ import signal
 import sys
 
 import pytest
-from resting_aspects_interfaces.msg import RecordedRun
 
 from resting_aspects_ros.cli.main import main
-from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 
@@ -45,19 +43,18 @@ def assert_ended_in_order(process, code, wait, traceback):
 
 
 @pytest.fixture
-def end_during_a_run(nodes, connect, namespace, wait, traceback):
+def end_during_a_run(nodes, connect, namespace, wait, traceback, tmp_path):
     """End the nodes during a run, and check their output and the files they leave."""
 
     def end_during_a_run(end):
         client = connect(namespace)
-        started = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         # From the last drop of a chunk on: feedback comes after one drop.
         drop = client.dropping('tetrahedron', 2_000_000, first_drop=499)
 
         def log():
-            logged = {each.run_id: each.log for each in started}
-            runs = [batch.run.run_id for batch in received if batch.run.drops == 2_000_000]
-            return next(((run_id, logged[run_id]) for run_id in runs if run_id in logged), None)
+            runs = {batch.run.run_id for batch in received if batch.run.drops == 2_000_000}
+            found = [(run, log) for run in runs for log in (tmp_path / 'logs').glob(f'*_{run}')]
+            return next(iter(found), None)
 
         received = client.poses()
         client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')

@@ -11,21 +11,21 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import poses_from
-from resting_aspects_ros.ros.interface import MIN_BATCH, POSES
+from resting_aspects_ros.ros.interface import POSES
 from resting_aspects_ros.statistics.distribution import count_poses
 
 pytestmark = pytest.mark.slow
 
-DROPS = 200_000
+DROPS = 40_000
 COUNT = 300
 
 
 @pytest.fixture(scope='module')
 def written(batches):
-    return list(batches(DROPS // MIN_BATCH))
+    return list(batches(DROPS // 250))
 
 
-def test_200_000_drops_are_all_received_and_counted(
+def test_40_000_drops_are_all_received_and_counted(
     start, connect, namespace, replay, wait, listen_raw, written, write_log, part, tmp_path
 ):
     log = write_log(tmp_path, written, gap=0.4)
@@ -46,7 +46,7 @@ def test_200_000_drops_are_all_received_and_counted(
 
     distribution = client.wait(known, 'distribution')
     assert distribution.drops == DROPS
-    times = DROPS // MIN_BATCH
+    times = DROPS // 250
     expected = (times * once.counts).tolist()
     assert [aspect.count for aspect in distribution.aspects] == expected
     assert distribution.unclassified == times * once.unclassified

@@ -13,7 +13,7 @@ from resting_aspects_interfaces.msg import (
 
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import pending_request
-from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES, RESTING_POSES
 from resting_aspects_ros.simulation.conditions import parts_folder
 from resting_aspects_ros.simulation.job import plan_run
@@ -36,7 +36,7 @@ def suite(fresh_suite, folder):
         {
             'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
             'aspect_classifier': {
-                'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
+                'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
                 'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0,
             },
         },
@@ -190,7 +190,7 @@ RUNS = [
     ('last', 35, 70, 10**18),
 ]
 # Requests, and the run that is returned, by requested seed; None: without a seed.
-ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None: 'last'}
+ANSWERS = {31: 'b_same', 32: 'newer', 33: 'short', 34: 'first', 35: 'last', None: 'last'}
 
 
 @pytest.mark.slow
@@ -219,7 +219,8 @@ def test_selected_run_is_the_same_after_a_restart(
         job, run = plan_run(
             box, conditions, seed=seed, drops=drops, run_id=run_id, started=started
         )
-        poses.publish(poses_msg(drop_range(job, 0, drops), run, time_msg(1), True))
+        (message,) = poses_msgs(drop_range(job, 0, drops), run, time_msg(1), last=True)
+        poses.publish(message)
         client.wait(
             lambda run_id=run_id: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log'
         )

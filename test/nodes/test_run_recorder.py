@@ -27,7 +27,7 @@ def failed(surfaces, tmp_path):
         )  # fmt: skip
         log = RunRecorder(tmp_path, run)
         if recorded:
-            log.write_poses(TOPIC, bytes(100), 1, 1, recorded)
+            log.write_poses(TOPIC, bytes(100), 1, 1, 0, recorded)
         limits = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
         try:

@@ -29,7 +29,7 @@ def suite(fresh_suite):
         {
             'drop_simulator': {'nodes.drop_simulator.reorientation.PUBLISH_PERIOD': 0.05},
             'aspect_classifier': {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0},
-            'drop_recorder': {'nodes.run_tracking.tracker.GRACE': 0.5},
+            'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.5},
         },
         workers=1,
     )
@@ -197,8 +197,7 @@ def test_log_that_was_cut_off_keeps_its_complete_messages(write, result, ended, 
 def test_info_describes_a_log_of_actions(write, result, capsys):
     log = write(matrix(result))
     log.drops = 20
-    log.run_is_over(whole=True)
-    log.close()
+    log.close(whole=True)
     assert main(['info', str(log.folder)]) == 0
     out = capsys.readouterr().out
     assert 'action      tap: kick, speed 0.3 m/s, ' in out
@@ -212,13 +211,13 @@ def test_matrix_of_another_numbering_is_not_used(write, result):
     message = matrix(result)
     message.aspect_numbering = ASPECT_NUMBERING + 1
     log = write(message)
-    log.close()
+    log.close(whole=False)
     with pytest.raises(InvalidValueError, match=f'expected {ASPECT_NUMBERING}'):
         load_log(log.folder)
 
 
 def test_log_of_actions_has_no_drops(write, result):
     log = write(matrix(result))
-    log.close()
+    log.close(whole=False)
     with pytest.raises(InvalidValueError, match='contains no drops'):
         ra.read_log(log.folder)

@@ -1,7 +1,6 @@
 """Round trips between the types of the suite and ROS messages, through real CDR."""
 
 import dataclasses
-import functools
 import math
 
 import numpy as np
@@ -105,19 +104,39 @@ def test_run_description_round_trip():
 
 def test_poses_round_trip():
     stamp = conversions.time_msg(17)
-    message = conversions.poses_msg(POSES, RUN, stamp, last=True)
+    (message,) = conversions.poses_msgs(POSES, RUN, stamp, last=True)
     message = over_the_wire(message)
     assert isinstance(message, RestingPoses)
     assert (message.last, message.header.stamp, message.header.frame_id) == (True, stamp, 'tray')
     assert message.run == conversions.run_msg(RUN)
-    assert message.poses[0].pose.orientation.z == 0.5
-    assert message.poses[0].pose.position.y == 0.2
+    assert message.orientation[2] == 0.5
+    assert message.position[1] == 0.2
     assert_same_fields(conversions.poses_from(message), POSES)
+
+
+@pytest.mark.parametrize('name', conversions.POSE_COLUMNS)
+def test_columns_of_different_lengths_are_rejected(name):
+    (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
+    getattr(message, name).append(0)
+    with pytest.raises(InvalidValueError, match='invalid number of values'):
+        conversions.poses_from(message)
+
+
+@pytest.mark.parametrize('count', [1, conversions.MAX_POSES, 2 * conversions.MAX_POSES + 1])
+def test_many_poses_are_several_messages(count):
+    codes, values = np.zeros(count, dtype=np.uint8), np.arange(count, dtype=float)
+    orientation = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    poses = Poses(7, np.zeros((count, 3)), orientation, codes, codes, values, values)
+    messages = conversions.poses_msgs(poses, RUN, conversions.time_msg(0), last=True)
+    assert len(messages) == -(-count // conversions.MAX_POSES)
+    assert [each.last for each in messages] == [False] * (len(messages) - 1) + [True]
+    found = Poses.join([conversions.poses_from(over_the_wire(each)) for each in messages])
+    assert_same_fields(found, poses)
 
 
 def test_batch_without_poses_round_trip():
     message = over_the_wire(
-        conversions.poses_msg(Poses.none(4), RUN, conversions.time_msg(0), last=False)
+        conversions.poses_msgs(Poses.none(4), RUN, conversions.time_msg(0), last=False)[0]
     )
     assert message.last is False
     assert_same_fields(conversions.poses_from(message), Poses.none(4))
@@ -144,26 +163,27 @@ def test_round_trip_keeps_every_bit_of_poses(rows):
         table[:, 7],
         table[:, 8],
     )
-    message = over_the_wire(conversions.poses_msg(poses, RUN, conversions.time_msg(0), last=False))
+    message = over_the_wire(
+        conversions.poses_msgs(poses, RUN, conversions.time_msg(0), last=False)[0]
+    )
     assert_same_fields(conversions.poses_from(message), poses)
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'expected'),
+    ('field', 'index', 'value', 'expected'),
     [
-        ('pose.orientation.x', math.nan, 'invalid orientation [nan, '),
-        ('pose.orientation.w', 1e308, ' of drop 1099511627776: expected a unit quaternion'),
-        ('pose.orientation.w', 1.01, 'expected a unit quaternion'),
-        ('pose.position.z', math.inf, 'of drop 1099511627776: expected finite numbers'),
-        ('status', 77, 'invalid status 77 of drop 1099511627776: expected a RestStatus code'),
-        ('decided_by', 99, 'invalid decided_by 99 of drop 1099511627776: expected a DecidedBy'),
+        ('orientation', 0, math.nan, 'invalid orientation [nan, '),
+        ('orientation', 3, 1e308, ' of drop 1099511627776: expected a unit quaternion'),
+        ('orientation', 3, 1.01, 'expected a unit quaternion'),
+        ('position', 2, math.inf, 'of drop 1099511627776: expected finite numbers'),
+        ('status', 0, 77, 'invalid status 77 of drop 1099511627776: expected a RestStatus code'),
+        ('decided_by', 0, 99, 'invalid decided_by 99 of drop 1099511627776: expected a DecidedBy'),
     ],
 )
-def test_invalid_poses_are_rejected(field, value, expected):
-    message = conversions.poses_msg(POSES, RUN, conversions.time_msg(0), last=True)
-    message.poses[0].status = RestStatus.SETTLED
-    *path, name = field.split('.')
-    setattr(functools.reduce(getattr, path, message.poses[0]), name, value)
+def test_invalid_poses_are_rejected(field, index, value, expected):
+    (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
+    message.status[0] = RestStatus.SETTLED
+    getattr(message, field)[index] = value
     with pytest.raises(InvalidValueError) as error:
         conversions.poses_from(message)
     assert expected in str(error.value)

@@ -1,11 +1,12 @@
 """Outlines, observed polygons and identified parts as ROS messages, through real CDR."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from resting_aspects_interfaces.msg import OutlineComparison
+from resting_aspects_interfaces.msg import Outline
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 
 import resting_aspects_ros as ra
@@ -50,21 +51,28 @@ def test_message_contains_all_fields_of_the_document(name, part):
         assert [found.centroid.x, found.centroid.y] == expected.pop('centroid')
         assert list(found.aspects) == expected.pop('aspects')
         check_rings(found, expected)
-        for one, other in zip(found.family, expected.pop('family'), strict=True):
-            check_rings(one, other)
+        for k, other in enumerate(expected.pop('family')):
+            of = zip(found.family_holes, found.family_hole_of, strict=True)
+            holes = [hole for hole, outline in of if outline == k]
+            check_rings(SimpleNamespace(outer=found.family[k], holes=holes), other)
         verdicts = {
-            OutlineComparison.SAME: 'same',
-            OutlineComparison.MIRRORED: 'mirrored',
-            OutlineComparison.DISTINCT: 'distinct',
+            Outline.SAME: 'same',
+            Outline.MIRRORED: 'mirrored',
+            Outline.DISTINCT: 'distinct',
         }
+        columns = zip(
+            *(found.other_class, found.other_overlap),
+            *(found.other_verdict, found.other_resolution),
+            strict=True,
+        )
         look_alike = [
             {
-                'symmetry_class': each.symmetry_class,
-                'overlap': each.overlap,
-                'verdict': verdicts[each.verdict],
-                'resolution': each.resolution,
+                'symmetry_class': number,
+                'overlap': overlap,
+                'verdict': verdicts[verdict],
+                'resolution': resolution,
             }
-            for each in found.look_alike
+            for number, overlap, verdict, resolution in columns
         ]
         assert look_alike == expected.pop('look_alike')
         mirrored = [c['symmetry_class'] for c in look_alike if c['verdict'] == 'mirrored']

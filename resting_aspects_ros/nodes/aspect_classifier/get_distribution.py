@@ -5,16 +5,18 @@ from functools import lru_cache
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from resting_aspects_interfaces.action import DropPart
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
+from resting_aspects_ros import __version__
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
-from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
+from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies, Tally
+from resting_aspects_ros.nodes.drop_client import DropClient, drop_goal
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
@@ -35,6 +37,12 @@ MAX_LISTED = 5
 # Number of cached messages: creating a message takes as long as sending it, and the same one is
 # often requested again.
 MAX_MESSAGES = 100
+# Interval at which a request checks the drops that another one has requested, s.
+CHECK_PERIOD = 0.05
+# Timeouts for messages with drops to arrive after the result of their goal, and for the part to be
+# read that they need, s.
+ARRIVAL_TIMEOUT = 5.0
+COUNT_TIMEOUT = 120.0
 
 
 class DistributionService:
@@ -46,17 +54,18 @@ class DistributionService:
         surfaces: Surfaces,
         surroundings: RequestedSurroundings,
         default: DefaultConditionsSubscriber,
-        known: DistributionStore,
-        requests: DropRequests,
+        tallies: Tallies,
+        client: DropClient,
         parts: PartRegistry,
     ) -> None:
         self._node = node
         self._surfaces = surfaces
         self._surroundings = surroundings
         self._default = default
-        self._known = known
-        self._requests = requests
+        self._tallies = tallies
+        self._client = client
         self._parts = parts
+        self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
 
     async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
@@ -76,32 +85,85 @@ class DistributionService:
         parts = await self._usable(request.part)
         sha = self._version(parts, request.part)
         conditions = await self._conditions(request, sha)
-        known = self._known.find(sha, conditions, drops, request.precision, seed)
-        if known is not None:
-            return self._message(*known)
-        if request.only_known:
+        found = self._tallies.find(sha, conditions, drops, request.precision, seed)
+        if found is None and request.only_known:
             if parts and not sha:
                 requested_part(parts, request.part)
             raise self._not_known(request, sha)
-        await self._wait_for_simulator(request, sha)
-        seed = DEFAULT_SEED if seed is None else seed
-        goal = DropPart.Goal(
-            part=request.part,
-            surface=conditions.surface,
-            conditions=[conditions_msg(conditions)],
-            drops=drops,
+        if found is None:
+            await self._wait_for_simulator(request, sha)
+            found = await self._extended(request, sha, conditions, drops)
+        return self._message(found)
+
+    async def _extended(
+        self, request: GetDistribution.Request, sha: str, conditions: DropConditions, drops: int
+    ) -> Tally:
+        """Return a tally that matches a request, after the missing drops have been made.
+
+        Only one goal of a part, conditions and seed is active: what another request has made
+        meanwhile is extended.
+        """
+        seed = request.seed[0] if request.seed else DEFAULT_SEED
+        key = request.part, conditions.key(), seed
+        while (active := self._active.get(key)) is not None:
+            await wait_for(self._node, active, CHECK_PERIOD)
+            known = self._tallies.find(sha, conditions, drops, request.precision, seed)
+            if known is not None:
+                return known
+        self._active[key] = finished = Future(executor=self._node.executor)
+        try:
+            known = None
+            if not request.precision:
+                known = self._tallies.longest(sha, conditions, seed, __version__)
+            found = await self._drop(request, conditions, seed, drops, known.end if known else 0)
+            if not (request.precision or found.reaches(drops, 0.0)):
+                # The simulator has another version, whose drops do not continue those known.
+                found = await self._drop(request, conditions, seed, drops, 0)
+            return found
+        finally:
+            del self._active[key]
+            finished.set_result(None)
+
+    async def _drop(
+        self,
+        request: GetDistribution.Request,
+        conditions: DropConditions,
+        seed: int,
+        drops: int,
+        first: int,
+    ) -> Tally:
+        """Return the tally with new drops, from the index ``first`` on, after they are counted."""
+        goal = drop_goal(
+            request.part,
+            conditions,
+            seed,
+            first_drop=first,
+            drops=drops - first,
             precision=request.precision,
-            seed=seed,
         )
-        counts = await self._requests.drop(goal)
-        return self._message(counts.run, counts.counted)
+        result = await self._client.drop(goal)
+        goal.run_id, end = result.run_id, first + result.drops
+
+        def missing() -> list[tuple[int, int]]:
+            tally = self._tallies.by_run(result.run_id)
+            return [(first, end)] if tally is None else tally.seen.missing(first, end)
+
+        if not await self._client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
+            await self._client.request_again(goal, missing)
+        tally = self._tallies.by_run(result.run_id)
+        if tally is not None and await self._client.arrived(
+            lambda: tally.distribution is not None and tally.end >= end, COUNT_TIMEOUT
+        ):
+            return tally
+        reason = tally and self._parts.why_not(tally.run.part_sha256)
+        raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
 
     async def _usable(self, name: str) -> dict[str, Part]:
-        return await self._parts.usable(name, self._requests.simulator_is_ready)
+        return await self._parts.usable(name, self._client.is_ready)
 
     async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
         try:
-            await self._requests.wait_for_simulator()
+            await self._client.wait_until_ready()
         except NotAvailableError as error:
             raise NotAvailableError(f'{error}{self._known_text(request, sha)}') from None
 
@@ -118,12 +180,12 @@ class DistributionService:
         """Return the part_sha256 that is offered, else the one dropped last; empty if none."""
         if name in parts:
             return parts[name].part_sha256
-        if self._requests.simulator_is_ready():
+        if self._client.is_ready():
             return ''
-        return self._known.sha_of(name) or ''
+        return self._tallies.sha_of(name) or ''
 
-    def _message(self, run: RunDescription, distribution: Distribution) -> AspectDistribution:
-        message = _message(run, distribution, self._frame)
+    def _message(self, tally: Tally) -> AspectDistribution:
+        message = _message(tally.run, tally.counted, tally.complete, self._frame)
         message.header.stamp = self._node.get_clock().now().to_msg()
         return message
 
@@ -139,7 +201,7 @@ class DistributionService:
     def _known_text(self, request: GetDistribution.Request, sha: str) -> str:
         """Return the end of an error that lists the known distributions; empty without any."""
         seed = request.seed[0] if request.seed else None
-        known = self._known.describe(request.part, sha, seed)
+        known = self._tallies.describe(request.part, sha, seed)
         if not known:
             return ''
         more = ', ...' if len(known) > MAX_LISTED else ''
@@ -147,5 +209,7 @@ class DistributionService:
 
 
 @lru_cache(MAX_MESSAGES)
-def _message(run: RunDescription, distribution: Distribution, frame: str) -> AspectDistribution:
-    return distribution_msg(distribution, run, Time(), True, frame)
+def _message(
+    run: RunDescription, distribution: Distribution, complete: bool, frame: str
+) -> AspectDistribution:
+    return distribution_msg(distribution, run, Time(), complete, frame)

@@ -1,27 +1,24 @@
 """Live counts of a machine: observed_counts/<part> in, posterior/<part> and drift out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from resting_aspects_interfaces.msg import MachineTransitions, ObservedCounts, Posterior
+from resting_aspects_interfaces.msg import ObservedCounts, Posterior
 
 from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    DistributionStore,
-    Known,
-)
-from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart, default_window
+from resting_aspects_ros.nodes.aspect_classifier.live_part import Known, LivePart, default_window
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
 from resting_aspects_ros.report.drift import drift_sentence
 from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
 from resting_aspects_ros.ros.count_conversions import (
+    add_action,
     add_drift,
-    machine_transitions_msg,
     posterior_msg,
     totals_from,
 )
@@ -75,7 +72,7 @@ class LiveMonitor:
         self,
         node: Node,
         parts: PartRegistry,
-        known: DistributionStore,
+        known: Tallies,
         transitions: TransitionStore,
         worker: FileWorker,
     ) -> None:
@@ -205,11 +202,8 @@ class LiveMonitor:
             self._node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
 
     def _newest(self, part_sha256: str) -> Known | None:
-        """Return the largest run under the conditions of the newest run."""
-        newest = self._known.newest(part_sha256)
-        if newest is None:
-            return None
-        return self._known.find(part_sha256, newest[0].conditions, 0, 0.0, None)
+        newest = self._known.newest(part_sha256, ended=True)
+        return None if newest is None else (newest.run, newest.counted)
 
     def _publish(self, name: str, live: LivePart) -> None:
         live.changed = False
@@ -225,15 +219,15 @@ class LiveMonitor:
         message.window = live.window if live.can_drift else 0
         if live.tested is not None:
             add_drift(message, live.tested)
-        message.transitions = list(self._moved(live))
+        self._add_moved(message, live)
         if name not in self._outputs:
             topic = f'{POSTERIOR}/{name}'
             self._outputs[name] = advertise(self._node, Posterior, topic, LATCHED)
         self._outputs[name].publish(message)
 
-    def _moved(self, live: LivePart) -> Iterator[MachineTransitions]:
+    def _add_moved(self, message: Posterior, live: LivePart) -> None:
+        """Add the parts that were followed through actions."""
         for action, counts in live.sessions.moved.items():
             known = self._transitions.find(live.part.name, live.part.part_sha256, action)
             matrix = transition_matrix_from(known) if known else no_actions(live.aspects)
-            run_id = known.run.run_id if known else ''
-            yield machine_transitions_msg(action, counts, matrix, run_id)
+            add_action(message, action, counts, matrix, known.run.run_id if known else '')

@@ -7,16 +7,19 @@ import numpy as np
 from resting_aspects_ros.api.counts import single_groups
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import Known
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.count_conversions import time_label
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import (
     BatchSeries,
     CountSessions,
     LiveCounts,
     ObservedCounts,
 )
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.drift import DriftTest, TooFewDropsError, parts_needed
+
+Known = tuple[RunDescription, Distribution]
 
 
 @dataclass(eq=False)

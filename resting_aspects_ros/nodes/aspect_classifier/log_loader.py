@@ -20,10 +20,7 @@ from resting_aspects_ros.logs.topics import (
     POSES_TYPE,
     TRANSITIONS_TYPE,
 )
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    DistributionStore,
-    RunCounts,
-)
+from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies, Tally
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.ros.callbacks import guarded_task
 from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
@@ -113,9 +110,9 @@ def _count_first_drops(log: Path) -> LoggedRun:
     sequence = run.sequence()
     for poses in RestingPoses.blocks(each for of, each in batches if of.sequence() == sequence):
         if poses.first_drop <= run.first_drop < poses.end:
-            counts = RunCounts(run, pending=[poses.between(run.first_drop, run.end)])
-            counts.count(part, find_aspects(part))
-            return run, counts.counted
+            tally = Tally(run, waiting=[poses.between(run.first_drop, run.end)])
+            tally.count(part, find_aspects(part))
+            return run, tally.counted
     raise LogError('it does not contain the first drops of its run')
 
 
@@ -138,7 +135,7 @@ class LogLoader:
         node: Node,
         folder: Path | None,
         files: FileWorker,
-        known: DistributionStore,
+        known: Tallies,
         transitions: TransitionStore,
     ) -> None:
         self._node = node

@@ -11,8 +11,7 @@ from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
-from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
+from resting_aspects_ros.nodes.aspect_classifier.drop_counter import DropCounter
 from resting_aspects_ros.nodes.aspect_classifier.forecast_service import ForecastService
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LIVE_PARAMETERS, LiveMonitor
@@ -24,9 +23,9 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
     DistributionPublisher,
 )
-from resting_aspects_ros.nodes.aspect_classifier.run_counting import RunCounter
+from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
-from resting_aspects_ros.nodes.run_tracking.health import RunHealth
+from resting_aspects_ros.nodes.drop_client import DropClient
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
 from resting_aspects_ros.ros.conversions import status
@@ -52,6 +51,7 @@ from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import all_surfaces
+from resting_aspects_ros.statistics.distribution import Distribution
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of surfaces beside those of the suite'),
@@ -83,26 +83,27 @@ class AspectClassifier(Node):
         values = declare(self, PARAMETERS)
         surfaces = all_surfaces(values['surfaces_file'])
         self._files = FileWorker(self)
-        self._parts = PartRegistry(self, self._files, self._on_part_read, self._on_part_rejected)
-        self._known = DistributionStore(self._parts.aspects)
+        self._parts = PartRegistry(self, self._files, self._on_part_read)
+        self._known = Tallies(self._parts.aspects)
         folder = Path(values['log_folder']) if values['log_folder'] else None
         self._transitions = TransitionStore(self, self._parts)
         self._logs = LogLoader(self, folder, self._files, self._known, self._transitions)
         self._outputs = DistributionPublisher(self, self._parts, self._files)
-        self._runs = RunCounter(self, self._parts, self._known, self._outputs, self._logs)
-        self._health = RunHealth(self, self._runs.tracker)
-        self._requests = DropRequests(self, self._runs.tracker.simulators, self._runs.finished)
+        self._client = DropClient(self)
+        self._counter = DropCounter(
+            self, self._parts, self._known, self._outputs, self._logs, self._client
+        )
         self._answers = DistributionService(
             self,
             surfaces,
             RequestedSurroundings(self, values[SURROUNDINGS_FOLDER.name], self._files),
             DefaultConditionsSubscriber(self),
             self._known,
-            self._requests,
+            self._client,
             self._parts,
         )
-        self._outlines = OutlineStore(self, self._files, self._parts, self._runs.newest)
-        ready = self._check_ready, self._requests.simulator_is_ready
+        self._outlines = OutlineStore(self, self._files, self._parts, self._newest)
+        ready = self._check_ready, self._client.is_ready
         self._vision = OutlineServices(self, self._parts, self._outlines, *ready)
         self._worker = FileWorker(self, MAX_SECONDS)  # of drift tests and forecasts
         stored = self._parts, self._known, self._transitions
@@ -123,8 +124,7 @@ class AspectClassifier(Node):
         self._files.stop()
         self._worker.stop()
         self._vision.stop()
-        self._runs.tracker.destroy()
-        self._requests.destroy()
+        self._client.destroy()
 
     # Start
 
@@ -162,10 +162,7 @@ class AspectClassifier(Node):
             )
         self._outputs.offer(part.name)  # before the first run, so that no message is missed
         self._publish_known(part.name, part.part_sha256)
-        self._runs.part_changed(part.name)
-
-    def _on_part_rejected(self, part_sha256: str, _: str) -> None:
-        self._runs.part_rejected(part_sha256)
+        self._counter.part_changed(part.part_sha256)
 
     def _publish_known(self, name: str, part_sha256: str) -> None:
         """Publish the results of earlier runs, unless newer ones are published, and outlines."""
@@ -173,21 +170,23 @@ class AspectClassifier(Node):
             return
         self._outlines.update(name, part_sha256)
         if (known := self._known.newest(part_sha256)) is not None:
-            self._outputs.restore(*known)
+            self._outputs.restore(known)
         self._transitions.publish(name)
 
     def _diagnose(self) -> Diagnosis:
         values = {
-            'drops received': self._runs.drops.total,
-            'drops per second': self._runs.drops.rate(),
-            'drops not counted yet': self._runs.pending_drops(),
+            **self._counter.values(),
             'distributions known': len(self._known),
             'transition matrices known': len(self._transitions),
             'parts counted': self._monitor.counted,
-            **self._health.values(),
         }
-        warnings = [*self._health.warnings(), *self._monitor.warnings()]
-        return Diagnosis(self._health.state, values, warnings)
+        warnings = [*self._counter.warnings(), *self._monitor.warnings()]
+        return Diagnosis(self._counter.state, values, warnings)
+
+    def _newest(self, part_sha256: str) -> Distribution | None:
+        """Return the distribution of a part that is published."""
+        newest = self._known.newest(part_sha256)
+        return None if newest is None else newest.distribution
 
     # Services
 
@@ -205,9 +204,7 @@ class AspectClassifier(Node):
     ) -> GetTransitions.Response:
         with status_from_errors(GET_TRANSITIONS, response, self.get_logger().error):
             self._check_ready()
-            response.transitions = await self._transitions.answer(
-                request, self._requests.simulator_is_ready
-            )
+            response.transitions = await self._transitions.answer(request, self._client.is_ready)
             response.status = status(Status.OK)
         return response
 
@@ -217,10 +214,10 @@ class AspectClassifier(Node):
         response.probability = response.angle = math.nan
         with status_from_errors(CLASSIFY_POSE, response, self.get_logger().error):
             self._check_ready()
-            parts = await self._parts.usable(request.part, self._requests.simulator_is_ready)
+            parts = await self._parts.usable(request.part, self._client.is_ready)
             part = requested_part(parts, request.part)
             aspects = self._parts.version(part.part_sha256)[1]
-            answer_pose(request, response, aspects, self._runs.newest(part.part_sha256))
+            answer_pose(request, response, aspects, self._newest(part.part_sha256))
         return response
 
     def _list_parts(

@@ -39,7 +39,6 @@ class PartRegistry:
     ----------
     files : reads descriptions, so that a mesh cannot block the node
     changed : called with the part when a description has been read
-    rejected : called with part_sha256 and the reason when a description cannot be used
     """
 
     def __init__(
@@ -47,12 +46,10 @@ class PartRegistry:
         node: Node,
         files: FileWorker,
         changed: Callable[[Part], None],
-        rejected: Callable[[str, str], None],
     ) -> None:
         self._node = node
         self._files = files
         self._changed = changed
-        self._rejected = rejected
         self._newest: dict[str, bytes] = {}  # by name: the description that is being read
         self._described: dict[str, bytes] = {}  # by name: hash of the description read last
         self._parts: dict[str, Part] = {}
@@ -96,7 +93,6 @@ class PartRegistry:
             self._forget(name)
             self._unusable[name] = sha, f'part {name!r} cannot be used: {error}'
             self._node.get_logger().warning(self._unusable[name][1])
-            self._rejected(sha, self._unusable[name][1])
 
     def remove(self, name: str) -> None:
         """Remove a part that is no longer offered; its aspects stay known."""

@@ -9,10 +9,10 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunCounts
 from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import SurroundingsMarkers
+from resting_aspects_ros.nodes.aspect_classifier.tallies import Tally
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -25,8 +25,6 @@ from resting_aspects_ros.ros.interface import (
     MARKERS,
 )
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
-from resting_aspects_ros.simulation.job import RunDescription
-from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # A message of markers can have 1.4 MB: a slow connection needs a longer period.
@@ -53,8 +51,8 @@ class DistributionPublisher:
         self._node = node
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
-        self._changed: dict[str, RunCounts] = {}  # by part, in the order of changes
-        self._published: dict[str, str] = {}  # part -> part_sha256
+        self._changed: dict[str, Tally] = {}  # by part, in the order of changes
+        self._published: dict[str, tuple[tuple[object, ...], int]] = {}  # by part: kind, drops
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
         self._surroundings = SurroundingsMarkers(node, parts, files, self._frame)
@@ -72,27 +70,37 @@ class DistributionPublisher:
             self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
         return self._outputs[part]
 
-    def change(self, counts: RunCounts) -> None:
-        """Store a distribution to be published next."""
-        self._changed.pop(counts.run.part, None)
-        self._changed[counts.run.part] = counts
+    def change(self, tally: Tally) -> None:
+        """Store a distribution to be published next, unless one with more drops is published.
 
-    def restore(self, run: RunDescription, distribution: Distribution) -> None:
-        """Store the distribution of an earlier run, unless its part version is published."""
-        published = self._published.get(run.part) == run.part_sha256
-        if not published and run.part not in self._changed:
-            self.change(RunCounts(run, distribution, finished=True))
+        One of another version of the part or of other conditions is replaced in any case.
+        """
+        part, kind = tally.run.part, _kind(tally)
+        waiting = self._changed.get(part)
+        more = [self._published.get(part, (None, 0))]
+        more += [(_kind(waiting), waiting.drops)] if waiting is not None else []
+        if any(known == kind and drops > tally.drops for known, drops in more):
+            return
+        self._changed.pop(part, None)
+        self._changed[part] = tally
+
+    def restore(self, tally: Tally) -> None:
+        """Store the distribution of earlier runs, unless its part version is published."""
+        part = tally.run.part
+        published = self._published.get(part, ((None,), 0))[0]
+        if published[0] != tally.run.part_sha256 and part not in self._changed:
+            self.change(tally)
 
     def publish(self) -> None:
         """Publish the changed distributions, markers and poses."""
         changed, self._changed = self._changed, {}
-        for part, counts in changed.items():
+        for part, tally in changed.items():
             stamp = self._node.get_clock().now().to_msg()
             message = distribution_msg(
-                counts.counted, counts.run, stamp, counts.finished, self._frame
+                tally.counted, tally.run, stamp, tally.complete, self._frame
             )
             self.offer(part).publish(message)
-            self._published[part] = counts.run.part_sha256
+            self._published[part] = _kind(tally), tally.drops
         if changed:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)
@@ -109,6 +117,11 @@ class DistributionPublisher:
             part, aspects = self._parts.version(part_sha256)
             self._shown = (part_sha256, PartMarkers(part, aspects, self._frame))
         return self._shown[1]
+
+
+def _kind(tally: Tally) -> tuple[str, object]:
+    """Return what two distributions have in common that can replace each other."""
+    return tally.run.part_sha256, tally.run.conditions.key()
 
 
 class CurrentPosesPublisher:

@@ -1,6 +1,5 @@
 """The node that records each run in an MCAP log of its own.
 
 `log_folder` checks and locks the folder of the logs, `transition_recorder` records the actions,
-`feeder_recorder` the topics of a feeder, and `status_publisher` publishes recorded_runs. Read
-`node.py` first.
+`feeder_recorder` the topics of a feeder, and `status_log` reports errors. Read `node.py` first.
 """

@@ -6,29 +6,35 @@ from collections import deque
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
-from resting_aspects_ros.logs.topics import POSES_TYPE, Topic
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
+from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
 from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     FolderLock,
     absolute_folder,
     check_log_folder,
 )
-from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
+from resting_aspects_ros.nodes.drop_recorder.status_log import StatusLog
 from resting_aspects_ros.nodes.drop_recorder.surroundings_recorder import SurroundingsRecorder
 from resting_aspects_ros.nodes.drop_recorder.transition_recorder import TransitionRecorder
-from resting_aspects_ros.nodes.run_tracking.health import RunHealth
-from resting_aspects_ros.nodes.run_tracking.run_progress import RunProgress
-from resting_aspects_ros.nodes.run_tracking.tracker import RunTracker
-from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
-from resting_aspects_ros.ros.conversions import check_description, nanoseconds, poses_from
+from resting_aspects_ros.ros.callbacks import guarded, guarded_task, steady_timer, subscribe
+from resting_aspects_ros.ros.conversions import (
+    check_description,
+    nanoseconds,
+    poses_from,
+    run_from,
+)
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
-from resting_aspects_ros.ros.formatting import count_text
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
 from resting_aspects_ros.ros.interface import (
-    ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
     DROP_RECORDER,
+    DROP_SIMULATOR,
+    FRAME,
     LATCHED,
     PARTS,
     POSES,
@@ -39,6 +45,7 @@ from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
+from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
 
@@ -51,17 +58,24 @@ PARAMETERS = (
         changeable=True,
     ),
 )
-# Maximum number of kept distributions of runs whose log is not open yet.
-MAX_EARLY = 100
-# Time between two checks for complete logs, which are then closed, s.
+# Time between two checks for logs of interrupted runs, which are then closed, s.
 CLOSE_PERIOD = 0.2
+# Timeout for the part and the surroundings to arrive after the end of a run, s.
+END_TIMEOUT = 10.0
+# Time without a message after which the log of an unfinished run is closed, s: while no simulator
+# and no replayer is alive, and otherwise.
+IDLE_WITHOUT_SOURCE = 5.0
+IDLE = 600.0
+# Maximum number of finished runs that are remembered, because their messages can arrive again.
+MAX_ENDED = 10_000
 
 
 class DropRecorder(Node):
-    """Records resting_poses, parts/*, surroundings/*, aspect_distributions/* and transitions/*.
+    """Records resting_poses, parts/*, surroundings/* and transitions/*.
 
-    Each run of drop_part and of reorient_part has an MCAP log of its own. The topics of a feeder,
-    detections, pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
+    Each run of drop_part and of reorient_part has an MCAP log of its own. That of drops ends with
+    their distribution, on aspect_distributions/<part>. The topics of a feeder, detections,
+    pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
     """
 
     def __init__(self) -> None:
@@ -72,36 +86,25 @@ class DropRecorder(Node):
         on_change(self, 'log_folder', self._check_folder, self._set_folder)
         self._logs: dict[str, RunRecorder] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
-        # A distribution can arrive before the poses that it counts.
-        self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MAX_EARLY)
         self._drops = RateCounter()
-        self._reports = RecordedRunsPublisher(self)
-        self._tracker = RunTracker(self, self._end_run, self._is_recorded)
-        self._health = RunHealth(self, self._tracker)
+        self._ended: deque[str] = deque(maxlen=MAX_ENDED)
+        self._reports = StatusLog(self)
+        self._client = DropClient(self)
+        self._files = FileWorker(self)
+        self._end_run = guarded_task(self, 'a run is not ended', self._end)
         self._part_watch = TopicDiscovery(
             self, PARTS, PartDescription, self._record_part, raw=True
         )
         self._surroundings = SurroundingsRecorder(self, self._logs, self._reports)
-        self._distribution_watch = TopicDiscovery(
-            self,
-            ASPECT_DISTRIBUTIONS,
-            AspectDistribution,
-            self._record_distribution,
-            raw=True,
-            qos=ALL_LATCHED,
-        )
         self._transitions = TransitionRecorder(
-            self,
-            lambda run: self._log(run, 'actions'),
-            self._reports,
-            self._tracker.is_abandoned,
+            self, lambda run: self._log(run, 'actions'), self._ends, self._reports
         )
         self._feeder = FeederRecorder(
             self, lambda: self._folder, lambda part: self._parts.get(part, (None, None))[1]
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
-        subscribe(self, RestingPoses, RESTING_POSES, self._record_batch, POSES, raw=True)
-        close = guarded(self, 'logs are not closed', self._close_finished)
+        subscribe(self, RestingPoses, RESTING_POSES, self._record_poses, POSES, raw=True)
+        close = guarded(self, 'logs are not closed', self._close_interrupted)
         steady_timer(self, CLOSE_PERIOD, close)
         duplicates = DuplicateNodeDetector(
             self, DROP_RECORDER, harmless_reason='each writes a log of every run'
@@ -111,9 +114,10 @@ class DropRecorder(Node):
 
     def close(self) -> None:
         """Close the logs of unfinished runs, so that they are readable."""
-        self._tracker.destroy()
-        for run_id in list(self._logs):
-            self._close(run_id)
+        self._client.destroy()
+        for log in list(self._logs.values()):
+            self._close(log, whole=log.ended and not log.missing())
+        self._files.stop()
         self._feeder.close()
         self._lock.release()
 
@@ -125,30 +129,62 @@ class DropRecorder(Node):
     def _check_folder(self, path: str) -> None:
         self._lock.take(check_log_folder(path))
 
-    def _record_batch(self, data: bytes) -> None:
+    def _record_poses(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
-        poses_from(message)  # an invalid batch is rejected, and requested again like a lost one
-        if (accepted := self._tracker.accept(message)) is None:
+        poses, run = poses_from(message), run_from(message.run)
+        if (log := self._log(run)) is None:
             return
-        progress, new = accepted
-        log = self._log(progress.run)
-        if new or not message.poses:
-            drops = sum(end - first for first, end in new)
-            stamp = nanoseconds(message.header.stamp)
-            self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
-            self._reports.written(log, always=message.last)
-        self._tracker.settle(progress)
+        if run.sequence() != log.run.sequence():
+            raise InvalidValueError(
+                f'a message of run {run.run_id} describes another run than its earlier messages'
+            )
+        stamp = nanoseconds(message.header.stamp)
+        self._drops.add(
+            log.write_poses(self._poses, data, self._now(), stamp, poses.first_drop, poses.end)
+        )
+        self._reports.written(log)
+        if message.last:
+            self._ends(log, message.header.frame_id)
 
-    def _log(self, run: RunDescription, unit: str = 'drops') -> RunRecorder:
-        """Return the log of a run; open it for the first message."""
+    def _ends(self, log: RunRecorder, frame: str = FRAME) -> None:
+        """Complete and close the log of a run whose last message has arrived."""
+        if not log.ended:
+            log.ended = True
+            assert self.executor is not None  # it calls this
+            self.executor.create_task(self._end_run, log, frame)
+
+    async def _end(self, log: RunRecorder, frame: str) -> None:
+        whole = log.earlier is not None or not log.missing()
+        if not whole:
+            whole = await self._client.request_again(goal_of_run(log.run), log.missing)
+        await self._client.arrived(lambda: log.is_described or not log.being_written, END_TIMEOUT)
+        if log.unit == 'drops' and log.drops and log.is_described and log.being_written:
+            await self._write_distribution(log, frame)
+        if log.run.run_id in self._logs:  # otherwise the node has ended
+            self._close(log, whole=whole)
+
+    async def _write_distribution(self, log: RunRecorder, frame: str) -> None:
+        """Write the distribution of the drops in a log, so that it is complete in itself."""
+        now = self._now()
+        try:
+            data = await self._files.run(counted_distribution, log.folder, now, frame)
+        except RestingAspectsError as error:
+            self.get_logger().warning(f'log {log.folder} has no distribution: {error}')
+            return
+        name = self.resolve_topic_name(f'{ASPECT_DISTRIBUTIONS}/{log.run.part}')
+        log.write(Topic(name, DISTRIBUTION_TYPE, offered_qos(LATCHED)), data, now, now)
+        self._reports.written(log)
+
+    def _log(self, run: RunDescription, unit: str = 'drops') -> RunRecorder | None:
+        """Return the log of a run, opened for the first message; None if the run has ended."""
+        if run.run_id in self._ended:
+            return None
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = RunRecorder(self._folder, run, unit)
             self._reports.started(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
             self._surroundings.write(log)
-            for message, data in self._early:
-                self._write_distribution(log, message, data)
         return self._logs[run.run_id]
 
     def _record_part(self, name: str, data: bytes) -> None:
@@ -168,44 +204,27 @@ class DropRecorder(Node):
         log.write_part(topic, data, part, self._now())
         self._reports.written(log)
 
-    def _record_distribution(self, _: str, data: bytes) -> None:
-        message = deserialize_message(data, AspectDistribution)
-        log = self._logs.get(message.run.run_id)
-        if log is None:
-            self._early.append((message, data))
-        else:
-            self._write_distribution(log, message, data)
-            if log.done:  # closed at once, because a request waits for the log
-                self._close(log.run.run_id)
-
-    def _write_distribution(
-        self, log: RunRecorder, message: AspectDistribution, data: bytes
-    ) -> None:
-        if (log.run.run_id, log.run.part) != (message.run.run_id, message.run.part):
-            return
-        watch = self._distribution_watch
-        topic = Topic(watch.topic(log.run.part), watch.type_name, offered_qos(LATCHED))
-        log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
-        log.has_distribution = log.has_distribution or message.complete
-        self._reports.written(log)
-
-    def _is_recorded(self, run: RunDescription) -> bool:
-        return self._logs[run.run_id].earlier is not None
-
-    def _end_run(self, progress: RunProgress) -> None:
-        self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
-
-    def _close_finished(self) -> None:
-        self._transitions.end_abandoned()
+    def _close_interrupted(self) -> None:
+        """Close the logs of runs that were interrupted."""
         self._feeder.close_idle()
-        for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
-            self._close(run_id)
+        idle = IDLE_WITHOUT_SOURCE if self._client.source_is_gone else IDLE
+        begin = time.monotonic() - idle
+        for log in list(self._logs.values()):
+            if not log.ended and log.heard < begin:
+                self._close(log, whole=False)
 
-    def _close(self, run_id: str) -> None:
-        log = self._logs.pop(run_id)
-        self._reports.closed(log, log.close())
+    def _close(self, log: RunRecorder, *, whole: bool) -> None:
+        del self._logs[log.run.run_id]
+        if log.ended:
+            self._ended.append(log.run.run_id)
+        self._reports.closed(log, log.close(whole=whole))
 
     def _diagnose(self) -> Diagnosis:
+        active = [
+            (log.run, log.drops)
+            for log in self._logs.values()
+            if log.unit == 'drops' and not log.ended
+        ]
         files = [str(log.folder) for log in self._logs.values() if log.being_written]
         files += [self._feeder.file] if self._feeder.file else []
         values = {
@@ -215,13 +234,15 @@ class DropRecorder(Node):
             'logs open': len(files),
             'log files': ', '.join(files),
             'log folder': self._folder,
-            **self._health.values(),
+            'drop_simulators': self._client.simulators.count,
+            **run_values(active),
         }
-        state = self._health.state
+        state = active_runs_text(active)
         if files and not state:
             state = count_text(len(files), 'log open', 'logs open')
+        gone = self._client.simulators.was_seen and self._client.source_is_gone
         errors = [each for each in (self._reports.error, self._feeder.problem) if each]
-        return Diagnosis(state, values, self._health.warnings(), errors)
+        return Diagnosis(state, values, [f'no {DROP_SIMULATOR}'] * gone, errors)
 
     def _now(self) -> int:
         return time.time_ns()  # not ROS time, which can be paused

@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import SurroundingsDescription
 
 from resting_aspects_ros.logs.topics import Topic
-from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
+from resting_aspects_ros.nodes.drop_recorder.status_log import StatusLog
 from resting_aspects_ros.ros.interface import SURROUNDINGS, SURROUNDINGS_QOS, offered_qos
 from resting_aspects_ros.ros.surroundings_conversions import check_surroundings
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
@@ -25,12 +25,10 @@ class SurroundingsRecorder:
     Parameters
     ----------
     logs : the open logs by run id
-    reports : publishes the state of the logs
+    reports : reports errors
     """
 
-    def __init__(
-        self, node: Node, logs: Mapping[str, RunRecorder], reports: RecordedRunsPublisher
-    ) -> None:
+    def __init__(self, node: Node, logs: Mapping[str, RunRecorder], reports: StatusLog) -> None:
         self._logs = logs
         self._reports = reports
         self._kept: dict[str, tuple[SurroundingsDescription, bytes]] = {}  # by run id

@@ -1,46 +1,26 @@
 """The drop_simulator node: offers parts, drops them and publishes their resting poses."""
 
 import sys
-import time
-import uuid
-from functools import partial
 from pathlib import Path
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart, ReorientPart
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_folder
-from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers, DropProducer
-from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
-    MAX_GOALS,
-    RESULT_TIMEOUT,
-    execute_goal,
-)
+from resting_aspects_ros.nodes.drop_simulator.drop_part import DropServer
+from resting_aspects_ros.nodes.drop_simulator.goals import AsyncWorkers
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
-from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
-    GoalDrops,
-    PublishedRuns,
-    SharedDrops,
-)
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
 )
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import (
-    active_runs_text,
-    count_text,
-    run_values,
-    truncated,
-)
-from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART, DROP_SIMULATOR
+from resting_aspects_ros.ros.formatting import count_text, truncated
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.requested_surroundings import (
@@ -48,17 +28,8 @@ from resting_aspects_ros.ros.requested_surroundings import (
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import BusyError, CanceledError
 from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces, parts_folder
-from resting_aspects_ros.simulation.job import (
-    MAX_DROPS,
-    DropJob,
-    RunDescription,
-    check_run_id,
-    plan_run,
-)
 from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
-from resting_aspects_ros.statistics.intervals import max_drops
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
@@ -89,37 +60,20 @@ class DropSimulator(Node):
         self._surroundings = RequestedSurroundings(
             self, values[SURROUNDINGS_FOLDER.name], self._files
         )
-        self._descriptions = SurroundingsPublisher(self, frame)
-        self._runs = PublishedRuns()
-        self._shared = SharedDrops(self)
-        self._producer = DropProducer(self, self._workers, self._files, frame)
         self._parts = PartPublisher(self, folder, self._files)
-        self._server = ActionServer(
-            self,
-            DropPart,
-            DROP_PART,
-            self._execute,
-            # By default, rclpy rejects every cancel request.
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            result_timeout=RESULT_TIMEOUT,
-            **ACTION_SERVICES,
+        shared = (
+            *(self._parts, self._workers, self._files, self._conditions),
+            *(SurroundingsPublisher(self, frame), frame),
         )
-        self._reorient = ReorientServer(
-            self,
-            self._parts,
-            self._workers,
-            self._files,
-            self._conditions,
-            self._descriptions,
-            frame,
-        )
+        self._drops = DropServer(self, *shared)
+        self._reorient = ReorientServer(self, *shared)
         self._parts.ready.add_done_callback(self._on_parts_read)
 
     def close(self) -> None:
         """End the workers, and abandon their drops."""
         self._workers.stop()
         self._files.stop()
-        self._server.destroy()
+        self._drops.destroy()
         self._reorient.destroy()
 
     def _on_parts_read(self, _: Future) -> None:
@@ -129,94 +83,23 @@ class DropSimulator(Node):
         workers = count_text(self._workers.count, 'worker', 'workers')
         self.get_logger().info(f'ready: {parts}, {workers}')
 
-    async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
-        nothing = DropPart.Result(run_id=handle.request.run_id)
-        return await execute_goal(self, DROP_PART, handle, nothing, self._drop)
-
-    async def _drop(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
-        """Return the result of a goal; concurrent goals for the same drops share them."""
-        goal = handle.request
-        check_run_id(goal.run_id)
-        part = await self._parts.get(goal.part)
-        if handle.is_cancel_requested:
-            raise CanceledError('canceled before the first drop')
-        job, requested = await self._plan(goal, part)
-        run = self._runs.find(requested) if goal.run_id else requested
-        # Several subscribers often lose the same drops, and each of them requests these again.
-        key = (
-            goal.run_id,
-            run.part,
-            *run.sequence(),
-            requested.first_drop,
-            requested.end,
-            requested.precision,
-        )
-        if not self._shared.has(key) and len(self._shared.active()) >= MAX_GOALS:
-            raise BusyError(f'{MAX_GOALS} drop_part goals are active, try again later')
-        make = partial(self._make, part=part, job=job, run=run, is_new=not goal.run_id)
-        return await self._shared.make(key, handle, requested, make)
-
-    async def _make(
-        self,
-        drops: GoalDrops,
-        part: Part,
-        job: DropJob,
-        run: RunDescription,
-        *,
-        is_new: bool,
-    ) -> None:
-        if is_new:
-            self._runs.add(run)
-            self._descriptions.publish(run, job.scene)
-        await self._producer.produce(drops, part, job, run, is_new=is_new)
-
     def _diagnose(self) -> Diagnosis:
-        active = self._shared.active()
-        runs = [(drops.requested, drops.result.drops) for drops in active]
-        # Drops come in chunks: for a slow part, there is no chunk in most seconds.
-        rates = {
-            f'drops per second of run {k}': f'{drops.rate:.1f}'
-            for k, drops in enumerate(active, 1)
-        }
         not_offered = self._parts.not_offered
         values = {
-            'drops made': self._producer.drops.total,
-            'drops per second': self._producer.drops.rate(),
             'workers': self._workers.count,
             'workers that died': self._workers.deaths,
             'parts offered': len(self._parts),
-            **run_values(runs),
-            **truncated(rates),
+            **self._drops.values(),
             **self._reorient.values(),
             **truncated({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
         warning = count_text(len(not_offered), 'mesh is not offered', 'meshes are not offered')
-        state = active_runs_text(runs) or self._reorient.state
+        state = self._drops.state or self._reorient.state
         return Diagnosis(state, values, [warning] if not_offered else [])
 
     async def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
         """Return the conditions that a goal requests."""
         return await self._surroundings.conditions(self._surfaces, goal, self._default.conditions)
-
-    async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
-        """Return the job and the requested drops of a goal."""
-        conditions = await self._conditions(goal)
-        plan = partial(
-            plan_run,
-            part,
-            conditions,
-            seed=goal.seed,
-            drops=max_drops(goal.drops, goal.precision, MAX_DROPS),
-            first_drop=goal.first_drop,
-            precision=goal.precision,
-            run_id=goal.run_id or uuid.uuid4().hex[:12],
-            started=time.time_ns(),  # not ROS time, which may stand still
-        )
-        if conditions.surroundings is None:
-            return plan()
-        # A convex decomposition can take seconds.
-        planned: tuple[DropJob, RunDescription] = await self._files.run(plan)
-        return planned
 
 
 def _folder(path: str | Path) -> Path:

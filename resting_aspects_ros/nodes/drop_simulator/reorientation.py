@@ -5,31 +5,19 @@ from collections.abc import Awaitable, Callable
 from contextlib import aclosing
 from typing import TypeVar
 
-from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.action import ReorientPart
-from resting_aspects_interfaces.msg import TransitionMatrix
+from resting_aspects_interfaces.msg import FeederAction, TransitionMatrix
 
-from resting_aspects_ros.api.plan_actions import PlannedActions
-from resting_aspects_ros.api.plan_drops import PlannedDrops
+from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.plan_actions import PlannedActions, check_actions, plan_actions
+from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.errors import EngineError
-from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers
-from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
-    MAX_GOALS,
-    RESULT_TIMEOUT,
-    execute_goal,
-)
+from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
+from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS, AsyncWorkers, serve_action
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.reorient_goal import (
-    ReorientGoal,
-    bounded_long_run,
-    plan_from_rests,
-    plan_goal,
-    requested_action,
-)
 from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
     SurroundingsPublisher,
 )
@@ -38,14 +26,14 @@ from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.diagnostics import RateCounter
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.formatting import truncated
-from resting_aspects_ros.ros.interface import (
-    ACTION_SERVICES,
-    LATCHED,
-    REORIENT_PART,
-    TRANSITIONS,
+from resting_aspects_ros.ros.interface import LATCHED, REORIENT_PART, TRANSITIONS
+from resting_aspects_ros.ros.status import BusyError, CanceledError
+from resting_aspects_ros.ros.transition_conversions import (
+    BoundedLongRun,
+    action_from,
+    transitions_msg,
 )
-from resting_aspects_ros.ros.status import BusyError
-from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, transitions_msg
+from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.statistics.distribution import Distribution, count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -54,6 +42,108 @@ T = TypeVar('T')
 
 # Minimum time between two publications of the matrix of an active goal, s.
 PUBLISH_PERIOD = 1.0
+
+
+def requested_action(action: FeederAction) -> NamedAction:
+    """Return the action that a goal requests; raises InvalidValueError."""
+    if not action.kind and action.name in KINDS:
+        action.kind = action.name
+    if action.kind:
+        return action_from(action)
+    if action.names or action.values:
+        raise InvalidValueError(
+            f'invalid values of action {shown(action.name)}: expected none without a kind'
+        )
+    return shipped_actions().get(action.name)
+
+
+def plan_goal(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    goal: ReorientPart.Goal,
+) -> tuple[PlannedDrops, int, PlannedActions | None]:
+    """Return the drops, the number of actions and the actions; runs in a FileWorker.
+
+    In surroundings, actions start from the resting poses of the drops, so that they are None
+    here; see plan_from_rests.
+    """
+    drops = plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
+    if conditions.surroundings is None:
+        actions = plan_from_rests(part, action, conditions, goal, None)
+        return drops, actions.run.drops, actions
+    _, aspects, per_aspect = check_actions(
+        part, action, conditions, per_aspect=goal.per_aspect, precision=goal.precision
+    )
+    return drops, per_aspect * len(aspects), None
+
+
+def plan_from_rests(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    goal: ReorientPart.Goal,
+    rests: RestingPoses | None,
+) -> PlannedActions:
+    """Return the actions of a goal from resting poses in surroundings; runs in a FileWorker."""
+    return plan_actions(
+        part,
+        action,
+        conditions,
+        per_aspect=goal.per_aspect,
+        precision=goal.precision,
+        seed=goal.seed,
+        rests=rests,
+    )
+
+
+def bounded_long_run(result: ReorientResult) -> BoundedLongRun | None:
+    """Return the long-run shares of a result with their bounds; runs in a FileWorker."""
+    return None if result.long_run is None else (result.long_run, *result.long_run_bounds)
+
+
+class ReorientGoal:
+    """An active goal, which sends feedback of its progress."""
+
+    def __init__(self, handle: ServerGoalHandle) -> None:
+        self.request: ReorientPart.Goal = handle.request
+        self.feedback = ReorientPart.Feedback()
+        self._handle = handle
+        self._start: float | None = None
+
+    def canceled(self) -> bool:
+        """Return whether the goal was canceled."""
+        return bool(self._handle.is_cancel_requested)
+
+    def check(self) -> None:
+        """Raise CanceledError if the goal was canceled; describes the actions made."""
+        made = self.feedback.done
+        if self.canceled():
+            raise CanceledError(
+                f'canceled after {made} of {self.feedback.total} actions; these are kept'
+                if made
+                else 'canceled before the first action'
+            )
+
+    def add_drops(self, drops: int) -> None:
+        """Count drops, and send feedback."""
+        self.feedback.drops += drops
+        self._handle.publish_feedback(self.feedback)
+
+    def add_actions(self, actions: int) -> None:
+        """Count actions, and send feedback."""
+        now = time.monotonic()
+        self._start = now if self._start is None else self._start
+        self.feedback.done += actions
+        if now > self._start:
+            self.feedback.actions_per_second = self.feedback.done / (now - self._start)
+        self._handle.publish_feedback(self.feedback)
+
+    def __str__(self) -> str:
+        name = self.request.action.name or self.request.action.kind
+        return (
+            f'{self.request.part}, {name}: {self.feedback.done} of {self.feedback.total} actions'
+        )
 
 
 class ReorientServer:
@@ -89,15 +179,7 @@ class ReorientServer:
         self._goals: list[ReorientGoal] = []
         self._publishers: dict[str, Publisher] = {}
         self._actions = RateCounter()
-        self._server = ActionServer(
-            node,
-            ReorientPart,
-            REORIENT_PART,
-            self._execute,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            result_timeout=RESULT_TIMEOUT,
-            **ACTION_SERVICES,
-        )
+        self._server = serve_action(node, ReorientPart, REORIENT_PART, self._reorient)
 
     def destroy(self) -> None:
         """Destroy the action server."""
@@ -117,10 +199,6 @@ class ReorientServer:
             'active reorientations': len(self._goals),
             **truncated(goals),
         }
-
-    async def _execute(self, handle: ServerGoalHandle) -> ReorientPart.Result:
-        nothing = ReorientPart.Result()
-        return await execute_goal(self._node, REORIENT_PART, handle, nothing, self._reorient)
 
     async def _reorient(
         self, handle: ServerGoalHandle
@@ -162,7 +240,7 @@ class ReorientServer:
         return result, error
 
     async def _plan(self, plan: Callable[..., T], *given: object) -> T:
-        """Return what a function of reorient_goal plans."""
+        """Return what a function plans in a FileWorker."""
         found: T = await self._files.run(plan, *given)
         return found
 

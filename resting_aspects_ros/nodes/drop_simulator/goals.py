@@ -1,0 +1,120 @@
+"""What the actions of the simulator share: workers, and goals whose errors become statuses."""
+
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from concurrent.futures import Future as PoolFuture
+from contextlib import closing
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.ros.callbacks import ros_future, wait_for
+from resting_aspects_ros.ros.conversions import status
+from resting_aspects_ros.ros.interface import ACTION_SERVICES
+from resting_aspects_ros.ros.status import CanceledError, error_status
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
+from resting_aspects_ros.statistics.poses import RestingPoses
+
+# Maximum number of concurrent goals of an action; all goals share the workers chunk by chunk.
+MAX_GOALS = 16
+# Time for which a result is kept for a client that requests it late, s.
+RESULT_TIMEOUT = 300
+# Interval at which a goal that waits checks whether it was canceled, s.
+CANCEL_PERIOD = 0.5
+
+# Returns the result of a goal, whose status is OK, and the error that ended it early, if any.
+Work = Callable[[ServerGoalHandle], Awaitable[tuple[Any, Exception | None]]]
+
+
+class AsyncWorkers:
+    """Workers of this machine, which all goals of a node share chunk by chunk.
+
+    count : int
+        Number of workers.
+    """
+
+    def __init__(self, node: Node, count: int) -> None:
+        self._node = node
+        self.count = count
+        self._workers = LocalWorkers(count)
+
+    @property
+    def deaths(self) -> int:
+        """Number of processes that died and were replaced."""
+        return self._workers.replaced
+
+    def stop(self) -> None:
+        """End the workers and abandon their chunks."""
+        self._workers.stop()
+
+    async def chunks(
+        self, job: DropJob, requested: RunDescription, stopped: Callable[[], bool]
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
+
+        Ends early if ``stopped`` returns True, also while a chunk is simulated.
+        """
+        with closing(drop_chunks(job, requested, self._workers, self._warn)) as steps:
+            for step in steps:
+                if not isinstance(step, PoolFuture):
+                    yield step
+                    continue
+                done = ros_future(self._node, step)  # drop_chunks handles its exception
+                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
+                    pass
+                if stopped():
+                    return
+
+    def _warn(self, death: str) -> None:
+        self._node.get_logger().warning(death)
+
+
+def serve_action(node: Node, kind: Any, name: str, work: Work) -> ActionServer:
+    """Return the server of an action whose goals are executed by ``work``."""
+
+    async def execute(handle: ServerGoalHandle) -> Any:
+        return await execute_goal(node, name, handle, kind.Result(), work)
+
+    return ActionServer(
+        node,
+        kind,
+        name,
+        execute,
+        # By default, rclpy rejects every cancel request.
+        cancel_callback=lambda _: CancelResponse.ACCEPT,
+        result_timeout=RESULT_TIMEOUT,
+        **ACTION_SERVICES,
+    )
+
+
+async def execute_goal(
+    node: Node, action: str, handle: ServerGoalHandle, result: Any, work: Work
+) -> Any:
+    """Return the result of a goal with its status, and set the state of the goal.
+
+    action : name of the action
+    result : returned if ``work`` raises an error
+    """
+    try:
+        result, error = await work(handle)
+        if error is not None:
+            raise error
+        handle.succeed()
+    except CanceledError as error:
+        result.status = error_status(error)
+        handle.canceled()
+    except RestingAspectsError as error:
+        result.status = error_status(error)
+        handle.abort()
+    except InvalidHandle:
+        result.status = status(Status.FAILED, 'the node has stopped')  # it cannot be sent
+    except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
+        node.get_logger().error(f'{action} failed: {error!r}')
+        result.status = status(Status.FAILED, f'unexpected error {error!r}')
+        handle.abort()
+    return result
