@@ -14,6 +14,10 @@ from resting_aspects_ros.ros.interface import LATCHED
 # Interval of the search for new topics, s. rclpy has no event for them.
 PERIOD = 0.2
 
+Topics = list[tuple[str, list[str]]]
+# Attribute of a node: the updates of all its discoveries.
+_UPDATES = '_topic_discoveries'
+
 
 class TopicDiscovery:
     """Subscribes to each latched topic of one type below a prefix while it has a publisher.
@@ -46,7 +50,7 @@ class TopicDiscovery:
         self._raw = raw
         self._qos = qos
         self._subscriptions: dict[str, Any] = {}
-        steady_timer(node, PERIOD, guarded(node, 'topic discovery failed', self.update))
+        _start(node, self)
 
     def topic(self, part: str) -> str:
         """Return the full name of the topic of a part."""
@@ -57,9 +61,9 @@ class TopicDiscovery:
         """The message type, such as resting_aspects_interfaces/msg/PartDescription."""
         return _type_name(self._type)
 
-    def update(self) -> None:
+    def update(self, topics: Topics) -> None:
         """Subscribe to new topics, and remove subscriptions to topics without a publisher."""
-        published = published_parts(self._node, self._prefix, self._type)
+        published = published_parts(self._node, self._prefix, self._type, topics)
         for part in published - set(self._subscriptions):
             self._subscriptions[part] = subscribe(
                 self._node,
@@ -74,17 +78,40 @@ class TopicDiscovery:
             self._gone(part)
 
 
-def published_parts(node: Node, prefix: str, message_type: Any) -> set[str]:
-    """Return the parts whose topic <prefix>/<part> of the message type has a publisher."""
+def published_parts(
+    node: Node, prefix: str, message_type: Any, topics: Topics | None = None
+) -> set[str]:
+    """Return the parts whose topic <prefix>/<part> of the message type has a publisher.
+
+    topics : all topics; None: they are requested
+    """
     parent = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
     return {
         name.removeprefix(parent)
-        for name, types in node.get_topic_names_and_types()
+        for name, types in (node.get_topic_names_and_types() if topics is None else topics)
         if name.startswith(parent)
         and is_valid_name(name.removeprefix(parent))
         and _type_name(message_type) in types
         and node.count_publishers(name)
     }
+
+
+def _start(node: Node, discovery: TopicDiscovery) -> None:
+    """Update a discovery regularly; all discoveries of a node share one timer and one request."""
+    update = guarded(node, 'topic discovery failed', discovery.update)
+    updates: list[Callable[[Topics], None]] | None = getattr(node, _UPDATES, None)
+    if updates is not None:
+        updates.append(update)
+        return
+    updates = [update]
+    setattr(node, _UPDATES, updates)
+
+    def update_all() -> None:
+        topics = node.get_topic_names_and_types()
+        for each in updates:
+            each(topics)
+
+    steady_timer(node, PERIOD, guarded(node, 'topic discovery failed', update_all))
 
 
 def _type_name(message_type: Any) -> str:

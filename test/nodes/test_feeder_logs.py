@@ -32,7 +32,7 @@ SMALL = {
     'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
     'ros.diagnostics.PERIOD': 0.1,
 }
-QUICK = {'nodes.aspect_classifier.live_monitor.PERIOD': 0.05}
+QUICK = {'nodes.aspect_classifier.live.PERIOD': 0.05}
 TOPICS = {
     'detections': (DetectionArray, CELL),
     'pick_result': (PickResult, CELL),

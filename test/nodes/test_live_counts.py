@@ -35,9 +35,7 @@ from resting_aspects_ros.client.forecast_client import forecast_request
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
-from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart
-from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
+from resting_aspects_ros.nodes.aspect_classifier.live import LiveMonitor, LivePart
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError
@@ -56,7 +54,7 @@ SECOND = 10**9
 WINDOW = 100
 TRAY = [0.06, 0.06]  # a small tray is quickly forecast
 QUICK = {
-    'nodes.aspect_classifier.live_monitor.PERIOD': 0.05,
+    'nodes.aspect_classifier.live.PERIOD': 0.05,
     'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 0.5,
     'ros.diagnostics.PERIOD': 0.1,
 }
@@ -352,25 +350,6 @@ def test_counts_of_a_volatile_publisher_are_received(machine):
 def test_wrong_options_of_a_forecast_are_refused(wrong):
     with pytest.raises(InvalidValueError, match=f'invalid (option .)?{next(iter(wrong))}'):
         forecast_request(PART, **wrong)
-
-
-def test_waiting_totals_replace_only_the_same_totals_of_a_session():
-    waiting = WaitingCounts()
-    long = 'of a camera ' * 12
-    for fields in (
-        {'session': 'a', 'supplied': [1, 0]},
-        {'session': 'a', 'moved': [1, 0, 0, 0]},
-        {'session': f'{long}1', 'supplied': [3, 0]},
-        {'session': f'{long}2', 'supplied': [4, 0]},
-        {'session': 'a', 'supplied': [2, 0]},
-    ):
-        waiting.add(PART, ObservedCounts(part=PART, **fields))
-    waiting.add('cube', ObservedCounts(part='cube', supplied=[1]))
-    taken = [message for _, message in waiting.take(lambda name: name == PART)]
-    totals = [(each.session[-1], list(each.supplied), list(each.moved)) for each in taken]
-    moved = [1, 0, 0, 0]
-    assert totals == [('a', [], moved), ('1', [3, 0], []), ('2', [4, 0], []), ('a', [2, 0], [])]
-    assert waiting.names == ['cube']
 
 
 @pytest.fixture

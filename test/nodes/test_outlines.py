@@ -23,9 +23,8 @@ from resting_aspects_ros.client import (
     UnknownPartError,
 )
 from resting_aspects_ros.errors import PartError
-from resting_aspects_ros.nodes.aspect_classifier import outline_store
-from resting_aspects_ros.nodes.aspect_classifier.outline_service import MAX_POINTS
-from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
+from resting_aspects_ros.nodes.aspect_classifier import outlines as outline_module
+from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS, OutlineStore
 from resting_aspects_ros.ros.conversions import part_msg, poses_from
 from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
@@ -356,8 +355,8 @@ class Computations:
         self.executor = self
         self.tasks, self.published, self.warnings = [], [], []
         self.parts, self.problem, self.meanwhile = {}, None, lambda: None
-        monkeypatch.setattr(outline_store, 'advertise', lambda *_: self)
-        monkeypatch.setattr(outline_store, 'guarded_task', lambda _, __, function: function)
+        monkeypatch.setattr(outline_module, 'advertise', lambda *_: self)
+        monkeypatch.setattr(outline_module, 'guarded_task', lambda _, __, function: function)
         self.store = OutlineStore(self, self, self, lambda _: None)
 
     def create_task(self, task):

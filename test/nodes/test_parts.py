@@ -189,7 +189,7 @@ def test_rapidly_repeated_description_is_read(part):
 
     described = serialize_message(part_msg(part('tetrahedron')))
     changes = []
-    known = PartRegistry(None, Files(), changes.append, None)
+    known = PartRegistry(None, Files(), changes.append)
     reading = known.describe('tetrahedron', described)
     assert not advance(reading)
     assert advance(known.describe('tetrahedron', described))

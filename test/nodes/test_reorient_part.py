@@ -15,7 +15,6 @@ from resting_aspects_interfaces.msg import (
     Status,
     TransitionMatrix,
 )
-from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.client import (
@@ -27,6 +26,7 @@ from resting_aspects_ros.client import (
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.actions import Kick

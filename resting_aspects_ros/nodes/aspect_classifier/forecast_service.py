@@ -20,7 +20,7 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
+from resting_aspects_ros.nodes.aspect_classifier.live import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.part.part import Part

@@ -14,10 +14,9 @@ from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pos
 from resting_aspects_ros.nodes.aspect_classifier.drop_counter import DropCounter
 from resting_aspects_ros.nodes.aspect_classifier.forecast_service import ForecastService
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
-from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LIVE_PARAMETERS, LiveMonitor
+from resting_aspects_ros.nodes.aspect_classifier.live import LIVE_PARAMETERS, LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
-from resting_aspects_ros.nodes.aspect_classifier.outline_service import OutlineServices
-from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
+from resting_aspects_ros.nodes.aspect_classifier.outlines import OutlineServices, OutlineStore
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,

@@ -9,9 +9,8 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
+from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers, SurroundingsMarkers
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
-from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import SurroundingsMarkers
 from resting_aspects_ros.nodes.aspect_classifier.tallies import Tally
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
@@ -54,6 +53,8 @@ class DistributionPublisher:
         self._changed: dict[str, Tally] = {}  # by part, in the order of changes
         self._published: dict[str, tuple[tuple[object, ...], int]] = {}  # by part: kind, drops
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
+        # The distribution whose markers are not published yet, and its stamp.
+        self._newest: tuple[Tally, Time] | None = None
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
         self._surroundings = SurroundingsMarkers(node, parts, files, self._frame)
         self.poses = CurrentPosesPublisher(node, self._frame)
@@ -103,10 +104,23 @@ class DistributionPublisher:
             self._published[part] = _kind(tally), tally.drops
         if changed:
             newest = next(reversed(changed.values()))
+            self._newest = newest, stamp
+            self._surroundings.show(newest.run)
+        self._publish_markers()
+        self.poses.publish()
+
+    def _publish_markers(self) -> None:
+        """Publish the markers of the newest distribution: at its end, or for a subscriber.
+
+        A message takes many times as long as a distribution.
+        """
+        if self._newest is None:
+            return
+        newest, stamp = self._newest
+        if newest.complete or self._markers.get_subscription_count():
+            self._newest = None
             markers = self._markers_of(newest.run.part_sha256)
             self._markers.publish(markers.message(newest.counted, stamp))
-            self._surroundings.show(newest.run)
-        self.poses.publish()
 
     def _set_period(self, seconds: float) -> None:
         self._timer.timer_period_ns = round(seconds * NANOSECONDS)

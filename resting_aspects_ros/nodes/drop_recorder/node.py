@@ -17,9 +17,11 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     absolute_folder,
     check_log_folder,
 )
+from resting_aspects_ros.nodes.drop_recorder.run_topics import (
+    SurroundingsRecorder,
+    TransitionRecorder,
+)
 from resting_aspects_ros.nodes.drop_recorder.status_log import StatusLog
-from resting_aspects_ros.nodes.drop_recorder.surroundings_recorder import SurroundingsRecorder
-from resting_aspects_ros.nodes.drop_recorder.transition_recorder import TransitionRecorder
 from resting_aspects_ros.ros.callbacks import guarded, guarded_task, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import (
     check_description,

@@ -1,25 +1,31 @@
 """Live counts of a machine: observed_counts/<part> in, posterior/<part> and drift out."""
 
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from resting_aspects_interfaces.msg import ObservedCounts, Posterior
+from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
+from resting_aspects_interfaces.msg import Posterior
 
+from resting_aspects_ros.api.counts import single_groups
 from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.live_part import Known, LivePart, default_window
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
-from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
 from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
 from resting_aspects_ros.ros.count_conversions import (
     add_action,
     add_drift,
     posterior_msg,
+    time_label,
     totals_from,
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -27,10 +33,125 @@ from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, 
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
-from resting_aspects_ros.statistics.counted_parts import PRIOR_WEIGHT, LiveCounts
-from resting_aspects_ros.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.counted_parts import (
+    PRIOR_WEIGHT,
+    BatchSeries,
+    CountSessions,
+    LiveCounts,
+    ObservedCounts,
+)
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.drift import (
+    LEVEL,
+    MAX_LEVEL,
+    MIN_LEVEL,
+    DriftTest,
+    TooFewDropsError,
+    parts_needed,
+)
 from resting_aspects_ros.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.statistics.transitions import no_actions
+
+# Maximum number of messages that wait for their part; they contain totals.
+MAX_WAITING = 100
+
+Known = tuple[RunDescription, Distribution]
+
+
+@dataclass(eq=False)
+class LivePart:
+    """A version of a part, and what has been counted of it.
+
+    known : the run of the simulated drops and their distribution; None: no drops are known
+    window : minimum number of parts in a window; 0 while it is not known
+    tested : the test of the windows; None before the first full window
+    problem : why the last message was refused; empty if it was not
+    test_problem : why drift is not tested; empty if it is
+    changed : whether there is something new to be published
+    """
+
+    part: Part
+    aspects: AspectSet
+    sessions: CountSessions
+    batches: BatchSeries = field(default_factory=BatchSeries)
+    window: int = 0
+    known: Known | None = None
+    tested: DriftTest | None = None
+    problem: str = ''
+    test_problem: str = ''
+    changed: bool = False
+    _attempted: int = 0  # number of parts in the windows that were tested last, or failed to be
+
+    @classmethod
+    def of(cls, part: Part, aspects: AspectSet) -> 'LivePart':
+        """Return a part of which nothing has been counted."""
+        return cls(part, aspects, CountSessions(len(aspects.classes())))
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Numbers of the symmetry classes."""
+        return tuple(members[0].symmetry_class for members in self.aspects.classes())
+
+    @property
+    def simulated(self) -> Counts:
+        """(c,) simulated drops; one of each class if none are known, as a prior."""
+        if self.known is None:
+            return np.ones(len(self.ids), dtype=np.int64)
+        return self.known[1].by_class().counts
+
+    @property
+    def can_drift(self) -> bool:
+        """Whether there are drops to compare with, and more than one class."""
+        return self.known is not None and len(self.ids) > 1 and bool(self.simulated.any())
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether all full windows have been tested; a test that failed is not repeated."""
+        return self.batches.parts - self._attempted < max(self.window, 1)
+
+    @property
+    def is_drifting(self) -> bool:
+        """Whether the newest parts deviate from the simulation."""
+        if self.tested is None:
+            return False
+        drifted = self.tested.drifted
+        return len(drifted) > 0 and drifted.stop == len(self.tested.windows)
+
+    def live(self, weight: float) -> LiveCounts:
+        """Return the counts with the simulation as the prior of a weight, in parts."""
+        simulated = self.simulated
+        if not simulated.any():  # no drop came to rest in an aspect
+            simulated = np.ones_like(simulated)
+        return LiveCounts(self.ids, simulated, self.sessions.supplied, weight)
+
+    def follow(self, known: Known) -> None:
+        """Compare the counts with other simulated drops from now on."""
+        self.known, self.tested, self.test_problem, self.changed = known, None, '', True
+        self._attempted = 0
+
+    def observed(self) -> ObservedCounts:
+        """Return the batches to be tested now, which do not change meanwhile."""
+        found = self.batches.observed(single_groups(self.ids), time_label)
+        self._attempted = int(found.windows(self.window)[1][-1])
+        return found
+
+    def add_test(self, test: DriftTest) -> None:
+        """Take a test; further windows may have become full since it began."""
+        self.tested, self.test_problem, self.changed = test, '', True
+
+
+def default_window(simulated: Counts, level: float) -> int:
+    """Return the number of parts that find a class that deviates by 5 points.
+
+    It is the number of drops if these are too few for it, and grows with them. Runs in a
+    FileWorker.
+    """
+    try:
+        return parts_needed(simulated, level=level)
+    except TooFewDropsError:
+        return int(simulated.sum())
+
 
 PERIOD = 0.5
 # Maximum number of parts that a parameter can state.
@@ -85,11 +206,11 @@ class LiveMonitor:
             node.get_parameter(each.name).value for each in LIVE_PARAMETERS
         )
         self._live: dict[str, LivePart] = {}
-        self._waiting = WaitingCounts()
+        self._waiting: deque[tuple[str, ObservedCountsMsg]] = deque(maxlen=MAX_WAITING)
         self._outputs: dict[str, Publisher] = {}
         self._updating = False
         self._update_one = guarded_task(node, 'a posterior is not published', self._update_part)
-        TopicDiscovery(node, OBSERVED_COUNTS, ObservedCounts, self._receive, qos=COUNTS)
+        TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
         update = guarded(node, 'counts are not used', self._start_update)
         steady_timer(node, PERIOD, update)
 
@@ -115,20 +236,25 @@ class LiveMonitor:
                 found.append(f'{name}: {drift_sentence(live.tested)}')
             problems = live.problem, live.test_problem
             found += [f'{name}: {problem}' for problem in problems if problem]
-        return found + [
-            f'counts of {name} wait: no such part is offered' for name in self._waiting.names
-        ]
+        waiting = sorted({name for name, _ in self._waiting})
+        return found + [f'counts of {name} wait: no such part is offered' for name in waiting]
 
-    def _receive(self, name: str, message: ObservedCounts) -> None:
+    def _receive(self, name: str, message: ObservedCountsMsg) -> None:
         self._take_waiting()  # those of the part arrived before
         if (live := self._current(name)) is None:
-            self._waiting.add(name, message)
+            self._waiting.append((name, message))
         else:
             self._take(live, message)
 
     def _take_waiting(self) -> None:
-        for name, message in self._waiting.take(self._current):
-            self._take(self._live[name], message)
+        """Take the messages that waited for a part that is offered now, in their order."""
+        waiting, self._waiting = self._waiting, deque(maxlen=MAX_WAITING)
+        for name, message in waiting:
+            live = self._current(name)
+            if live is None:
+                self._waiting.append((name, message))
+            else:
+                self._take(live, message)
 
     def _current(self, name: str) -> LivePart | None:
         """Return the state of the offered version of a part; None if it is not known yet."""
@@ -143,7 +269,7 @@ class LiveMonitor:
         self._live[name] = LivePart.of(*self._parts.version(offered.part_sha256))
         return self._live[name]
 
-    def _take(self, live: LivePart, message: ObservedCounts) -> None:
+    def _take(self, live: LivePart, message: ObservedCountsMsg) -> None:
         """Add the parts of a message; a message that is not valid changes nothing."""
         now = int(self._node.get_clock().now().nanoseconds)
         name = live.part.name
