@@ -26,7 +26,8 @@ from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, POSES
 
-DROPS = 700
+# Drops in three messages.
+DROPS, MESSAGE = 1200, 500
 DISTRIBUTION, PART = 'aspect_distributions/tetrahedron', 'parts/tetrahedron'
 TOPICS = {
     'resting_poses': (RestingPoses, POSES),
@@ -38,7 +39,8 @@ TOPICS = {
 @pytest.fixture(scope='module')
 def log(fresh_suite):
     """The folder of a run that the suite recorded; the suite is gone."""
-    suite = fresh_suite()
+    constants = {'drop_simulator': {'nodes.drop_simulator.drop_part.MAX_POSES': MESSAGE}}
+    suite = fresh_suite(constants)
     run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
     folder = suite.log_of(run.run_id)
     for process in suite.processes.values():

@@ -8,7 +8,7 @@ import sys
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.nodes.drop_simulator.node import MAX_GOALS
+from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.simulation.conditions import parts_folder
 

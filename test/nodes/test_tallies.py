@@ -112,10 +112,13 @@ def test_a_further_run_extends_a_tally(run, take, tallies, aspects, poses, solid
     assert tallies.find(solid.part_sha256, run().conditions, 61, 0.0, 1) is None
 
 
-def test_order_of_runs_does_not_change_the_description(run, take, tallies):
-    for run_id, started in (('b', 10**18), ('newest', 2 * 10**18), ('a', 10**18)):
-        take(run(run_id, started=started), 0, 60, last=True)
-    assert [tally.run.run_id for tally in tallies] == ['newest']
+def test_repeated_drops_do_not_change_the_description(run, take, tallies):
+    tally = take(run('a'), 0, 60, last=True)
+    before = tally.counted
+    take(run('b', 0, 40, started=2 * 10**18), 0, 40)
+    assert (tally.run.run_id, tally.complete, len(tallies)) == ('a', True, 1)
+    assert tally.counted is before
+    assert tallies.by_run('b') is tally
 
 
 def test_drops_that_do_not_continue_others_are_another_tally(run, take, tallies, solid):
@@ -131,7 +134,7 @@ def test_drops_that_do_not_continue_others_are_another_tally(run, take, tallies,
 
 def test_a_precision_widens_the_intervals_from_then_on(run, take):
     plain = take(run('a', 0, 40), 0, 40, last=True).counted.intervals()
-    tally = take(run('b', 0, 60, precision=0.1), 0, 40)
+    tally = take(run('b', 0, 60, precision=0.1), 0, 41)
     assert tally.counted.by_precision
     assert tally.run.precision == 0.1
     assert tally.counted.intervals()[0].lower < plain[0].lower

@@ -34,7 +34,7 @@ class Tally:
     is of, and in ascending order. Drops after a gap wait until the missing ones have arrived.
 
     run : RunDescription
-        The newest run, with the range of the drops of all runs.
+        The newest run that has contributed drops, with the range of the drops of all such runs.
     seen : IndexRanges
         The drops that have arrived.
     waiting : list of RestingPoses
@@ -124,9 +124,9 @@ class Tally:
     def add(self, run: RunDescription, poses: RestingPoses, *, last: bool) -> int:
         """Add a message with drops of a run; return the number of new ones."""
         self.heard = time.monotonic()
-        if run.run_id not in self._runs:
-            self._join(run)
         new = self.seen.add(poses.first_drop, poses.end) if len(poses) else []
+        if run.run_id not in self._runs and (new or not self._runs):
+            self._join(run)
         self.waiting += [poses.between(*each) for each in new]
         if last and run.run_id == self._current:
             self.ended = True

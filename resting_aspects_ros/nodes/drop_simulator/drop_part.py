@@ -3,7 +3,7 @@
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from contextlib import aclosing
 from functools import partial
 
@@ -226,46 +226,33 @@ class DropServer:
             while len(self._runs) > MAX_RUNS:
                 self._runs.popitem(last=False)
             self._surroundings.publish(run, job.scene)
-        waiting: list[RestingPoses] = []
-        since = 0.0
-        try:
-            async with aclosing(self._chunks(drops, part, job)) as chunks:
-                async for chunk in chunks:
-                    since = since if waiting else time.monotonic()
-                    waiting.append(chunk)
-                    is_full = sum(map(len, waiting)) + job.chunk > MAX_POSES
-                    is_due = is_full or time.monotonic() - since >= PUBLISH_PERIOD
-                    if is_due and chunk.end < requested.end:
-                        self._publish(RestingPoses.join(waiting), run, last=False)
-                        waiting = []
-        finally:
-            rest = RestingPoses.join(waiting) if waiting else RestingPoses.none(drops.end)
-            self._publish(rest, run, last=is_new)
-
-    async def _chunks(
-        self, drops: GoalDrops, part: Part, job: DropJob
-    ) -> AsyncGenerator[RestingPoses, None]:
-        """Yield the chunks of a goal until it has its drops or its precision.
-
-        Raises CanceledError and EngineError.
-        """
-        requested = drops.requested
         total = None
         if requested.precision:
             total = no_drops(aspects_in(job.scene, await self._find_aspects(part)))
+        waiting: list[RestingPoses] = []
+        since = 0.0
         try:
             chunks = self._workers.chunks(job, requested, drops.canceled)
             async with aclosing(chunks):
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
                     drops.add(chunk)
-                    yield chunk
+                    since = since if waiting else time.monotonic()
+                    waiting.append(chunk)
                     if total is not None:
                         total += count_poses(total.aspects, chunk)
                         if total.stops(requested.precision, requested.drops):
                             return
+                    is_full = sum(map(len, waiting)) + job.chunk > MAX_POSES
+                    is_due = is_full or time.monotonic() - since >= PUBLISH_PERIOD
+                    if is_due and chunk.end < requested.end:
+                        self._publish(RestingPoses.join(waiting), run, last=False)
+                        waiting = []
         except EngineError as error:
             raise EngineError(f'{error}; the drops made before are kept') from error
+        finally:
+            rest = RestingPoses.join(waiting) if waiting else RestingPoses.none(drops.end)
+            self._publish(rest, run, last=is_new)
         if drops.end < requested.end:
             progress = progress_text(requested, int(drops.result.drops))
             raise CanceledError(f'canceled after {progress}; these are kept')
