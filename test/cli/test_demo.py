@@ -114,7 +114,7 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
             for connection, _, data in reader.messages()
             if connection.topic.endswith('/resting_poses')
         ]
-    assert sum(len(batch.poses) for batch in batches) == 1000
+    assert sum(len(batch.status) for batch in batches) == 1000
 
 
 @pytest.mark.slow

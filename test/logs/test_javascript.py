@@ -65,11 +65,9 @@ def messages(filled):
     poses, distribution, part = odd.values()
     poses.first_drop = 2**64 - 1
     poses.run.started.sec = -(2**31)
-    poses.poses[0].time_to_rest = math.nan
-    poses.poses[1].energy_growth = math.inf
-    poses.poses[2].pose.position.x = -0.0
-    poses.poses[2].pose.position.y = 5e-324
-    poses.poses[2].pose.position.z = 1.7976931348623157e308
+    poses.time_to_rest[0] = math.nan
+    poses.energy_growth[1] = math.inf
+    poses.position = [-0.0, 5e-324, 1.7976931348623157e308]
     distribution.drops = 2**53 + 1
     distribution.aspects[0].min_barrier = -math.inf
     distribution.aspects[1].com_height = 2.0
@@ -167,10 +165,8 @@ def test_every_value_of_every_message_is_read(found, messages, way):
 def test_comparison_includes_the_difficult_values(found):
     poses, distribution, part, *_ = (each['value'] for each in found['indexed']['messages'])
     assert poses['first_drop'] == {'bigint': '18446744073709551615'}
-    assert poses['poses'][0]['time_to_rest'] == {'number': 'NaN'}
-    assert poses['poses'][2]['pose']['position'] == {
-        'x': {'number': '-0'}, 'y': 5e-324, 'z': 1.7976931348623157e308
-    }  # fmt: skip
+    assert poses['time_to_rest'][0] == {'number': 'NaN'}
+    assert poses['position'] == [{'number': '-0'}, 5e-324, 1.7976931348623157e308]
     assert distribution['aspects'][1]['basin_share'] == 2.0**60
     assert distribution['complete'] is False
     assert part['mesh'] == {'bytes': MESH.hex()}

@@ -61,8 +61,7 @@ def published(filled):
     part, other = filled(PartDescription, rng), filled(PartDescription, rng)
     part.mesh = MESH
     batches = [filled(RestingPoses, rng) for _ in range(4)]
-    batches[1].poses[2].time_to_rest = float('nan')
-    batches[3].poses = []
+    batches[1].time_to_rest[2] = float('nan')
     messages = [(PART, part), (OTHER_PART, other)]
     for batch in batches:
         messages += [(POSES, batch), (DISTRIBUTION, filled(AspectDistribution, rng))]

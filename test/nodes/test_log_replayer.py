@@ -226,7 +226,9 @@ def test_truncated_log_is_replayed_up_to_the_damage(
     }
 
     def counted():
-        return [m for m in received if m.header.stamp.nanosec not in known and m.drops == 2 * MESSAGE]
+        return [
+            m for m in received if m.header.stamp.nanosec not in known and m.drops == 2 * MESSAGE
+        ]
 
     found = client.wait(counted, 'two batches')[0]
     assert not found.complete

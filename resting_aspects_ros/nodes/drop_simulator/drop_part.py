@@ -214,18 +214,24 @@ class DropServer:
             )
         return run
 
+    def _begin(self, run: RunDescription, job: DropJob) -> None:
+        """Remember a new run, and publish its surroundings."""
+        self._runs[run.run_id] = run
+        while len(self._runs) > MAX_RUNS:
+            self._runs.popitem(last=False)
+        self._surroundings.publish(run, job.scene)
+
     async def _make(self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription) -> None:
         """Make and publish the drops of a goal; raises CanceledError and EngineError.
 
-        The last message ends the run, unless its drops are published again.
+        The last message ends the run, unless its drops are published again. It is not empty: the
+        newest chunk waits until another one follows, because some readers of logs cannot read a
+        message with empty columns.
         """
         requested = drops.requested
         is_new = run is requested
         if is_new:
-            self._runs[run.run_id] = run
-            while len(self._runs) > MAX_RUNS:
-                self._runs.popitem(last=False)
-            self._surroundings.publish(run, job.scene)
+            self._begin(run, job)
         total = None
         if requested.precision:
             total = no_drops(aspects_in(job.scene, await self._find_aspects(part)))
@@ -243,16 +249,18 @@ class DropServer:
                         total += count_poses(total.aspects, chunk)
                         if total.stops(requested.precision, requested.drops):
                             return
-                    is_full = sum(map(len, waiting)) + job.chunk > MAX_POSES
+                    is_full = sum(map(len, waiting)) > MAX_POSES
                     is_due = is_full or time.monotonic() - since >= PUBLISH_PERIOD
-                    if is_due and chunk.end < requested.end:
-                        self._publish(RestingPoses.join(waiting), run, last=False)
-                        waiting = []
+                    if is_due and waiting[1:]:
+                        self._publish(RestingPoses.join(waiting[:-1]), run, last=False)
+                        waiting, since = [chunk], time.monotonic()
         except EngineError as error:
             raise EngineError(f'{error}; the drops made before are kept') from error
         finally:
-            rest = RestingPoses.join(waiting) if waiting else RestingPoses.none(drops.end)
-            self._publish(rest, run, last=is_new)
+            if waiting:
+                self._publish(RestingPoses.join(waiting), run, last=is_new)
+            else:
+                drops.result.run_id = ''  # there is no run
         if drops.end < requested.end:
             progress = progress_text(requested, int(drops.result.drops))
             raise CanceledError(f'canceled after {progress}; these are kept')
