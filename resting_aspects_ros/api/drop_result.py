@@ -3,7 +3,7 @@
 import dataclasses
 from pathlib import Path
 
-from resting_aspects_ros.api.drop_counter import Convergence
+from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes

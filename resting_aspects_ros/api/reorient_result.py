@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from resting_aspects_ros.api.convergence import MatrixConvergence
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.api.transition_counter import MatrixConvergence
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.part.part import Part
