@@ -277,7 +277,7 @@ def logged_drops(log: str | Path) -> LoggedDrops:
     try:
         logged = read_logged_run(Path(log))
     except LogError as error:
-        raise InvalidValueError(f'invalid log: {error}') from None
+        raise InvalidValueError(str(error)) from None
     part, (first, end) = logged.part, logged.extent
     if logged.run is None or first == end:
         raise InvalidValueError(f'invalid log {str(log)!r}: expected a log with drops')

@@ -186,17 +186,22 @@ def _result(
     poses: Path | None = arguments.poses
     if poses is not None and poses.resolve() not in [path.resolve() for _, path in files]:
         files.append(('--poses', poses))
-    found: tuple[DropResult, RestingAspectsError | None] | None = None
+    result: DropResult | None = None
+    failure: RestingAspectsError | None = None
     try:
         with ExitStack() as stack:
             writers = [stack.enter_context(poses_file(*each)) for each in files]
-            found = partial_result(partial(simulate, consumers=writers))
+            try:
+                result, failure = partial_result(partial(simulate, consumers=writers))
+            except OutputError as error:
+                result = error.result
+                raise
     except OutputError as error:
-        result = error.result or (found and found[0])
-        if not isinstance(result, DropResult):
+        if result is None:
             raise
-        return result, error
-    return found
+        failure = error
+    assert result is not None
+    return result, failure
 
 
 def _show(result: DropResult, arguments: argparse.Namespace, out: Path | None) -> None:
