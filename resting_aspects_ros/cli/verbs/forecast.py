@@ -47,7 +47,6 @@ EXAMPLES = """examples:
   resting_aspects forecast hex_nut --pickable-classes 1 --parts-on-tray 40
 """
 DOCUMENT, PICTURE = 'forecast.json', 'forecast.png'
-DEFAULT_ACTION = 'flip'
 PER_ASPECT = 200
 
 
@@ -159,6 +158,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the forecast that the flags request; raises InvalidValueError."""
+    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
+
     arguments.action = arguments.action or DEFAULT_ACTION
     actions = requested_actions(arguments)
     if len(actions) > 1:
