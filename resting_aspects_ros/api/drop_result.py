@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.drop_counter import Convergence
+from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes

@@ -9,11 +9,12 @@ import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.runner import Consumer
 from resting_aspects_ros.errors import InvalidValueError, OutputError
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
@@ -105,8 +106,11 @@ def _reason(error: BaseException) -> str:
 
 
 @contextmanager
-def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
-    """Yield an open file of poses with its header; `whole_file` moves it into place."""
+def poses_file(flag: str, path: Path) -> Iterator[Consumer]:
+    """Yield what writes a line for each drop into a file; `whole_file` moves it into place.
+
+    Raises InvalidValueError if the file cannot be made, and OutputError if it cannot be written.
+    """
     with ExitStack() as stack:
         try:
             part = stack.enter_context(whole_file(path))
@@ -117,13 +121,15 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
                 f'invalid {flag} {str(path)!r}: expected a file that can be written: {reason}'
             ) from None
         csv.writer(file).writerow(POSES_HEADER)
-        yield file
 
+        def write(poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+            try:
+                csv.writer(file).writerows(_rows(poses, ids.tolist()))
+                file.flush()
+            except OSError as error:
+                raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from error
 
-def write_poses(file: TextIO, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
-    """Write a line for each drop, with the id of its aspect, 0 for none."""
-    csv.writer(file).writerows(_rows(poses, ids.tolist()))
-    file.flush()
+        yield write
 
 
 def _rows(poses: RestingPoses, ids: list[int]) -> Iterator[tuple[Any, ...]]:

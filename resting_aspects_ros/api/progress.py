@@ -2,21 +2,26 @@
 
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import TypeVar
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
+from rich.progress import Progress as ProgressBar
 
 Self = TypeVar('Self', bound='TerminalDisplay')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0  # s
+# Whether progress is shown on standard error; or a function that is called often with the numbers
+# done and in total.
+Progress = bool | Callable[[int, int], None]
 
 
 class TerminalDisplay:
     """Context manager of a moving display on standard error, which ends with it."""
 
-    _moving: Progress | Live | None = None  # None if standard error is not a terminal
+    _moving: ProgressBar | Live | None = None  # None if standard error is not a terminal
 
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self
@@ -37,12 +42,12 @@ class ShownProgress(TerminalDisplay):
     def __init__(
         self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
     ) -> None:
-        self._bar: Progress | None = None
+        self._bar: ProgressBar | None = None
         if shown and sys.stderr.isatty():
             text = TextColumn('{task.fields[text]}', markup=False)
             title = TextColumn('{task.description}', markup=False)
             console = Console(stderr=True)
-            self._moving = self._bar = Progress(
+            self._moving = self._bar = ProgressBar(
                 title, BarColumn(), *columns, text, console=console
             )
             self._task = self._bar.add_task(what, total=total, text='')
@@ -55,13 +60,16 @@ class DropProgress(ShownProgress):
         What is counted: drops, or actions.
     done : int
         Drops made so far.
-    shown : bool
-        False to count without display.
+    shown : bool or callable
+        False to count without display; a function is called instead of a display.
     """
 
-    def __init__(self, what: str, total: int, unit: str = 'drops', *, shown: bool = True) -> None:
-        super().__init__(what, total, MofNCompleteColumn(), shown=shown)
-        self._visible = shown
+    def __init__(
+        self, what: str, total: int, unit: str = 'drops', *, shown: Progress = True
+    ) -> None:
+        self._visible = shown is True
+        super().__init__(what, total, MofNCompleteColumn(), shown=self._visible)
+        self._report = shown if callable(shown) else None
         self.done = 0
         self._what = what
         self._unit = unit
@@ -74,6 +82,8 @@ class DropProgress(ShownProgress):
         """Update the number of drops made."""
         self.done = done
         self._updated = True
+        if self._report is not None:
+            self._report(done, self._total)
         now = time.monotonic()
         seconds = max(now - self._started, 1e-9)
         rate = f'{_rate_text(done / seconds)} {self._unit}/s' if done else ''

@@ -8,8 +8,8 @@ from resting_aspects_ros.cli.options import (
     add_quantities,
     flag_of,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,
     KINDS,

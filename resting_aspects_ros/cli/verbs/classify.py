@@ -14,8 +14,8 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
     add_surroundings,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
     agreement_line,

@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
 )
-from resting_aspects_ros.cli.values import parse_quantity
+from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.outlines import OutlinesResult

@@ -8,9 +8,8 @@ from resting_aspects_ros.api.progress import ShownProgress
 from resting_aspects_ros.cli.options import (
     add_ros_args,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.input_files import is_printable
+from resting_aspects_ros.input_files import is_printable, parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition
