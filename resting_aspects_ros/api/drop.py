@@ -6,22 +6,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.convergence import Convergence, repeat_drops_in_finer_steps
+from resting_aspects_ros.api.conditions import (
+    given_conditions,
+    warn_of_surroundings,
+    with_surroundings,
+)
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
-from resting_aspects_ros.api.progress import Progress
 from resting_aspects_ros.api.runner import (
     Consumer,
+    Convergence,
     DropTally,
+    Progress,
     Runner,
     keep_result,
     make_runner,
     never,
+    repeat_drops_in_finer_steps,
 )
-from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
 from resting_aspects_ros.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
 from resting_aspects_ros.api.runner import Consumer, DropTally, TransitionTally
-from resting_aspects_ros.api.surroundings import aspects_in, contacts_in, scene_of
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.convergence import MatrixConvergence, repeat_actions_in_finer_steps
+from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
 from resting_aspects_ros.api.drop import make_drops
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import (
@@ -20,10 +19,16 @@ from resting_aspects_ros.api.plan import (
     plan_actions,
     plan_drops,
 )
-from resting_aspects_ros.api.progress import Progress
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.runner import Runner, keep_result, make_runner, never
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.runner import (
+    MatrixConvergence,
+    Progress,
+    Runner,
+    keep_result,
+    make_runner,
+    never,
+    repeat_actions_in_finer_steps,
+)
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import EngineError, StoppedError, warn

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.condition_text import given_conditions, surface_text
+from resting_aspects_ros.api.conditions import given_conditions, surface_text
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import new_run
-from resting_aspects_ros.api.progress import Progress
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.runner import keep_result, make_runner, never
+from resting_aspects_ros.api.runner import Progress, keep_result, make_runner, never
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects

@@ -3,7 +3,7 @@
 import argparse
 import dataclasses
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.cli.options import (
     add_quantities,
     flag_of,

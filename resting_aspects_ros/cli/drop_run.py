@@ -13,7 +13,7 @@ from resting_aspects_ros.api.drop import drop, logged_drops, repeat_log
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
 from resting_aspects_ros.api.load_part import load_part, mesh_file
-from resting_aspects_ros.api.output_files import check_output, make_folder, poses_file
+from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.life_cycle import (
     INTERRUPTED,

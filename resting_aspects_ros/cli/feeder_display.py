@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.live import Live
 
-from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.progress import TerminalDisplay
+from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.runner import TerminalDisplay
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.report.forecast import FeederView, feeder_line, feeder_table

@@ -119,7 +119,7 @@ def result_folder(
     Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
     cannot be written.
     """
-    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.api.result import check_output, make_folder
 
     flag, out = requested_folder(arguments, part)
     if out is None:
@@ -136,7 +136,7 @@ def text_file(text: Callable[[], str]) -> Callable[[Path], None]:
     """Return what writes a text into a file."""
 
     def save(path: Path) -> None:
-        from resting_aspects_ros.api.output_files import whole_file
+        from resting_aspects_ros.api.result import whole_file
 
         with whole_file(path) as file:
             file.write_text(text(), encoding='utf-8')

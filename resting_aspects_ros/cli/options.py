@@ -196,7 +196,7 @@ def requested_conditions(
     ``base`` is changed by the flags instead of the surface that they name.
     """
     # These imports are slow because of pydantic and NumPy, which --help does not need.
-    from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
+    from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
     from resting_aspects_ros.simulation.conditions import all_surfaces
 
     if base is None:

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.measured_trials import (
+from resting_aspects_ros.api.reorient import reorient_each
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.roadmap import (
     MeasuredComparison,
     MeasuredTrials,
     compare_measured,
+    read_roadmap,
     with_measured,
 )
-from resting_aspects_ros.api.reorient import reorient_each
-from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.action_options import requested_actions

@@ -11,16 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from rich.console import Console
 
+from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
-from resting_aspects_ros.api.measured_trials import MeasuredComparison
-from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import (
     PlanResult,
     ReorientResult,
     plan_reorientation,
 )
-from resting_aspects_ros.api.roadmap import roadmap_document
-from resting_aspects_ros.api.simulated_shapes import pieces_text
+from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.roadmap import MeasuredComparison, roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.part.part import Part

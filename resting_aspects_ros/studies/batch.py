@@ -15,14 +15,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 from scipy.stats import norm
 
-from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
-from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.progress import Progress
-from resting_aspects_ros.api.runner import given_workers, never
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.result import make_folder, whole_file
+from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import (

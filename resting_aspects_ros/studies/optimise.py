@@ -11,8 +11,7 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.progress import DropProgress, Progress
-from resting_aspects_ros.api.runner import given_workers, never
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, StoppedError
 from resting_aspects_ros.part.part import Part

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, StrictStr
 
+from resting_aspects_ros.api.conditions import aspects_in, scene_of
 from resting_aspects_ros.api.plan import check_speed
 from resting_aspects_ros.api.runner import (
     PROGRESS_PERIOD,
@@ -24,7 +25,6 @@ from resting_aspects_ros.api.runner import (
     TransitionTally,
     given_workers,
 )
-from resting_aspects_ros.api.surroundings import aspects_in, scene_of
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects

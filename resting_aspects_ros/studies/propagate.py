@@ -11,12 +11,11 @@ import numpy as np
 from pydantic import BaseModel, StrictStr, create_model
 from scipy.stats import chi2, norm
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import check_height
-from resting_aspects_ros.api.progress import DropProgress, Progress
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.runner import never
+from resting_aspects_ros.api.runner import DropProgress, Progress, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape

@@ -14,10 +14,8 @@ import numpy as np
 import yaml
 from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.progress import DropProgress, Progress
-from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.runner import given_workers, never
+from resting_aspects_ros.api.result import Result, make_folder, whole_file
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated

@@ -10,7 +10,7 @@ import re
 import pytest
 from doc_pages import PAGES, code, first_cells, section
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
 from resting_aspects_ros.aspects.estimate import METHODS

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import Kick

@@ -134,7 +134,7 @@ def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
     """Return the folder of a surface, which can be written; None if nothing is saved."""
     if out is None:
         return None
-    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.api.result import check_output, make_folder
 
     folder = out if surfaces == 1 else out / surface
     make_folder('--out', folder)
@@ -151,7 +151,7 @@ def _write(result: 'CalibrationResult', folder: Path | None, *, quiet: bool) -> 
             print(f'\n{result.surface_entry(uncertainty=False)}', end='')
     if folder is None:
         return
-    from resting_aspects_ros.api.output_files import whole_file
+    from resting_aspects_ros.api.result import whole_file
 
     written = []
     for name, text in ((DOCUMENT, result.to_json), (ENTRY, result.surface_entry)):

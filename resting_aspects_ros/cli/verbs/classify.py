@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
+from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.surroundings import requested_surroundings
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import (

@@ -135,9 +135,9 @@ def run(arguments: argparse.Namespace) -> int:
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.api.drift import watch_drift
+    from resting_aspects_ros.api.forecast_result import counted_apart_texts
     from resting_aspects_ros.api.load_part import load_part
-    from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
-    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.api.result import check_output, make_folder
     from resting_aspects_ros.aspects.find import find_aspects
     from resting_aspects_ros.cli.console import make_console
     from resting_aspects_ros.statistics.drift import check_windows

@@ -115,8 +115,8 @@ def run(arguments: argparse.Namespace) -> int:
     confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
+        from resting_aspects_ros.api.conditions import requested_surroundings
         from resting_aspects_ros.api.load_part import load_part
-        from resting_aspects_ros.api.surroundings import requested_surroundings
         from resting_aspects_ros.simulation.conditions import all_surfaces
         from resting_aspects_ros.studies.design import parse_ranges
         from resting_aspects_ros.studies.optimise import optimise
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
     """Return the action that is done to parts that were dropped; raises InvalidValueError."""
-    from resting_aspects_ros.api.condition_text import shipped_actions
+    from resting_aspects_ros.api.conditions import shipped_actions
     from resting_aspects_ros.simulation.actions import Actions
 
     if arguments.action is not None:

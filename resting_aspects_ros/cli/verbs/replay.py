@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.progress import ShownProgress
+from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.options import (
     add_ros_args,
 )

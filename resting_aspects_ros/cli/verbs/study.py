@@ -140,7 +140,7 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 
 
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
-    from resting_aspects_ros.api.surroundings import requested_surroundings
+    from resting_aspects_ros.api.conditions import requested_surroundings
     from resting_aspects_ros.cli.options import changed_conditions
     from resting_aspects_ros.studies.design import parse_ranges
 

@@ -6,7 +6,7 @@ from rclpy.action.server import ServerGoalHandle
 from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.plan import (
     PlannedActions,
     PlannedDrops,

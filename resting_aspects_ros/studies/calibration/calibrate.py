@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.progress import DropProgress, Progress
-from resting_aspects_ros.api.runner import given_workers, never
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
