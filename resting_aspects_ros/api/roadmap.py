@@ -522,7 +522,7 @@ def read_roadmap(path: Path) -> MeasuredTrials:
     ------
     InvalidValueError
         With a single line that names the file, the entry, its value and what was expected: if the
-        file cannot be read, has more than MAX_ROADMAP_BYTES, is not JSON or nested too deeply; if a field
+        file cannot be read, is too large, is not JSON or nested too deeply; if a field
         is missing or has a wrong type, or a number is not finite; if an id of a pose is not
         unique or not known, or a quaternion is not of unit length; if a pair of poses occurs
         twice for one action; if trials of a tested pair are missing or 0, its successes are
