@@ -11,9 +11,14 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, TransitionMatrix
 
-from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.plan_actions import PlannedActions, check_actions, plan_actions
-from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
+from resting_aspects_ros.api.conditions import shipped_actions
+from resting_aspects_ros.api.plan import (
+    PlannedActions,
+    PlannedDrops,
+    check_actions,
+    plan_actions,
+    plan_drops,
+)
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
 from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS, AsyncWorkers, serve_action
@@ -35,7 +40,7 @@ from resting_aspects_ros.ros.transition_conversions import (
 )
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids, count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 T = TypeVar('T')
@@ -230,7 +235,7 @@ class ReorientServer:
         except Exception as raised:  # noqa: BLE001 - the result keeps the actions made before
             error = raised
         result = ReorientPart.Result()
-        if planned.counter.done:
+        if planned.tally.done:
             made = _result(planned, part, dropped)
             result.transitions = self._publish(
                 made, ended=True, long_run=await self._long_run(made)
@@ -263,15 +268,15 @@ class ReorientServer:
         self, goal: ReorientGoal, planned: PlannedActions, part: Part, dropped: Distribution
     ) -> None:
         """Make and count the actions of a goal; raises CanceledError and EngineError."""
-        counter, published = planned.counter, time.monotonic()
+        tally, published = planned.tally, time.monotonic()
         chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
         try:
             async with aclosing(chunks):
                 async for chunk in chunks:
-                    counter.count(chunk)
+                    tally.add(chunk, aspect_ids(tally.aspects, chunk))
                     self._actions.add(len(chunk))
                     goal.add_actions(len(chunk))
-                    if counter.complete:
+                    if tally.complete:
                         return
                     if time.monotonic() - published >= PUBLISH_PERIOD:
                         published = time.monotonic()
@@ -306,7 +311,5 @@ class ReorientServer:
 
 
 def _result(planned: PlannedActions, part: Part, dropped: Distribution) -> ReorientResult:
-    counter = planned.counter
-    return ReorientResult(
-        counter.matrix, planned.action, planned.run, part, dropped, counter.complete
-    )
+    tally = planned.tally
+    return ReorientResult(tally.matrix, planned.action, planned.run, part, dropped, tally.complete)
