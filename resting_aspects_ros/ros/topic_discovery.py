@@ -16,7 +16,7 @@ from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.interface import LATCHED
 
 # Interval of the search for new topics, s. rclpy has no event for them.
-PERIOD = 0.2
+PERIOD = 0.5
 
 Topics = list[tuple[str, list[str]]]
 # The updates of the subscriptions of each node.
