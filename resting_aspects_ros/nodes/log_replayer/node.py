@@ -17,7 +17,7 @@ from resting_aspects_ros.logs.mcap_file import LoggedMessage
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
-from resting_aspects_ros.ros.callbacks import steady_timer
+from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
@@ -63,7 +63,7 @@ class LogReplayer(Node):
         self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
-            topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
+            topic.recorded: advertise(self, topic.message, topic.name, topic.qos, overridable=True)
             for topic in topics
         }
         self._watch = watch
