@@ -353,8 +353,10 @@ class Request:
         present = connection.topic(f'{PRESENCE}/{kind}')
         start = self._started if self._timeout is not None else time.monotonic()
         timeout = timeout if self._timeout is None else min(timeout, self._timeout)
-        while not (is_offered() and connection.node.count_publishers(present)):
+        while True:
             connection.check()
+            if is_offered() and connection.node.count_publishers(present):
+                return
             waited = time.monotonic() - start
             missing = f'no {kind} answers on {connection.service(name)}'
             if waited >= timeout:
