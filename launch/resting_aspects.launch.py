@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch.substitutions.substitution_failure import SubstitutionFailure
 from launch_ros.actions import Node
@@ -20,9 +20,27 @@ NODES = {
     'drop_simulator': ('parts_folder', 'surface', 'workers'),
     'aspect_classifier': ('log_folder',),
     'drop_recorder': ('log_folder',),
+    'log_replayer': ('log',),
+    'feeder_controller': ('part',),
+    'vision_example': ('part',),
+    'camera_simulator': ('part',),
 }
 # The type of a parameter is declared, because launch would convert the folder name 2025 to int.
-TYPES = {'parts_folder': str, 'surface': str, 'workers': int, 'log_folder': str}
+TYPES = {
+    'parts_folder': str,
+    'surface': str,
+    'workers': int,
+    'log_folder': str,
+    'log': str,
+    'part': str,
+}
+# The nodes of each value of `feeder`. With a simulated camera, the others use its time.
+FEEDERS = {
+    'none': (),
+    'controller': ('feeder_controller',),
+    'simulated': ('feeder_controller', 'vision_example', 'camera_simulator'),
+}
+RESPAWN_DELAY = 2.0  # s
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -34,6 +52,11 @@ def generate_launch_description() -> LaunchDescription:
         'parts_folder': 'folder of meshes',
         'surface': 'surface of requests that do not name one',
         'workers': 'number of simulation processes',
+        'part': 'part of the feeder nodes',
+    }
+    switches = {
+        'respawn': 'start a node again that ends, instead of ending all',
+        'rviz': 'start RViz',
     }
     return LaunchDescription(
         [
@@ -50,8 +73,22 @@ def generate_launch_description() -> LaunchDescription:
                 for name, words in descriptions.items()
             ],
             DeclareLaunchArgument(
-                'rviz', default_value='false', choices=['true', 'false'], description='start RViz'
+                'log',
+                default_value='',
+                description='log to replay, instead of dropping and recording; if empty, none',
             ),
+            DeclareLaunchArgument(
+                'feeder',
+                default_value='none',
+                choices=list(FEEDERS),
+                description='start feeder_controller; simulated: with camera and vision',
+            ),
+            *[
+                DeclareLaunchArgument(
+                    name, default_value='false', choices=['true', 'false'], description=words
+                )
+                for name, words in switches.items()
+            ],
             OpaqueFunction(function=suite),
         ]
     )
@@ -65,7 +102,9 @@ def suite(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
     if not Path(given['params_file']).is_file():
         raise RuntimeError(f'invalid params_file {given["params_file"]!r}: expected a file')
-    nodes = [suite_node(context, name) for name in NODES]
+    source = ('log_replayer',) if given['log'] else ('drop_simulator', 'drop_recorder')
+    names = ('aspect_classifier', *source, *FEEDERS[given['feeder']])
+    nodes = [suite_node(context, name) for name in names]
     if given['rviz'] == 'true':
         nodes += rviz()
     for node in nodes:
@@ -86,18 +125,28 @@ def check_installed(context: LaunchContext, node: Node) -> None:
 
 
 def suite_node(context: LaunchContext, name: str) -> Node:
-    """Return a node of the suite; launch arguments that are given override params_file."""
+    """Return a node of the suite; launch arguments that are given override params_file.
+
+    All nodes end with it, unless it is started again.
+    """
+    texts = context.launch_configurations
     given = {
         argument: ParameterValue(LaunchConfiguration(argument), value_type=TYPES[argument])
         for argument in NODES[name]
-        if context.launch_configurations[argument]
+        if texts[argument]
     }
     for argument, value in given.items():
         try:
             value.evaluate(context)
         except ValueError:
-            text, kind = context.launch_configurations[argument], TYPES[argument].__name__
+            text, kind = texts[argument], TYPES[argument].__name__
             raise RuntimeError(f'invalid {argument} {text!r}: expected {kind}') from None
+    if texts['feeder'] == 'simulated' and name in ('feeder_controller', 'vision_example'):
+        given['use_sim_time'] = True
+    if texts['respawn'] == 'true':
+        at_end = {'respawn': True, 'respawn_delay': RESPAWN_DELAY}
+    else:
+        at_end = {'on_exit': Shutdown(reason=f'{name} has ended')}
     return Node(
         package=PACKAGE,
         executable=name,
@@ -106,6 +155,7 @@ def suite_node(context: LaunchContext, name: str) -> Node:
         namespace=LaunchConfiguration('namespace'),
         parameters=[LaunchConfiguration('params_file'), *([given] if given else [])],
         output='screen',
+        **at_end,
     )
 
 

@@ -14,8 +14,12 @@ import pytest
 import rclpy
 
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.camera_simulator import node as camera_simulator
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
+from resting_aspects_ros.nodes.log_replayer import node as log_replayer
+from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.ros.parameters import declare
 
@@ -24,15 +28,33 @@ FILE = ROOT / 'launch' / 'resting_aspects.launch.py'
 DEFAULTS = ROOT / 'config' / 'resting_aspects.yaml'
 PARAMETERS = {
     module.__name__.split('.')[-2]: module.PARAMETERS
-    for module in (drop_simulator, aspect_classifier, drop_recorder)
+    for module in (
+        drop_simulator,
+        aspect_classifier,
+        drop_recorder,
+        log_replayer,
+        feeder_controller,
+        vision_example,
+        camera_simulator,
+    )
 }
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+FEEDER = ('feeder_controller', 'vision_example', 'camera_simulator')
 ARGUMENTS = [
-    'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'rviz'
+    'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'part', 'log',
+    'feeder', 'respawn', 'rviz',
 ]  # fmt: skip
+SWITCHES = {'namespace', 'params_file', 'feeder', 'respawn', 'rviz'}
 # The programs that rviz:=true adds, and their packages.
 RVIZ = {'rviz2': 'rviz2', 'static_transform_publisher': 'tf2_ros'}
-# Writes its arguments to a file named like itself, in place of the program.
-PROBE = '#!/bin/sh\nprintf "%s\\n" "$@" > "$(dirname "$0")/../../started/$(basename "$0")"\n'
+# Writes its arguments to a file named like itself, in place of the program, and ends once all
+# programs have done so, because the end of one ends the others.
+PROBE = """#!/bin/sh
+cd "$(dirname "$0")/../.."
+printf "%s\\n" "$@" > "$(basename "$0").part"
+mv "$(basename "$0").part" "started/$(basename "$0")"
+while [ "$(ls started | wc -l)" -lt "$PROGRAMS" ]; do sleep 0.02; done
+"""
 
 needs_launch = pytest.mark.stated_requirement
 
@@ -57,7 +79,7 @@ def test_launch_arguments_reach_the_matching_nodes():
         key.value: kind.id
         for key, kind in zip(constant('TYPES').keys, constant('TYPES').values, strict=True)
     }
-    assert set(types) == set(ARGUMENTS) - {'namespace', 'params_file', 'rviz'}
+    assert set(types) == set(ARGUMENTS) - SWITCHES
     for name, parameters in PARAMETERS.items():
         shared = {p.name: type(p.default).__name__ for p in parameters if p.name in types}
         assert set(nodes[name]) == set(shared), name
@@ -128,7 +150,8 @@ def launch(prefix, tmp_path, capfd, monkeypatch):
 
     monkeypatch.setattr(sys, 'dont_write_bytecode', True)
 
-    def launch(**arguments):
+    def launch(*programs, **arguments):
+        monkeypatch.setenv('PROGRAMS', str(len(programs)))
         source = PythonLaunchDescriptionSource(str(FILE))
         include = IncludeLaunchDescription(source, launch_arguments=arguments.items())
         service = LaunchService(noninteractive=True)
@@ -174,16 +197,19 @@ def parameters_of():
         ({'parts_folder': 'true'}, {'parts_folder': 'true'}),
         ({'surface': 'steel', 'workers': '0'}, {'surface': 'steel', 'workers': 0}),
         ({'namespace': 'cell_1', 'surface': 'thrown'}, {'surface': 'thrown'}),
+        ({'feeder': 'simulated', 'part': 'hex_nut'}, {'part': 'hex_nut'}),
     ],
     ids=str,
 )  # fmt: skip
 def test_arguments_reach_the_nodes_in_the_declared_types(
     launch, parameters_of, arguments, expected
 ):
-    launched = launch(**arguments)
+    programs = SUITE if 'part' not in arguments else (*SUITE, *FEEDER)
+    launched = launch(*programs, **arguments)
     assert launched.code == 0, launched.output
-    assert set(launched.started) == set(PARAMETERS)
-    for name, declared in PARAMETERS.items():
+    assert set(launched.started) == set(programs)
+    for name in programs:
+        declared = PARAMETERS[name]
         full_name, values = parameters_of(name, launched.started[name])
         namespace = arguments.get('namespace', '')
         assert full_name == f'/{namespace}/{name}'.replace('//', '/')
@@ -204,7 +230,9 @@ def test_an_argument_overrides_the_params_file(launch, parameters_of, tmp_path, 
         else f'{key}:\n  ros__parameters:\n    workers: 7\n    surface: steel\n'
         '    parts_folder: mine\n'
     )
-    launched = launch(namespace='cell', params_file=str(path), workers='3', parts_folder='given')
+    launched = launch(
+        *SUITE, namespace='cell', params_file=str(path), workers='3', parts_folder='given'
+    )
     _, values = parameters_of('drop_simulator', launched.started['drop_simulator'])
     found = [values[name] for name in ('workers', 'surface', 'parts_folder')]
     assert found == [3, 'steel', 'given']
@@ -214,9 +242,9 @@ def test_an_argument_overrides_the_params_file(launch, parameters_of, tmp_path, 
 def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
     for program, package in RVIZ.items():
         prefix(package, program)
-    launched = launch(rviz='true', namespace='cell')
+    launched = launch(*SUITE, *RVIZ, rviz='true', namespace='cell')
     assert launched.code == 0, launched.output
-    assert set(launched.started) == {*PARAMETERS, *RVIZ}
+    assert set(launched.started) == {*SUITE, *RVIZ}
     for program in RVIZ:
         assert '__ns:=/cell' in launched.started[program]
     option, view = launched.started['rviz2'][:2]
@@ -226,6 +254,42 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
     given = dict(zip(words[:4:2], words[1:4:2], strict=True))
     # Below the tray, so that the transform that places the tray stays the user's.
     assert given['--frame-id'] == FRAME != given['--child-frame-id']
+
+
+@needs_launch
+@pytest.mark.parametrize(
+    ('feeder', 'programs'),
+    [('none', ()), ('controller', ('feeder_controller',)), ('simulated', FEEDER)],
+)
+def test_feeder_nodes_are_started_on_request(launch, feeder, programs):
+    launched = launch(*SUITE, *programs, feeder=feeder)
+    assert set(launched.started) == {*SUITE, *programs}
+    with_time = {name for name, words in launched.started.items() if has_sim_time(words)}
+    assert with_time == (set(FEEDER[:2]) if feeder == 'simulated' else set())
+
+
+def has_sim_time(words):
+    """Return whether a parameter file among the arguments of a node sets use_sim_time."""
+    files = [Path(word) for word in words if word.startswith('/tmp/launch_params')]
+    return any('use_sim_time: true' in file.read_text() for file in files)
+
+
+@needs_launch
+def test_log_replaces_the_simulator(launch, parameters_of):
+    programs = ('aspect_classifier', 'log_replayer')
+    launched = launch(*programs, log='out/logs/run')
+    assert set(launched.started) == set(programs)
+    _, values = parameters_of('log_replayer', launched.started['log_replayer'])
+    assert values['log'] == 'out/logs/run'
+
+
+@needs_launch
+def test_end_of_a_node_ends_all_others(prefix, launch, tmp_path):
+    waiting = '#!/bin/sh\ntouch "$(dirname "$0")/../../started/$(basename "$0")"\nexec sleep 600\n'
+    for program in ('aspect_classifier', 'drop_recorder'):
+        (tmp_path / 'lib' / 'resting_aspects_ros' / program).write_text(waiting)
+    launched = launch(*SUITE)  # returns, although two of them would run for 600 s
+    assert set(launched.started) == set(SUITE)
 
 
 @needs_launch
@@ -249,6 +313,7 @@ def test_missing_rviz_is_named_and_nothing_starts(prefix, launch, missing):
         ({'workers': '1.5'}, "invalid workers '1.5': expected int"),
         ({'params_file': '/no/such.yaml'}, "invalid params_file '/no/such.yaml': expected a file"),
         ({'rviz': 'yes'}, 'rviz'),
+        ({'feeder': 'all'}, 'feeder'),
         ({'namespace': 'a b'}, 'a b'),
     ],
     ids=str,

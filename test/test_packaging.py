@@ -64,6 +64,7 @@ DEPENDENCIES = {
     'sensor_msgs': (MESSAGES, 'sensor_msgs'),
     'shape_msgs': (MESSAGES, 'shape_msgs'),
     'std_msgs': (MESSAGES, 'std_msgs'),
+    'tf2_msgs': (None, 'tf2_msgs'),  # with a ROS, where tf2 is installed
     'std_srvs': (MESSAGES, 'std_srvs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),
     'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 # Maximum time for the drops and for the flips, s.
 TIMEOUT = 3600.0
+# Maximum time between two checks for Ctrl-C and ended nodes, s.
+SPIN_PERIOD = 0.1
 # For messages of the last cycle that are still on their way, s.
 REST = 0.3
 
@@ -170,8 +172,7 @@ class FeederDemo:
     def _follow(self, namespace: list[str], check: Callable[[], None]) -> None:
         """Show the run until its time is over."""
         from resting_aspects_ros.cli.feeder_display import FeederDisplay, check_silence
-        from resting_aspects_ros.client.feeder_watch import FeederWatch
-        from resting_aspects_ros.client.private_node import PrivateNode
+        from resting_aspects_ros.client.feeder_watch import FeederWatch, spun_node
 
         plan, forecast = self._plan, self._forecast
         assert forecast is not None
@@ -188,14 +189,15 @@ class FeederDemo:
                 if self._watch.images:
                     display.show(FeederView.of(self._watch, forecast, plan.minutes))
 
-            own = PrivateNode(namespace, refresh)
-            try:
-                watch = self._watch = FeederWatch(own.node, plan.known.part.name, plan.minutes)
-                own.wait(lambda: watch.done)
-                own.spin_for(REST)
+            with spun_node(namespace) as (node, executor):
+                watch = self._watch = FeederWatch(node, plan.known.part.name, plan.minutes)
+                while not watch.done.done():
+                    refresh()
+                    executor.spin_once(SPIN_PERIOD)
+                end = time.monotonic() + REST
+                while (left := end - time.monotonic()) > 0:
+                    executor.spin_once(left)
                 refresh()
-            finally:
-                own.close()
 
     def _draw(self, moment: 'Moment', path: Path) -> None:
         """Write the picture of a moment."""

@@ -9,8 +9,7 @@ This package exports the public names. It sends requests to the nodes of the sui
 """
 
 from resting_aspects_ros.client.client import RestingAspectsClient
-from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.client.private_node import ClientUseError
+from resting_aspects_ros.client.connection import AnswerTimeoutError, ClientUseError
 from resting_aspects_ros.errors import (
     InvalidValueError,
     RestingAspectsError,

@@ -1,46 +1,110 @@
 """The client of the suite, for programs with a node and for programs without one."""
 
-from collections.abc import Callable
+import functools
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
+import numpy as np
 import numpy.typing as npt
-from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Point, Quaternion
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
+    FeederAction,
     PartDescription,
     PartSummary,
+    Status,
     TransitionMatrix,
 )
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
-from resting_aspects_interfaces.srv import ClassifyPose
+from resting_aspects_interfaces.srv import (
+    ClassifyPose,
+    FeederForecast,
+    GetDistribution,
+    GetTransitions,
+    IdentifyPart,
+    ListParts,
+    LocatePart,
+)
 
-from resting_aspects_ros.api.plan import DEFAULT_ACTION
-from resting_aspects_ros.client.forecast_client import ForecastClient
-from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.client.request_messages import check_name, missing_part_error
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.conversions import conditions_from, part_from
-from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, PARTS
+from resting_aspects_ros.api.plan import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
+from resting_aspects_ros.client.connection import (
+    CLOSED,
+    END_TIMEOUT,
+    AnswerTimeoutError,
+    ClientUseError,
+    Connection,
+    Request,
+)
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part, is_valid_name
+from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, part_from
+from resting_aspects_ros.ros.interface import (
+    CLASSIFY_POSE,
+    DEFAULT_CONDITIONS,
+    DROP_PART,
+    DROP_SIMULATOR,
+    FORECAST,
+    GET_DISTRIBUTION,
+    GET_TRANSITIONS,
+    IDENTIFY_PART,
+    LIST_PARTS,
+    LOCATE_PART,
+    PARTS,
+    REORIENT_PART,
+)
+from resting_aspects_ros.ros.outline_conversions import polygon_msgs
+from resting_aspects_ros.ros.status import NotAvailableError, status_error, unknown_part
+from resting_aspects_ros.ros.topic_discovery import published_parts
+from resting_aspects_ros.ros.transition_conversions import action_msg
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.statistics.distribution import METHOD
+from resting_aspects_ros.vision.identification import Polygonal, observed_polygon
 
 # Timeout for a latched message, s.
 PART_TIMEOUT = 5.0
+# Time within which all drops of a run must be counted after the result of its goal arrived, s.
+COUNT_TIMEOUT = 120.0
+
+P = ParamSpec('P')
+Self = TypeVar('Self', bound='RestingAspectsClient')  # typing.Self is newer than Python 3.10
+Progress = Callable[[int], object]
 
 
-class RestingAspectsClient(ForecastClient):
+def _awaitable(
+    method: Callable[Concatenate['RestingAspectsClient', P], Any],
+) -> Callable[Concatenate['RestingAspectsClient', P], Future]:
+    """Return the variant of a method that returns a Future of its result at once."""
+
+    @functools.wraps(method)
+    def start(client: 'RestingAspectsClient', *args: P.args, **kwargs: P.kwargs) -> Future:
+        return client._start(lambda: method(client, *args, **kwargs))  # noqa: SLF001
+
+    start.__name__ = f'{method.__name__}_async'
+    start.__doc__ = f'Return a Future of the result of {method.__name__}.'
+    return start
+
+
+class RestingAspectsClient:
     """Client of a running suite: distributions, transitions, poses, outlines, forecasts, parts.
 
-    Without a node, the client creates a private node and spins it while it waits::
+    Every request waits for its result::
 
         with RestingAspectsClient() as client:
             distribution = client.get_distribution('l_bracket', drops=1000)
 
-    With a node, which the caller must spin, the client never spins. Each request has a method that
-    ends in ``_async`` and returns a rclpy Future at once. Await it in an async callback, or pass
-    it to ``rclpy.spin_until_future_complete``::
+    and has a variant that ends in ``_async``, which returns a rclpy Future at once. Await it in an
+    async callback of a node, or pass it to ``rclpy.spin_until_future_complete``::
 
         client = RestingAspectsClient(node)
         distribution = await client.get_distribution_async('l_bracket', drops=1000)
@@ -48,32 +112,67 @@ class RestingAspectsClient(ForecastClient):
     A callback that awaits blocks all other callbacks of a mutually exclusive group, such as the
     default group of a node. Use a ReentrantCallbackGroup for it: docs/how_to/integrate_ros.md.
 
+    The client has a node of its own, which a thread spins. It can be used from several threads.
     Results are the messages of the suite, as on its topics. Cancel the future to stop waiting; a
     caller that awaits it then receives None. A run that was started for a request stops when the
-    request is canceled or times out, unless another client requested the same run; the drops made
-    before are kept.
+    request is canceled, interrupted or times out, unless another client requested the same run;
+    the drops made before are kept.
 
     Parameters
     ----------
     node : Node, optional
-        The caller spins and destroys it. None: the client creates a private node.
+        A node of the program, whose namespace, remappings and context the client uses. None: the
+        client creates a context of its own, and does not touch signal handlers.
     ros_args : sequence of str, optional
-        ROS arguments of the private node, such as ``['-r', '__ns:=/cell_1']``. None: those on the
+        ROS arguments without a node, such as ``['-r', '__ns:=/cell_1']``. None: those on the
         command line of the program after --ros-args.
     warn : callable, optional
         Called with the text of each warning, for example that no classifier is ready yet. None:
         the node logs warnings.
     check : callable
-        Called often while the private node waits; an exception that it raises ends the wait.
+        Called often while a request waits; an exception that it raises ends the wait.
 
     Raises
     ------
     RestingAspectsError
-        From every request. InvalidValueError and UnknownPartError are raised before a request is
-        sent if the client can detect them. NotAvailableError means that there is no result now;
-        AnswerTimeoutError is a subclass of it. BusyError, CanceledError and others report the
-        status that the suite returns. ClientUseError means that a wait would never end.
+        From every request. InvalidValueError and UnknownPartError name what is wrong with the
+        request. NotAvailableError means that there is no result now; AnswerTimeoutError is a
+        subclass of it. BusyError, CanceledError and others report the status that the suite
+        returns. ClientUseError means that the client was closed.
     """
+
+    def __init__(
+        self,
+        node: Node | None = None,
+        *,
+        ros_args: Sequence[str] | None = None,
+        warn: Callable[[str], object] | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._node = node
+        self._connection = Connection(node, ros_args, check)
+        self._warn = warn or (node or self._connection.node).get_logger().warning
+        self._active = 0
+        self._changed = threading.Condition()
+        self._thread = threading.local()  # `canceled`, in the thread of a future
+
+    def close(self) -> None:
+        """End all requests with a ClientUseError, and destroy the node of the client."""
+        self._connection.begin_closing()
+        with self._changed:
+            self._changed.wait_for(lambda: not self._active, 2 * END_TIMEOUT)
+        self._connection.close()
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def get_distribution(
         self,
@@ -87,7 +186,7 @@ class RestingAspectsClient(ForecastClient):
         method: str = METHOD,
         only_known: bool = False,
         timeout: float | None = None,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress = lambda _: None,
     ) -> AspectDistribution:
         """Return the distribution of a part; if it is not known, the part is dropped first.
 
@@ -114,8 +213,9 @@ class RestingAspectsClient(ForecastClient):
             Do not drop: raise NotAvailableError if no known distribution matches.
         timeout : float, optional
             Maximum total time, s. None: no limit, but at most 20 s for nodes that are not ready.
-        progress : callable, optional
-            Called with the number of drops done while the part is dropped.
+        progress : callable
+            Called with the number of drops done while the part is dropped, in the thread that
+            waits; get_distribution_async waits in a thread of the client.
 
         Returns
         -------
@@ -123,20 +223,47 @@ class RestingAspectsClient(ForecastClient):
             The distribution; resting_aspects_interfaces describes the fields. ``aspects`` is
             ordered by id, and ``run`` contains the part and the conditions.
         """
-        return self._wait(
-            lambda: self.get_distribution_async(
-                part,
-                drops=drops,
-                precision=precision,
-                surface=surface,
-                conditions=conditions,
-                seed=seed,
-                method=method,
-                only_known=only_known,
-                timeout=timeout,
-                progress=progress,
-            )
+        if drops is None:
+            drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
+        request = _message(
+            GetDistribution.Request,
+            part=part,
+            method=method,
+            **_conditions(surface, conditions),
+            drops=drops,
+            precision=precision,
+            seed=[] if seed is None else [seed],
+            only_known=True,
         )
+        unknown = (Status.NOT_AVAILABLE, Status.UNKNOWN_PART)
+        with self._request(f'the distribution of {part}', timeout) as pending:
+            response = pending.call(GetDistribution, GET_DISTRIBUTION, request)
+            if only_known or response.status.code not in unknown:
+                return _ok(response).distribution
+            names = ('part', 'surface', 'conditions', 'drops', 'precision')
+            goal = DropPart.Goal(**{name: getattr(request, name) for name in names})
+            goal.seed = request.seed[0] if request.seed else DEFAULT_SEED
+            try:
+                result = _ok(pending.simulate(DropPart, DROP_PART, goal, progress))
+            except AnswerTimeoutError as error:
+                if pending.state:
+                    raise
+                raise AnswerTimeoutError(f'{error}; {response.status.message}') from None
+            progress(result.drops)
+            pending.state = f'{result.drops} drops are done and being counted'
+            # The batches were sent before the result, but may arrive after it.
+            request.seed = [goal.seed]
+            end = time.monotonic() + COUNT_TIMEOUT
+            while True:
+                response = pending.call(GetDistribution, GET_DISTRIBUTION, request)
+                if response.status.code not in unknown:
+                    return _ok(response).distribution
+                if time.monotonic() > end:
+                    raise NotAvailableError(
+                        f'the {result.drops} drops of run {result.run_id} were not counted within '
+                        f'{COUNT_TIMEOUT:g} s: {response.status.message}'
+                    )
+                pending.pause(GET_DISTRIBUTION)
 
     def reorient_part(
         self,
@@ -150,7 +277,7 @@ class RestingAspectsClient(ForecastClient):
         conditions: DropConditions | None = None,
         seed: int = DEFAULT_SEED,
         timeout: float | None = None,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress = lambda _: None,
     ) -> TransitionMatrix:
         """Simulate an action on a part at rest in each aspect, and return the transitions.
 
@@ -168,28 +295,32 @@ class RestingAspectsClient(ForecastClient):
             Number of drops, whose distribution replaces parts that leave the aspects.
         seed : int
             Seed of the drops and of the actions.
-        progress : callable, optional
-            Called with the number of actions made.
+        progress : callable
+            Called with the number of actions made, as for get_distribution.
 
         Returns
         -------
         TransitionMatrix
             The message, as on transitions/<part>; transition_matrix_from returns its arrays.
         """
-        return self._wait(
-            lambda: self.reorient_part_async(
-                part,
-                action,
-                per_aspect,
-                precision=precision,
-                drops=drops,
-                surface=surface,
-                conditions=conditions,
-                seed=seed,
-                timeout=timeout,
-                progress=progress,
-            )
+        if per_aspect is None:
+            per_aspect = 0 if precision else DEFAULT_PER_ASPECT
+        if isinstance(action, str):
+            requested = _message(FeederAction, name=action)
+        else:
+            requested = action_msg(named_action(action))
+        goal = _message(
+            ReorientPart.Goal,
+            part=part,
+            action=requested,
+            **_conditions(surface, conditions),
+            per_aspect=per_aspect,
+            precision=precision,
+            drops=drops,
+            seed=seed,
         )
+        with self._request(f'the transitions of {part}', timeout) as pending:
+            return _ok(pending.simulate(ReorientPart, REORIENT_PART, goal, progress)).transitions
 
     def get_transitions(
         self, part: str, action: str = '', *, timeout: float | None = None
@@ -201,7 +332,9 @@ class RestingAspectsClient(ForecastClient):
         action : str
             Name of the action; empty: any.
         """
-        return self._wait(lambda: self.get_transitions_async(part, action, timeout=timeout))
+        request = _message(GetTransitions.Request, part=part, action=action)
+        with self._request(f'the known transitions of {part}', timeout) as pending:
+            return _ok(pending.call(GetTransitions, GET_TRANSITIONS, request)).transitions
 
     def classify_pose(
         self,
@@ -223,28 +356,268 @@ class RestingAspectsClient(ForecastClient):
             ``aspect`` is the id, or 0 if no aspect matches; ``angle``, rad, is the angle to the
             nearest aspect.
         """
-        return self._wait(lambda: self.classify_pose_async(part, orientation, timeout=timeout))
+        if not isinstance(orientation, Quaternion):
+            orientation = Quaternion(**_coordinates('orientation', orientation, 'xyzw'))
+        request = _message(ClassifyPose.Request, part=part, orientation=orientation)
+        with self._request(f'the aspect of a pose of {part}', timeout) as pending:
+            response = pending.call(ClassifyPose, CLASSIFY_POSE, request)
+            # NOT_AVAILABLE with an angle is a result: no aspect matches.
+            if response.status.code == Status.NOT_AVAILABLE and not math.isnan(response.angle):
+                return response
+            return _ok(response)
+
+    def identify_part(
+        self,
+        polygon: Polygonal,
+        parts: str | Iterable[str] = (),
+        *,
+        noise: float = 0.0,
+        camera: npt.ArrayLike | None = None,
+        timeout: float | None = None,
+    ) -> IdentifyPart.Response:
+        """Return which part an observed polygon shows, in which aspects and where.
+
+        Parameters
+        ----------
+        polygon : shapely.Polygon, (n, 2) array, or mapping with 'outer' and 'holes'
+            Tray frame, m; seen from above, x right and y up.
+        parts : str or iterable of str
+            Names of the parts that may be on the tray. Empty: all that the suite offers.
+        noise : float
+            Standard deviation of the boundary, m; 0: 0.1 mm.
+        camera : (3,) float, optional
+            Centre of projection of a pinhole camera in the tray frame, m, to correct the
+            magnification of high parts. None: telecentric.
+
+        Returns
+        -------
+        IdentifyPart.Response
+            ``candidates`` by posterior, with 6D poses; ``none_probability`` and
+            ``touching_probability``.
+        """
+        position = [] if camera is None else [Point(**_coordinates('camera', camera, 'xyz'))]
+        request = _message(
+            IdentifyPart.Request,
+            **polygon_msgs(observed_polygon(polygon)),
+            parts=parts,
+            noise=noise,
+            camera=position,
+        )
+        with self._request('the part of an outline', timeout) as pending:
+            return _ok(pending.call(IdentifyPart, IDENTIFY_PART, request))
+
+    def locate_part(
+        self,
+        part: str,
+        aspect: int,
+        x: float,
+        y: float,
+        yaw: float,
+        *,
+        timeout: float | None = None,
+    ) -> LocatePart.Response:
+        """Return the poses of a part that was recognised in an aspect at (x, y, yaw).
+
+        Parameters
+        ----------
+        aspect : int
+            Id of any aspect of the symmetry class.
+        x, y : float
+            Projection of the centre of mass, tray frame, m.
+        yaw : float
+            Yaw of the outline on outlines/<part>, rad, counter-clockwise seen from above.
+
+        Returns
+        -------
+        LocatePart.Response
+            ``poses``, tray from part, those in the given aspect first, with their aspects in
+            ``pose_aspects``.
+        """
+        request = _message(LocatePart.Request, part=part, aspect=aspect, x=x, y=y, yaw=yaw)
+        with self._request(f'the poses of {part}', timeout) as pending:
+            return _ok(pending.call(LocatePart, LOCATE_PART, request))
+
+    def forecast(
+        self, part: str, *, timeout: float | None = None, **options: Any
+    ) -> FeederForecast.Response:
+        """Return the parts per minute of a feeder, from the known drops and transitions of a part.
+
+        Parameters
+        ----------
+        part : str
+        options
+            The other fields of the service FeederForecast, with its defaults: ``aspects`` or
+            ``classes`` (in which the robot can pick the part), ``action``, ``use_counts``,
+            ``robot_time``, ``vibrate_time``, ``settle_time``, ``image_time``, ``supply_time``,
+            ``overlap``, ``place_time`` (s), ``tray``, ``clearance``, ``gripper`` (m),
+            ``parts_on_tray``, ``max_picks`` and ``minutes``.
+
+        Returns
+        -------
+        FeederForecast.Response
+            ``parts_per_minute`` with ``lower`` and ``upper``, ``sentence``, and the other fields
+            of the service.
+        """
+        request = _message(FeederForecast.Request, part=part, **options)
+        with self._request(f'the forecast of {part}', timeout) as pending:
+            return _ok(pending.call(FeederForecast, FORECAST, request))
 
     def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
         """Return name, part_sha256 and `known` of each offered part, ordered by name."""
-        return self._wait(lambda: self.list_parts_async(timeout=timeout))
+        with self._request('the list of parts', timeout) as pending:
+            return list(_ok(pending.call(ListParts, LIST_PARTS, ListParts.Request())).parts)
 
     def get_part(self, part: str) -> Part:
         """Return a part with its mesh and mass properties, as the simulator describes it."""
-        check_name(part)
-        own = self._waiting_node()
-        try:
-            return part_from(own.receive_latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
-        except AnswerTimeoutError as error:
-            raise missing_part_error(own.node, part, error) from None
+        if not is_valid_name(part):
+            raise unknown_part(part, self._offered_parts())
+        with self._request(f'the description of {part}') as pending:
+            try:
+                return part_from(pending.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+            except AnswerTimeoutError as error:
+                offered = self._offered_parts()
+                if offered and part not in offered:
+                    raise unknown_part(part, offered) from None
+                if offered:
+                    raise
+                raise AnswerTimeoutError(
+                    f'no {DROP_SIMULATOR} offers {part}: {error}; start the suite with '
+                    '"resting_aspects nodes"'
+                ) from None
 
     def default_conditions(self) -> DropConditions:
         """Return the conditions that the simulator uses for a request without a surface."""
-        own = self._waiting_node()
+        with self._request('the default conditions') as pending:
+            try:
+                message = pending.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
+            except AnswerTimeoutError as error:
+                raise AnswerTimeoutError(
+                    'the default surface is unknown, name a surface or start drop_simulator: '
+                    f'{error}'
+                ) from None
+            return conditions_from(message)
+
+    get_distribution_async = _awaitable(get_distribution)
+    reorient_part_async = _awaitable(reorient_part)
+    get_transitions_async = _awaitable(get_transitions)
+    classify_pose_async = _awaitable(classify_pose)
+    identify_part_async = _awaitable(identify_part)
+    locate_part_async = _awaitable(locate_part)
+    forecast_async = _awaitable(forecast)
+    list_parts_async = _awaitable(list_parts)
+
+    def _offered_parts(self) -> set[str]:
+        return published_parts(self._connection.node, PARTS, PartDescription)
+
+    @contextmanager
+    def _request(self, description: str, timeout: float | None = None) -> Iterator[Request]:
+        """Context manager of a request; raises InvalidValueError for an invalid timeout."""
+        if timeout is not None and not 0 < timeout < math.inf:
+            raise InvalidValueError(f'invalid timeout {timeout}: expected more than 0 s, or None')
+        self._begin()
+        canceled = getattr(self._thread, 'canceled', lambda: False)
         try:
-            message = own.receive_latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
-        except AnswerTimeoutError as error:
-            raise AnswerTimeoutError(
-                f'the default surface is unknown, name a surface or start drop_simulator: {error}'
+            yield Request(self._connection, description, timeout, self._warn, canceled)
+        finally:
+            self._end()
+
+    def _start(self, method: Callable[[], Any]) -> Future:
+        """Return a Future of the result of a method, which waits in a thread."""
+        answer = Future(executor=None if self._node is None else self._node.executor)
+
+        def work() -> None:
+            self._thread.canceled = answer.cancelled
+            try:
+                result = method()
+            except Exception as error:  # noqa: BLE001 - the caller must receive every error
+                if not answer.cancelled():
+                    answer.set_exception(error)
+            else:
+                if not answer.cancelled():
+                    answer.set_result(result)
+            # The executor resumes a callback that awaits only when something wakes it.
+            if self._node is not None and (executor := self._node.executor) is not None:
+                executor.wake()
+            self._end()
+
+        self._begin()
+        threading.Thread(target=work, name='resting_aspects_request', daemon=True).start()
+        return answer
+
+    def _begin(self) -> None:
+        with self._changed:
+            if not self._connection.is_open:
+                raise ClientUseError(CLOSED)
+            self._active += 1
+
+    def _end(self) -> None:
+        with self._changed:
+            self._active -= 1
+            self._changed.notify_all()
+
+
+def _ok(answer: Any) -> Any:
+    """Return a response or a result whose status is OK; raises the error that it reports."""
+    if answer.status.code != Status.OK:
+        raise status_error(answer.status)
+    return answer
+
+
+def _message(kind: Any, **fields: Any) -> Any:
+    """Return a message with checked fields; raises InvalidValueError."""
+    message = kind(check_fields=True)
+    types = message.get_fields_and_field_types()
+    for name, value in fields.items():
+        if name not in types:
+            raise InvalidValueError(
+                f'invalid option {shown(name)}: expected one of {", ".join(list(types)[1:])}'
+            )
+        try:
+            setattr(message, name, _plain(value, types[name]))
+        except (AssertionError, TypeError):
+            expected = types[name].replace('string', 'printable text')
+            raise InvalidValueError(
+                f'invalid {name} {shown(value)}: expected {expected}'
             ) from None
-        return conditions_from(message)
+    return message
+
+
+def _plain(value: Any, kind: str) -> Any:
+    """Return a value as rclpy accepts it for a field: NumPy scalars and integers are converted.
+
+    Raises TypeError for text that ROS would cut at a NUL character or cannot encode.
+    """
+    if kind.startswith('sequence') or kind.endswith(']'):
+        is_single = isinstance(value, str) or not isinstance(value, Iterable)
+        values = [value] if is_single else value
+        return [_plain(each, 'double' if 'double' in kind else '') for each in values]
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, str) and not value.isprintable():
+        raise TypeError(value)
+    if kind == 'double' and type(value) is int:
+        return float(value)
+    return value
+
+
+def _coordinates(name: str, values: npt.ArrayLike, axes: str) -> dict[str, float]:
+    """Return numbers by axis; raises InvalidValueError."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        found = np.zeros(0)
+    if found.shape != (len(axes),):
+        raise InvalidValueError(
+            f'invalid {name} {shown(values)}: expected {len(axes)} numbers {", ".join(axes)}'
+        )
+    return dict(zip(axes, found.tolist(), strict=True))
+
+
+def _conditions(surface: str, conditions: DropConditions | None) -> dict[str, Any]:
+    """Return the fields for a surface or for conditions; raises InvalidValueError for both."""
+    if conditions is None:
+        return {'surface': surface}
+    if surface:
+        raise InvalidValueError(
+            f'invalid surface {surface!r}: expected no surface together with conditions'
+        )
+    return {'surface': conditions.surface, 'conditions': [conditions_msg(conditions)]}

@@ -2,9 +2,12 @@
 
 import time
 from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -12,6 +15,7 @@ from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickRes
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
+from resting_aspects_ros.client.connection import new_context
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.feeder_names import CHOICES
 from resting_aspects_ros.ros.interface import (
@@ -229,3 +233,18 @@ class FeederWatch:
                 if move in self._moved:
                     self._moved[move] += 1
         self._moves = waiting
+
+
+@contextmanager
+def spun_node(ros_args: list[str]) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """Context manager of a node in a ROS context of its own, and its executor."""
+    context = new_context(ros_args)
+    node = Node('feeder_demo', context=context, enable_rosout=False)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()

@@ -7,8 +7,11 @@ of a response. The QoS of the suite's nodes is compatible, and a peer with other
 its own side.
 """
 
-from collections.abc import Awaitable, Callable
+import inspect
+from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import Future as PoolFuture
+from contextlib import contextmanager
+from copy import copy
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
@@ -17,14 +20,24 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSPolicyKind, QoSProfile
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.ros.interface import SERVICES
 
+# The policies of a topic that a user can override.
+OVERRIDES = QoSOverridingOptions(
+    [
+        QoSPolicyKind.HISTORY,
+        QoSPolicyKind.DEPTH,
+        QoSPolicyKind.RELIABILITY,
+        QoSPolicyKind.DURABILITY,
+    ]
+)
 # Minimum time between two logged errors of the same callback, s.
 LOG_PERIOD = 60.0
 
@@ -37,28 +50,52 @@ def subscribe(
     qos: QoSProfile,
     *,
     raw: bool = False,
+    overridable: bool = False,
+    group: CallbackGroup | None = None,
 ) -> Subscription:
     """Return a subscription that ignores a message for which ``callback`` raises; logs the error.
 
+    Parameters
+    ----------
+    callback : function or coroutine function
     raw : bool
         Whether ``callback`` is called with the bytes of the message.
+    overridable : bool
+        Whether parameters ``qos_overrides.<topic>.subscription.*`` replace the QoS; raises
+        InvalidValueError if one of them is not valid.
     """
     failure = f'ignored a message on {node.resolve_topic_name(topic)}'
-    return node.create_subscription(
-        kind,
-        topic,
-        guarded(node, failure, callback),
-        qos,
-        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        raw=raw,
-    )
+    guard: Any = guarded_task if inspect.iscoroutinefunction(callback) else guarded
+    with _qos_override_errors(node, topic):
+        return node.create_subscription(
+            kind,
+            topic,
+            guard(node, failure, callback),
+            copy(qos),  # rclpy changes it
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=raw,
+            callback_group=group,
+            qos_overriding_options=OVERRIDES if overridable else None,
+        )
 
 
-def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile | int) -> Publisher:
-    """Return a publisher without handlers for QoS events."""
-    return node.create_publisher(
-        kind, topic, qos, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
-    )
+def advertise(
+    node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, overridable: bool = False
+) -> Publisher:
+    """Return a publisher without handlers for QoS events.
+
+    overridable : bool
+        Whether parameters ``qos_overrides.<topic>.publisher.*`` replace the QoS; raises
+        InvalidValueError if one of them is not valid.
+    """
+    with _qos_override_errors(node, topic):
+        return node.create_publisher(
+            kind,
+            topic,
+            copy(qos),  # rclpy changes it
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=OVERRIDES if overridable else None,
+        )
 
 
 def serve(node: Node, kind: Any, name: str, callback: Callable[..., object]) -> None:
@@ -108,6 +145,17 @@ def steady_timer(
     """Return a timer on the steady clock, which does not depend on simulated time."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(seconds, callback, group, clock)
+
+
+@contextmanager
+def _qos_override_errors(node: Node, topic: str) -> Iterator[None]:
+    """Context manager that turns the errors of rclpy for QoS overrides into InvalidValueError."""
+    try:
+        yield
+    except (RuntimeError, InvalidQosOverridesError) as error:
+        raise InvalidValueError(
+            f'invalid qos_overrides of {node.resolve_topic_name(topic)}: {error}'
+        ) from None
 
 
 def _reporter(node: Node, failure: str) -> Callable[[Exception], None]:

@@ -1,8 +1,12 @@
-"""Subscriptions to all topics <prefix>/<part>, including topics that appear later."""
+"""Subscriptions to all topics <prefix>/<part>, including topics that appear later.
 
-from collections.abc import Callable
+Each node has one timer that looks for the topics of all of its subscriptions.
+"""
+
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -12,11 +16,11 @@ from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.interface import LATCHED
 
 # Interval of the search for new topics, s. rclpy has no event for them.
-PERIOD = 0.2
+PERIOD = 0.5
 
 Topics = list[tuple[str, list[str]]]
-# Attribute of a node: the updates of all its discoveries.
-_UPDATES = '_topic_discoveries'
+# The updates of the subscriptions of each node.
+_SEARCHES: 'WeakKeyDictionary[Node, list[Callable[[Topics], None]]]' = WeakKeyDictionary()
 
 
 class TopicDiscovery:
@@ -50,7 +54,10 @@ class TopicDiscovery:
         self._raw = raw
         self._qos = qos
         self._subscriptions: dict[str, Any] = {}
-        _start(node, self)
+        searches = _SEARCHES.setdefault(node, [])
+        searches.append(guarded(node, 'topic discovery failed', self._update))
+        if len(searches) == 1:
+            steady_timer(node, PERIOD, partial(_search, node, searches))
 
     def topic(self, part: str) -> str:
         """Return the full name of the topic of a part."""
@@ -61,9 +68,9 @@ class TopicDiscovery:
         """The message type, such as resting_aspects_interfaces/msg/PartDescription."""
         return _type_name(self._type)
 
-    def update(self, topics: Topics) -> None:
+    def _update(self, topics: Topics) -> None:
         """Subscribe to new topics, and remove subscriptions to topics without a publisher."""
-        published = published_parts(self._node, self._prefix, self._type, topics)
+        published = _parts_of(self._node, topics, self._prefix, self._type)
         for part in published - set(self._subscriptions):
             self._subscriptions[part] = subscribe(
                 self._node,
@@ -78,40 +85,29 @@ class TopicDiscovery:
             self._gone(part)
 
 
-def published_parts(
-    node: Node, prefix: str, message_type: Any, topics: Topics | None = None
-) -> set[str]:
-    """Return the parts whose topic <prefix>/<part> of the message type has a publisher.
+def published_parts(node: Node, prefix: str, message_type: Any) -> set[str]:
+    """Return the parts whose topic <prefix>/<part> of the message type has a publisher."""
+    return _parts_of(node, node.get_topic_names_and_types(), prefix, message_type)
 
-    topics : all topics; None: they are requested
-    """
+
+def _search(node: Node, updates: Iterable[Callable[[Topics], None]]) -> None:
+    """Look for topics, which takes longer than the updates, and call the updates."""
+    topics = node.get_topic_names_and_types()
+    for update in updates:
+        update(topics)
+
+
+def _parts_of(node: Node, topics: Topics, prefix: str, message_type: Any) -> set[str]:
     parent = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
+    type_name = _type_name(message_type)
     return {
         name.removeprefix(parent)
-        for name, types in (node.get_topic_names_and_types() if topics is None else topics)
+        for name, types in topics
         if name.startswith(parent)
         and is_valid_name(name.removeprefix(parent))
-        and _type_name(message_type) in types
+        and type_name in types
         and node.count_publishers(name)
     }
-
-
-def _start(node: Node, discovery: TopicDiscovery) -> None:
-    """Update a discovery regularly; all discoveries of a node share one timer and one request."""
-    update = guarded(node, 'topic discovery failed', discovery.update)
-    updates: list[Callable[[Topics], None]] | None = getattr(node, _UPDATES, None)
-    if updates is not None:
-        updates.append(update)
-        return
-    updates = [update]
-    setattr(node, _UPDATES, updates)
-
-    def update_all() -> None:
-        topics = node.get_topic_names_and_types()
-        for each in updates:
-            each(topics)
-
-    steady_timer(node, PERIOD, guarded(node, 'topic discovery failed', update_all))
 
 
 def _type_name(message_type: Any) -> str:

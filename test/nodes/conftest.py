@@ -37,7 +37,7 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, ListParts
 
-from resting_aspects_ros.client import pending_request
+from resting_aspects_ros.client import connection
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros import file_worker
@@ -321,8 +321,8 @@ def ahead(monkeypatch):
         nonlocal offset
         offset += seconds
 
-    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + offset)
-    monkeypatch.setattr(pending_request, 'time', clock)
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + offset, sleep=time.sleep)
+    monkeypatch.setattr(connection, 'time', clock)
     return ahead
 
 
@@ -818,9 +818,10 @@ def write_log(part):
 def replay(start, namespace):
     """Start a replayer in the namespace of the test."""
 
-    def replay(log, ready='ready', constants=(), **parameters):
+    def replay(log, ready='ready', constants=(), arguments=(), **parameters):
         given = {name: str(value).lower() for name, value in parameters.items()}
-        return start('log_replayer', namespace, {'log': log, **given}, constants, ready)
+        given['log'] = log
+        return start('log_replayer', namespace, given, constants, ready, arguments)
 
     return replay
 

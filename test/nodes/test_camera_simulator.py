@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -14,22 +15,30 @@ import numpy as np
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
+from rclpy.qos import ReliabilityPolicy
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
 from rosgraph_msgs.msg import Clock
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.feeder_display import foxglove_layout
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg, missing_text
+from resting_aspects_ros.feeding.evidence import FedPart
+from resting_aspects_ros.nodes.camera_simulator.messages import (
+    camera_info_msg,
+    camera_transform,
+    missing_text,
+    publish_static_transform,
+)
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
 from resting_aspects_ros.nodes.camera_simulator.truth import Truth
-from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_fed_part
+from resting_aspects_ros.nodes.feeder_controller.messages import read_fed_part
 from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.nodes.vision_example.node import VisionExample, camera_from, grey_image
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, FRAME, LATCHED
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.tray_image import TrayCamera
@@ -124,7 +133,9 @@ def test_bad_images_do_not_end_the_vision(cell):
     def refused():  # an image that arrives during an identification is left out
         for values in bad:
             output.publish(Image(**{**good, **values}))
-        return 'ignored an image: invalid' in nodes['vision_example'].output
+        return re.search(
+            'ignored a message on .*image_raw: invalid', nodes['vision_example'].output
+        )
 
     watch.client.wait(refused, 'a refusal')
     before = len(watch.seen)
@@ -193,6 +204,47 @@ def test_camera_info_is_the_camera_of_the_simulator():
     np.testing.assert_allclose(found.to_tray(pixels), camera.model.to_tray(pixels), atol=1e-12)
     with pytest.raises(InvalidValueError, match='invalid K'):
         camera_from(CameraInfo())
+
+
+def test_transform_to_the_optical_frame_gives_the_pixels_of_the_camera():
+    camera = TrayCamera((0.2, 0.1), 4.0)
+    transform = camera_transform('tray', 'camera_optical_frame')
+    assert (transform.header.frame_id, transform.child_frame_id) == (
+        'tray',
+        'camera_optical_frame',
+    )
+    place, turn = transform.transform.translation, transform.transform.rotation
+    tray_from_camera = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    points = np.array([[0.01, 0.02, 0.0], [-0.03, 0.04, 0.0]])
+    seen = tray_from_camera.inv().apply(points - [place.x, place.y, place.z])
+    assert (seen[:, 2] > 0).all()  # z is forward
+    matrix = np.reshape(camera_info_msg(camera, Image().header).k, (3, 3))
+    pixels = (matrix @ (seen / seen[:, 2:]).T).T[:, :2]
+    np.testing.assert_allclose(camera.model.to_tray(pixels), points[:, :2], atol=1e-12)
+
+
+def test_static_transform_is_latched_where_tf2_is_installed(monkeypatch):
+    node, transform = Mock(), camera_transform('tray', 'camera')
+    assert publish_static_transform(node, transform) is None
+    messages = SimpleNamespace(TFMessage=lambda transforms: transforms)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', SimpleNamespace(msg=messages))
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', messages)
+    publish_static_transform(node, transform).publish.assert_called_once_with([transform])
+    _, topic, qos = node.create_publisher.call_args.args
+    assert (topic, qos) == ('/tf_static', LATCHED)
+
+
+def test_qos_is_overridden_by_parameters(start, connect, namespace, traceback):
+    client, topic = connect(namespace), f'{namespace}/camera/image_raw'
+    name = f'qos_overrides.{topic}.subscription.reliability'
+    start('vision_example', namespace, {name: 'best_effort'})
+    client.wait(lambda: client.node.count_subscribers(topic), topic)
+    (found,) = client.node.get_subscriptions_info_by_topic(topic)
+    assert found.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    refused = start('vision_example', namespace, {name: 'some'}, ready='')
+    assert refused.end(number=0) == 2
+    assert f'error: invalid qos_overrides of {topic}: ' in refused.output
+    assert not traceback(refused.output)
 
 
 @pytest.mark.parametrize('encoding', ['mono8', 'rgb8', 'bgr8'])
@@ -343,5 +395,6 @@ def test_rviz_shows_the_annotated_image(cell):
     assert asked['Durability Policy'].upper() == publisher.qos_profile.durability.name
     images = watch.client.listen(Image, topic, IMAGES)
     watch.client.wait(lambda: images, 'annotated images')
-    assert images[-1].header.frame_id == manager['Global Options']['Fixed Frame']
+    assert images[-1].header.frame_id == 'camera_optical_frame'
+    assert manager['Global Options']['Fixed Frame'] == FRAME
     assert images[-1].encoding == 'rgb8'

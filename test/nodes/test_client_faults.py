@@ -9,7 +9,7 @@ from resting_aspects_ros.client import (
     AnswerTimeoutError,
     NotAvailableError,
     RestingAspectsClient,
-    pending_request,
+    connection,
 )
 
 
@@ -56,7 +56,7 @@ def test_timeout_error_contains_the_progress(suite, spun, ahead):
 
 @pytest.mark.slow
 def test_stopped_classifier_leads_to_a_timeout(suite, spun, slow, monkeypatch):
-    monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 2.0)
+    monkeypatch.setattr(connection, 'SERVICE_TIMEOUT', 2.0)
     received = []
     answer = spun.get_distribution_async(
         'tetrahedron', drops=1500, conditions=slow, seed=83, progress=received.append
@@ -92,7 +92,7 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
 # Last test: ROS lists a killed node for another 20 s.
 @pytest.mark.slow
 def test_restarted_classifier_responds(suite, spun, slow, monkeypatch):
-    monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
+    monkeypatch.setattr(connection, 'RETRY_PERIOD', 1.0)
     received = []
     answer = spun.get_distribution_async(
         'tetrahedron', drops=1500, conditions=slow, seed=82, progress=received.append

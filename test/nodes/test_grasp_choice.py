@@ -8,16 +8,15 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.feeder_controller.advice import advise_image
-from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs
-from resting_aspects_ros.nodes.feeder_controller.model import (
-    Evidence,
-    build_model,
-    ids_of_classes,
-    read_fed_part,
+from resting_aspects_ros.feeding.evidence import Evidence, build_model
+from resting_aspects_ros.feeding.image_advice import advise_image
+from resting_aspects_ros.feeding.tray_state import Detection, Image
+from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs, read_fed_part
+from resting_aspects_ros.nodes.feeder_controller.settings import (
+    PARAMETERS,
+    pickable_ids,
+    settings_from,
 )
-from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
-from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -120,7 +119,7 @@ def test_unknown_outline_near_the_gripper_blocks_it(fed, advise):
 
 def test_pickable_class_without_a_grasp_is_an_error(fed):
     with pytest.raises(InvalidValueError, match='expected one for pickable aspect 3'):
-        ids_of_classes(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
+        pickable_ids(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
 
 
 def test_settings_of_the_decision_reach_its_model(fed, evidence):

@@ -30,8 +30,7 @@ from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_li
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.client.client import RestingAspectsClient
-from resting_aspects_ros.client.forecast_client import forecast_request
+from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
@@ -347,9 +346,14 @@ def test_counts_of_a_volatile_publisher_are_received(machine):
         {'use_counts': 1},
     ],
 )
-def test_wrong_options_of_a_forecast_are_refused(wrong):
-    with pytest.raises(InvalidValueError, match=f'invalid (option .)?{next(iter(wrong))}'):
-        forecast_request(PART, **wrong)
+def test_wrong_options_of_a_forecast_are_refused(namespace, wrong):
+    ros_args = ['-r', f'__ns:={namespace}']
+    (name,) = wrong
+    with (
+        RestingAspectsClient(ros_args=ros_args) as client,
+        pytest.raises(InvalidValueError, match=f'invalid (option .)?{name}'),
+    ):
+        client.forecast(PART, **wrong)
 
 
 @pytest.fixture

@@ -19,11 +19,14 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, POSES
 
 # Drops in three messages.
@@ -269,6 +272,28 @@ def test_simulator_in_the_same_namespace_is_warned_of_once(
         diagnostics.forget()
     assert replayer.output.count(expected) == 1
     assert simulator.running
+
+
+def test_clock_follows_the_log_and_a_second_one_is_reported(
+    connect, namespace, replay, log, diagnostics_of
+):
+    client = connect(namespace)
+    diagnostics = diagnostics_of(client)
+    clock = f'{namespace}/clock'
+    received = client.listen(Clock, clock, 10)
+    recording = Recording(log)
+    span = recording.span(recording.topics)
+    replayer = replay(log, rate=2.0, clock=True, arguments=['-r', f'/clock:={clock}'])
+    client.wait(lambda: 'replayed in ' in replayer.output, 'end of the log')
+    client.wait(lambda: nanoseconds(received[-1].clock) == span.end, 'last time')
+    times = [nanoseconds(message.clock) for message in received]
+    assert times == sorted(times)
+    assert times[0] >= span.start
+    diagnostics.wait('log_replayer', lambda _, message, __: message == 'over', 'one clock')
+    client.node.create_publisher(Clock, clock, 10)
+    diagnostics.wait(
+        'log_replayer', lambda _, m, __: f'2 nodes publish {clock}' in m, 'second clock'
+    )
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -296,24 +296,20 @@ def test_client_waits_without_a_node(suite, vision, seen):
 
 
 def test_client_rejects_wrong_values(suite, seen):
-    spun = RestingAspectsClient(suite.client.node)
-    for call, reason in (
-        (lambda: spun.identify_part_async([[0, 0], [1, 1]]), 'expected at least 3'),
-        (lambda: spun.identify_part_async('polygon'), 'invalid outer boundary '),
-        (lambda: spun.identify_part_async(seen, 5), 'invalid parts 5: expected names of parts'),
-        (lambda: spun.identify_part_async(seen, [5]), 'invalid part 5: expected the name'),
-        (lambda: spun.identify_part_async(seen, noise='much'), 'invalid noise '),
-        (lambda: spun.identify_part_async(seen, camera=[0, 1]), 'invalid camera .*: expected 3'),
-        (lambda: spun.identify_part_async(seen, timeout=-1), 'invalid timeout -1'),
-        (lambda: spun.locate_part_async(PART, 1.5, 0, 0, 0), 'invalid aspect 1.5: expected'),
-        (lambda: spun.locate_part_async(PART, -1, 0, 0, 0), 'invalid aspect -1: expected'),
-        (lambda: spun.locate_part_async(PART, 1, 0, 0, math.nan), 'invalid x, y, yaw .*: exp'),
-    ):
-        with pytest.raises(InvalidValueError, match=reason):
-            call()
-    with pytest.raises(UnknownPartError, match='part names consist of lower case letters'):
-        spun.identify_part_async(seen, 'No name')
-    spun.close()
+    ros_args = ['-r', f'__ns:={suite.namespace}']
+    with RestingAspectsClient(ros_args=ros_args) as client:
+        for call, reason in (
+            (lambda: client.identify_part([[0, 0], [1, 1]]), 'expected at least 3'),
+            (lambda: client.identify_part('polygon'), 'invalid outer boundary '),
+            (lambda: client.identify_part(seen, 5), 'invalid parts 5: expected'),
+            (lambda: client.identify_part(seen, noise='much'), 'invalid noise '),
+            (lambda: client.identify_part(seen, camera=[0, 1]), 'invalid camera .*: expected 3'),
+            (lambda: client.identify_part(seen, timeout=-1), 'invalid timeout -1'),
+            (lambda: client.locate_part(PART, 1.5, 0, 0, 0), 'invalid aspect 1.5: expected'),
+            (lambda: client.locate_part(PART, -1, 0, 0, 0), 'invalid aspect -1: expected'),
+        ):
+            with pytest.raises(InvalidValueError, match=reason):
+                call()
 
 
 # Changed parts

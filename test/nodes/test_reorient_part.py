@@ -339,14 +339,13 @@ def test_client_returns_known_transitions(client, wait):
     ('options', 'message'),
     [
         ({'action': 7}, 'invalid action 7: expected a name or one of kick'),
-        ({'action': 'a\0'}, 'invalid action .*: expected printable text'),
-        ({'per_aspect': -1}, 'invalid per_aspect -1: expected an integer from 0 to 2000000'),
-        ({'per_aspect': 1.5}, 'invalid per_aspect 1.5: expected an integer'),
+        ({'action': 'a\0'}, 'invalid name .*: expected printable text'),
+        ({'per_aspect': -1}, 'invalid per_aspect -1: expected uint64'),
+        ({'per_aspect': 1.5}, 'invalid per_aspect 1.5: expected uint64'),
         ({'drops': 0}, 'invalid drops 0: expected an integer from 1'),
-        ({'precision': 'x'}, "invalid precision 'x': expected 0.001 to 0.25"),
-        ({'seed': -1}, 'invalid seed -1: expected'),
+        ({'precision': 'x'}, "invalid precision 'x': expected double"),
+        ({'seed': -1}, 'invalid seed -1: expected uint64'),
         ({'surface': 3}, 'invalid surface 3: expected printable text'),
-        ({'progress': 3}, 'invalid progress 3: expected a function'),
     ],
 )
 def test_client_rejects_wrong_values(client, options, message):

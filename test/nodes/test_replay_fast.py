@@ -1,15 +1,10 @@
 """At full speed nothing is lost to subscribers with the documented depth."""
 
-import signal
-import sys
-
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
-from resting_aspects_interfaces.msg import Aspect, AspectDistribution, RestingPoses, Status
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import RestingPoses, Status
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.interface import POSES
 from resting_aspects_ros.statistics.distribution import count_poses
@@ -17,7 +12,6 @@ from resting_aspects_ros.statistics.distribution import count_poses
 pytestmark = pytest.mark.slow
 
 DROPS = 40_000
-COUNT = 300
 
 
 @pytest.fixture(scope='module')
@@ -50,64 +44,3 @@ def test_40_000_drops_are_all_received_and_counted(
     expected = (times * once.counts).tolist()
     assert [aspect.count for aspect in distribution.aspects] == expected
     assert distribution.unclassified == times * once.unclassified
-
-
-READER = """
-import sys
-import rclpy
-from resting_aspects_interfaces.msg import AspectDistribution
-from resting_aspects_ros.ros.interface import ALL_LATCHED
-rclpy.init()
-node = rclpy.create_node('reader', namespace=sys.argv[1])
-node.create_subscription(
-    AspectDistribution,
-    'aspect_distributions/nut',
-    lambda message: print(message.drops, flush=True),
-    ALL_LATCHED,
-)
-rclpy.spin(node)
-"""
-
-
-@pytest.fixture
-def distributions(tmp_path):
-    """A log of a topic of depth 1; 34 kB each are more than sockets buffer."""
-    kind = 'resting_aspects_interfaces/msg/AspectDistribution'
-    topic = Topic('/aspect_distributions/nut', kind, Qos(1, durability='transient_local'))
-    with RunLog(tmp_path, 'run') as log:
-        for k in range(COUNT):
-            message = AspectDistribution(drops=k, aspects=[Aspect()] * 200)
-            log.write(topic, serialize_message(message), k)
-    return log.path
-
-
-def test_stopped_subscriber_of_depth_1_loses_no_message(
-    run_command, connect, namespace, replay, distributions
-):
-    client = connect(namespace)
-    reader = run_command(sys.executable, '-c', READER, namespace)
-    replay(distributions, as_fast_as_possible=True, loop=True)
-
-    def received():
-        return [int(word) for word in reader.output.split()]
-
-    client.wait(lambda: len(received()) > COUNT / 10, 'some of them')
-    reader.send(signal.SIGSTOP)
-    client.spin(3.0)  # more than the pause between two rounds
-    reader.send(signal.SIGCONT)
-    before = len(received())
-    client.wait(lambda: len(received()) > before + COUNT, 'a round more')
-    found = received()
-    assert found == [(found[0] + k) % COUNT for k in range(len(found))]
-
-
-def test_killed_subscriber_does_not_block_the_replay(
-    run_command, wait, namespace, replay, distributions
-):
-    reader = run_command(sys.executable, '-c', READER, namespace)
-    replayer = replay(distributions, as_fast_as_possible=True, loop=True)
-    wait(lambda: len(reader.output.split()) > COUNT / 10, 'some of them')
-    reader.send(signal.SIGKILL)
-    other = run_command(sys.executable, '-c', READER, namespace)
-    wait(lambda: len(other.output.split()) > 2 * COUNT, 'two rounds')
-    assert replayer.running

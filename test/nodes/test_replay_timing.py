@@ -1,18 +1,11 @@
-"""When replayed messages are published: rate, pause and resume, loop, acknowledgements."""
+"""When replayed messages are published: rate, pause and resume, loop."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.nodes.log_replayer.player import (
-    ACK_PERIOD,
-    ACK_TIMEOUT,
-    PAUSE_BEFORE,
-    LogPlayer,
-)
+from resting_aspects_ros.nodes.log_replayer.player import PAUSE_BEFORE, LogPlayer
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 
 SECOND = 10**9
@@ -22,7 +15,7 @@ POSES, PART = '/cell/resting_poses', '/cell/parts/tetrahedron'
 
 
 class Player:
-    """A replay with a simulated clock, and subscribers that acknowledge on command.
+    """A replay with a simulated clock.
 
     published : the clock and the message, of each
     """
@@ -30,25 +23,16 @@ class Player:
     def __init__(self, log, rate=None, *, loop=False):
         self.now = 5 * SECOND
         self.published = []
-        self.warnings = []
-        self.asked = []
-        self.acknowledging = True
         recording = Recording(log)
         topics, _ = replayed_topics(recording)
         self.replay = LogPlayer(
             recording,
             topics,
             lambda message: self.published.append((self.now, message)),
-            self.acknowledged,
             rate=rate,
             loop=loop,
-            warn=self.warnings.append,
             clock=lambda: self.now,
         )
-
-    def acknowledged(self, topic):
-        self.asked.append((self.now, topic))
-        return self.acknowledging
 
     def run(self, until=None, late=0):
         """Play until the end, or until a time; each call comes so late."""
@@ -75,7 +59,6 @@ def test_messages_are_published_at_their_time_over_the_rate(log, rate):
     assert player.times(PART) == [start]
     due = [start + k * GAP / rate for k in range(1, COUNT + 1)]
     assert player.times() == pytest.approx(due, abs=1)
-    assert player.asked == []
 
 
 @given(late=st.integers(1, GAP // 4 - 1))
@@ -136,66 +119,21 @@ def test_loop_repeats_after_a_second(log):
     assert not player.replay.over
 
 
-@pytest.fixture
-def deep_log(tmp_path):
-    """Write a log of some messages of a topic with a depth, at one time."""
-
-    def deep_log(count, depth):
-        topic = Topic('/note', 'std_msgs/msg/String', Qos(depth, durability='transient_local'))
-        with RunLog(tmp_path, f'{count}_{depth}') as log:
-            for k in range(count):
-                log.write(topic, bytes([0, 1, 0, 0, 1, 0, 0, 0, 0]), k * SECOND)
-        return log.path
-
-    return deep_log
-
-
-@pytest.mark.parametrize(('count', 'depth'), [(1, 1), (5, 1), (20, 20), (21, 20), (100, 20)])
-def test_full_speed_replaces_no_unacknowledged_message(deep_log, count, depth):
-    player = Player(deep_log(count, depth))
-    player.acknowledging = False
-    held = 0
-    while player.replay.play() is not None:
-        player.now += ACK_PERIOD
-        unacknowledged = len(player.published) - held
-        assert unacknowledged <= depth
-        # The subscriber acknowledges all after it was asked for the third time.
-        player.acknowledging = len(player.asked) % 3 == 2
-        if player.acknowledging:
-            held = len(player.published)
-    assert len(player.published) == count
-    assert bool(player.asked) == (count > depth)
-    assert player.warnings == []
-
-
-def test_log_within_the_depth_is_published_at_once(log):
+def test_full_speed_publishes_without_pauses(log):
     player = Player(log)
-    player.acknowledging = False
     player.run()
     assert set(player.times()) == {5 * SECOND + PAUSE_BEFORE}
     assert len(player.times()) == COUNT
 
 
-def test_hanging_subscriber_does_not_block_the_replay(deep_log):
-    player = Player(deep_log(100, 1))
-    player.acknowledging = False
-    player.run()
-    first, second, *_, last = player.times('/note')
-    assert ACK_TIMEOUT < second - first <= ACK_TIMEOUT + 2 * ACK_PERIOD
-    assert last == second  # it is waited for once
-    (warning,) = player.warnings
-    assert warning.startswith('a subscriber of note has not acknowledged for 60 s: ')
-
-
-def test_pause_does_not_count_as_a_hanging_subscriber(deep_log):
-    player = Player(deep_log(2, 1))
-    player.acknowledging = False
-    player.run(until=10 * SECOND)
+def test_recorded_time_follows_the_replay(log):
+    player = Player(log, 4.0)
+    start = player.replay.position.time
+    player.run(until=5 * SECOND + PAUSE_BEFORE + SECOND // 8)
+    assert player.replay.position.time == start + SECOND // 2
     player.replay.pause()
-    player.now += 2 * ACK_TIMEOUT
+    player.now += 100 * SECOND
+    assert player.replay.position.time == start + SECOND // 2
     player.replay.resume()
-    player.run(until=player.now + ACK_TIMEOUT // 2)
-    assert player.warnings == []
-    player.acknowledging = True
     player.run()
-    assert len(player.published) == 2
+    assert player.replay.position.time == start + COUNT * GAP

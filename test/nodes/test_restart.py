@@ -12,7 +12,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.cli.main import main
-from resting_aspects_ros.client import pending_request
+from resting_aspects_ros.client import connection
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES, RESTING_POSES
 from resting_aspects_ros.simulation.conditions import parts_folder
@@ -144,7 +144,7 @@ def test_known_distribution_needs_no_simulator(restarted, first):
 @pytest.fixture
 def request_of(restarted, capfd, monkeypatch):
     """Run the request command; return the exit code and the output of both streams."""
-    monkeypatch.setattr(pending_request, 'SIMULATOR_TIMEOUT', 1.0)
+    monkeypatch.setattr(connection, 'SIMULATOR_TIMEOUT', 1.0)
 
     def request_of(*arguments):
         ros = ('--ros-args', '-r', f'__ns:={restarted.namespace}')

@@ -39,14 +39,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pace.add_argument(
         '--as-fast-as-possible',
         action='store_true',
-        help='publish as fast as subscribers acknowledge. A subscriber with the offered depth '
-        '(2000 for resting_poses) loses nothing of a run',
+        help='publish without the recorded pauses. A topic with more messages than its depth '
+        '(2000 for resting_poses) may lose some',
     )
     parser.add_argument(
         '--loop',
         action='store_true',
         help='start again one second after the end. The runs keep their ids: aspect_classifier '
         'and drop_recorder count no drop twice',
+    )
+    parser.add_argument(
+        '--clock',
+        action='store_true',
+        help='publish the recorded time on /clock, for nodes with use_sim_time',
     )
     add_ros_args(parser)
 
@@ -66,7 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise InvalidValueError(
                 f'invalid --rate {shown(arguments.rate)}: expected {MIN_RATE:g} to {MAX_RATE:g}'
             )
-    given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
+    flags = ('as_fast_as_possible', 'loop', 'clock')
+    given |= {name: True for name in flags if getattr(arguments, name)}
     from resting_aspects_ros.ros.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []

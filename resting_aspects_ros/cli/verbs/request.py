@@ -18,14 +18,14 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, MAX_DROPS
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.job import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.api.runner import DropProgress
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.interruption import Interruption
 
 DESCRIPTION = """Call the service get_distribution of the running nodes. A known distribution is
 returned at once, otherwise the part is dropped first."""
@@ -71,13 +71,17 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
         drops, precision = requested_number(arguments)
+        if arguments.seed is not None:
+            check_seed(arguments.seed)
         # These imports take a second, and --help does not need them.
         from resting_aspects_ros.api.runner import DropProgress
         from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.statistics.intervals import max_drops
 
-        progress = DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS))
+        total = max_drops(drops, precision, MAX_DROPS)
+        check_drops(total)
+        progress = DropProgress(arguments.part, total)
         with RestingAspectsClient(
             ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:

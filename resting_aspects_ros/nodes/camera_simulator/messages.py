@@ -3,6 +3,8 @@
 import array
 
 import numpy as np
+from geometry_msgs.msg import Quaternion, TransformStamped
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import Detection
 from sensor_msgs.msg import CameraInfo, Image
@@ -10,8 +12,13 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.arrays import Bytes
 from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
+from resting_aspects_ros.ros.callbacks import advertise
+from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.vision.outline import Outline
 from resting_aspects_ros.vision.tray_image import TrayCamera
+
+# Absolute: tf2 expects this name.
+STATIC_TRANSFORMS = '/tf_static'
 
 
 def image_msg(image: Bytes, header: Header) -> Image:
@@ -40,6 +47,32 @@ def camera_info_msg(camera: TrayCamera, header: Header) -> CameraInfo:
         r=np.eye(3).ravel().tolist(),
         p=[scale, 0.0, u, 0.0, 0.0, scale, v, 0.0, 0.0, 0.0, 1.0, 0.0],
     )
+
+
+def camera_transform(tray: str, camera: str) -> TransformStamped:
+    """Return the pose of the optical frame of the camera, 1 m above the centre of the tray.
+
+    z points down to the tray, x is that of the tray, and y of the tray points up in the image.
+    """
+    transform = TransformStamped(header=Header(frame_id=tray), child_frame_id=camera)
+    transform.transform.translation.z = 1.0
+    transform.transform.rotation = Quaternion(x=1.0, y=0.0, z=0.0, w=0.0)
+    return transform
+
+
+def publish_static_transform(node: Node, transform: TransformStamped) -> Publisher | None:
+    """Publish a transform on /tf_static for late subscribers, too; return its publisher.
+
+    Returns None if tf2 is not installed, so that there can be no listener on this machine.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        node.get_logger().info(f'tf2_msgs is not installed: {STATIC_TRANSFORMS} is not published')
+        return None
+    output = advertise(node, TFMessage, STATIC_TRANSFORMS, LATCHED)
+    output.publish(TFMessage(transforms=[transform]))
+    return output
 
 
 def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:

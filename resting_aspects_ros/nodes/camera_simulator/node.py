@@ -18,9 +18,11 @@ from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
 from resting_aspects_ros.nodes.camera_simulator.answers import Answers
 from resting_aspects_ros.nodes.camera_simulator.messages import (
     camera_info_msg,
+    camera_transform,
     feeder_values,
     image_msg,
     missing_text,
+    publish_static_transform,
     seen_centre,
 )
 from resting_aspects_ros.nodes.camera_simulator.settings import PARAMETERS
@@ -32,6 +34,7 @@ from resting_aspects_ros.ros.callbacks import (
     sleep_for,
     steady_timer,
 )
+from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.feeder_names import CHOICES
@@ -44,7 +47,7 @@ from resting_aspects_ros.vision.outline import Outline
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 CAMERA_SIMULATOR = 'camera_simulator'
-IMAGE, CAMERA_INFO, CLOCK = 'camera/image_raw', 'camera/camera_info', '/clock'
+IMAGE, CAMERA_INFO = 'camera/image_raw', 'camera/camera_info'
 IMAGES = QoSProfile(depth=2)
 # Simulated time at which the node begins, ns: ROS takes 0 as unknown.
 START = 1_000_000_000
@@ -59,7 +62,7 @@ STEP = 0.02
 
 
 class CameraSimulator(Node):
-    """Publishes camera/image_raw, camera/camera_info, pick_result and /clock.
+    """Publishes camera/image_raw, camera/camera_info, pick_result, /clock and /tf_static.
 
     Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
     stands still while vision system and controller work: run them with use_sim_time.
@@ -69,7 +72,9 @@ class CameraSimulator(Node):
         super().__init__(CAMERA_SIMULATOR)
         values = declare(self, PARAMETERS)
         self._part, self._values = values['part'], values
-        self._frame = check_frame(values['frame_id'])
+        self._frame, self._camera_frame = (
+            check_frame(values[name]) for name in ('frame_id', 'camera_frame')
+        )
         self._camera = TrayCamera(tuple(values['tray']), values['px_per_mm'])
         self._truth = Truth(self, values, self._on_truth)
         self._tray_generator, self._noise_generator = (
@@ -83,9 +88,12 @@ class CameraSimulator(Node):
         self._epoch = 0  # of the controller, after all results that were sent
         self._images, self._missed, self._silent_since = 0, 0, 0.0
         self._loop: object = None
-        self._image_output = advertise(self, Image, IMAGE, IMAGES)
-        self._info_output = advertise(self, CameraInfo, CAMERA_INFO, IMAGES)
-        self._result_output = advertise(self, PickResult, PICK_RESULT, CELL)
+        self._image_output = advertise(self, Image, IMAGE, IMAGES, overridable=True)
+        self._info_output = advertise(self, CameraInfo, CAMERA_INFO, IMAGES, overridable=True)
+        self._result_output = advertise(self, PickResult, PICK_RESULT, CELL, overridable=True)
+        self._transform_output = publish_static_transform(
+            self, camera_transform(self._frame, self._camera_frame)
+        )
         self._missing = partial(missing_text, self._result_output, values['subscribers'])
         self._clock_output = advertise(self, Clock, CLOCK, QoSProfile(depth=1))
         self._duplicates = DuplicateNodeDetector(self, CAMERA_SIMULATOR)
@@ -136,7 +144,7 @@ class CameraSimulator(Node):
         assert feeder is not None
         assert places is not None
         assert known is not None
-        header = Header(stamp=time_msg(self._now), frame_id=self._frame)
+        header = Header(stamp=time_msg(self._now), frame_id=self._camera_frame)
         look = {name: self._values[name] for name in ('blur', 'noise')}
         image = render_tray(places.polygons, self._camera, self._noise_generator, **look)
         info = camera_info_msg(self._camera, header)
@@ -235,9 +243,8 @@ class CameraSimulator(Node):
             values |= feeder_values(feeder)
         state = 'runs' if self._images else self._missing() or self._truth.state
         errors = [self._truth.error] if self._truth.error else []
-        return Diagnosis(
-            state, values, [self._answers.hint(self._now)] if self._silent_since else [], errors
-        )
+        warnings = [self._answers.hint(self._now)] if self._silent_since else []
+        return Diagnosis(state, values, [*warnings, *clock_conflicts(self)], errors)
 
 
 def main() -> int:

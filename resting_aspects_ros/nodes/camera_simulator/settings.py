@@ -20,4 +20,10 @@ PARAMETERS = (
     ),
     Parameter('seed', 1, 'the same seed and advice give the same images', (0, 1_000_000)),
     FRAME_ID,
+    Parameter(
+        'camera_frame',
+        'camera_optical_frame',
+        'frame of the images: x to the right, y down in the image, z forward',
+        allowed=FRAME_ID.allowed,
+    ),
 )

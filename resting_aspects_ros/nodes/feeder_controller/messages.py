@@ -5,22 +5,85 @@ from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMsg
-from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    DetectionArray,
+    FeederAdvice,
+    FeederPick,
+    PartDescription,
+    RunDescription,
+)
+from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from std_msgs.msg import Header
 
+from resting_aspects_ros.api.forecast import footprints_of
+from resting_aspects_ros.api.grasps import check_grasps
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice, Expected
-from resting_aspects_ros.nodes.feeder_controller.advice import ChosenPart, CurrentAdvice
-from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, PickOutcome
-from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
+from resting_aspects_ros.feeding.evidence import FedPart, KnownDrops, KnownFlips, SimulatedRun
+from resting_aspects_ros.feeding.image_advice import ChosenPart, CurrentAdvice
+from resting_aspects_ros.feeding.tray_state import Detection, Image, PickOutcome
+from resting_aspects_ros.ros.conversions import (
+    check_description,
+    nanoseconds,
+    part_from,
+    pose_msg,
+)
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.feeder_names import CHOICES as NAMED_CHOICES
 from resting_aspects_ros.ros.feeder_names import RESULTS
+from resting_aspects_ros.ros.transition_conversions import (
+    check_numbering,
+    check_transitions,
+    transition_matrix_from,
+)
 from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.vision.grasp import Grasp
 from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose
 
 CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
 OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}
 UNKNOWN = Interval(math.nan, math.nan, math.nan)
+
+
+def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
+    message = deserialize_message(data, PartDescription)
+    check_description(message, name)
+    part = part_from(message)
+    known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
+    check_grasps(grasps, known.placements, ())
+    classes = known.aspects.classes()
+    footprints = footprints_of(known.part, known.aspects, classes, grasps)
+    return FedPart(known, footprints, grasps)
+
+
+def drops_from(message: AspectDistribution) -> KnownDrops:
+    """Return the drops in a message; raises InvalidValueError."""
+    if message.aspect_numbering != ASPECT_NUMBERING:
+        raise InvalidValueError(
+            f'invalid aspect_numbering {message.aspect_numbering}: expected {ASPECT_NUMBERING}'
+        )
+    return KnownDrops(_run_from(message.run, message.complete), distribution_from(message))
+
+
+def flips_from(message: TransitionMatrixMsg, part: str) -> KnownFlips:
+    """Return the flips in a message on transitions/<part>; raises InvalidValueError."""
+    check_transitions(message, part)
+    check_numbering(message)
+    name = message.action.name or message.action.kind
+    run = _run_from(message.run, message.complete)
+    return KnownFlips(run, name, transition_matrix_from(message))
+
+
+def _run_from(run: RunDescription, complete: bool) -> SimulatedRun:
+    return SimulatedRun(
+        run.run_id, run.part, run.part_sha256, run.conditions, run.conditions.surface, complete
+    )
 
 
 def image_from(msg: DetectionArray) -> Image:

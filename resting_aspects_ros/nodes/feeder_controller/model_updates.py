@@ -9,16 +9,21 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, 
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.feeding.control import ControllerModel
-from resting_aspects_ros.nodes.feeder_controller.evidence import PartEvidence
-from resting_aspects_ros.nodes.feeder_controller.model import (
+from resting_aspects_ros.feeding.evidence import (
     Evidence,
     FedPart,
+    PartEvidence,
+    Settings,
     build_model,
+)
+from resting_aspects_ros.nodes.feeder_controller.messages import (
+    drops_from,
+    flips_from,
     read_fed_part,
 )
-from resting_aspects_ros.nodes.feeder_controller.settings import Settings
+from resting_aspects_ros.nodes.feeder_controller.settings import pickable_ids
 from resting_aspects_ros.ros.callbacks import (
     guarded,
     guarded_task,
@@ -70,7 +75,7 @@ class ModelUpdates:
         self._changed = changed
         self._files = FileWorker(node, MAX_SECONDS)
         self._data = b''  # the newest description
-        self._known = PartEvidence(node, settings)
+        self._known = PartEvidence(settings.action, node.get_logger().warning)
         self._evidence: Evidence | None = None  # of the model
         self._building = self._again = False
         self._requesting = self._lacked_drops = False
@@ -194,7 +199,7 @@ class ModelUpdates:
             known = self._known.fed
             if data != self._data or (known is not None and fed.version == known.version):
                 return
-            self._known.set_part(fed)
+            self._known.set_part(fed, pickable_ids(fed.known, self._settings))
         except RestingAspectsError as error:
             if data == self._data:
                 self._known.forget_part()
@@ -240,11 +245,25 @@ class ModelUpdates:
                 self._service.remove_pending_request(answer)
 
     def _on_drops(self, message: AspectDistribution) -> None:
-        if self._known.add_drops(message):
+        if message.drops == 0:
+            return
+        try:
+            drops = drops_from(message)
+        except InvalidValueError as error:
+            self._known.ignore('drops', error)
+            return
+        if self._known.add_drops(drops):
             self._build()
 
     def _on_flips(self, message: TransitionMatrixMsg) -> None:
-        if self._known.add_flips(message):
+        if not any(message.actions):
+            return
+        try:
+            flips = flips_from(message, self._settings.part)
+        except InvalidValueError as error:
+            self._known.ignore('flips', error)
+            return
+        if self._known.add_flips(flips):
             self._build()
 
     def _build(self) -> None:

@@ -8,7 +8,8 @@ from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickRes
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice
-from resting_aspects_ros.nodes.feeder_controller.advice import CurrentAdvice, advise_image
+from resting_aspects_ros.feeding.image_advice import CurrentAdvice, advise_image
+from resting_aspects_ros.feeding.tray_state import SECOND, PickOutcome, TrayState
 from resting_aspects_ros.nodes.feeder_controller.messages import (
     OUTCOMES,
     advice_msg,
@@ -17,7 +18,6 @@ from resting_aspects_ros.nodes.feeder_controller.messages import (
 )
 from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
-from resting_aspects_ros.nodes.feeder_controller.tray_state import SECOND, PickOutcome, TrayState
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
@@ -62,10 +62,12 @@ class FeederController(Node):
         self._counts = dict.fromkeys(('images', 'refused images', *PickOutcome), 0)
         self._empty, self._empty_epoch = 0, -1
         topic = f'{FEEDER_ADVICE}/{self._part}'
-        self._output = advertise(self, FeederAdvice, topic, LATCHED)
+        self._output = advertise(self, FeederAdvice, topic, LATCHED, overridable=True)
         self._model = ModelUpdates(self, self._settings, self._on_model)
-        self._input = subscribe(self, DetectionArray, DETECTIONS, self._on_detections, CELL)
-        subscribe(self, PickResult, PICK_RESULT, self._on_result, CELL)
+        self._input = subscribe(
+            self, DetectionArray, DETECTIONS, self._on_detections, CELL, overridable=True
+        )
+        subscribe(self, PickResult, PICK_RESULT, self._on_result, CELL, overridable=True)
         steady_timer(self, CHECK_PERIOD, guarded(self, 'the advice is not updated', self._update))
         publish_diagnostics(
             self,

@@ -1,17 +1,18 @@
-"""The parameters of feeder_controller, and what they state."""
+"""The parameters of feeder_controller, and the settings that they state."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.grasps import load_grasps
+from resting_aspects_ros.api.forecast import pickable_aspects
+from resting_aspects_ros.api.grasps import check_grasps, load_grasps
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.control import DEFAULT_MIN_SCORE
+from resting_aspects_ros.feeding.evidence import Settings
 from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
 from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.vision.grasp import Grasp
+from resting_aspects_ros.vision.known_part import KnownPart
 
 TIME = (0.0, MAX_TIME)
 PARAMETERS = (
@@ -39,27 +40,6 @@ PARAMETERS = (
     ),
     Parameter('action', 'flip', 'action whose transitions are those of a flip'),
 )
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the parameters of the node state; None: the model finds it, or there is no limit.
-
-    grasps : tuple of Grasp
-        The preferred ones first; empty: only the clearance matters.
-    """
-
-    part: str
-    pickable: tuple[int, ...]
-    action: str
-    grasps: tuple[Grasp, ...]
-    tray: Tray
-    times: CycleTimes
-    spread: float | None
-    best_number: int | None
-    max_picks: int | None
-    max_supply: int | None
-    min_score: float
 
 
 def settings_from(values: dict[str, Any]) -> Settings:
@@ -92,3 +72,20 @@ def settings_from(values: dict[str, Any]) -> Settings:
         max_supply=values['max_supply'] or None,
         min_score=values['min_score'],
     )
+
+
+def pickable_ids(part: KnownPart, settings: Settings) -> tuple[int, ...]:
+    """Return the ids of the aspects of the pickable classes.
+
+    Raises InvalidValueError if the part does not have one of the classes, or if one has no grasp.
+    """
+    try:
+        ids = pickable_aspects(part.aspects, None, settings.pickable)
+    except InvalidValueError:
+        raise InvalidValueError(
+            f'invalid pickable_classes {list(settings.pickable)}: expected symmetry classes of '
+            f'{settings.part}, 1 to {len(part.outlines)}'
+        ) from None
+    if settings.grasps:
+        check_grasps(settings.grasps, part.placements, ids)
+    return ids

@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError
@@ -16,7 +17,9 @@ from resting_aspects_ros.logs.mcap_file import LoggedMessage
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
-from resting_aspects_ros.ros.callbacks import steady_timer
+from resting_aspects_ros.ros.callbacks import advertise, steady_timer
+from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
+from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
@@ -30,13 +33,14 @@ PARAMETERS = (
     Parameter('rate', 1.0, 'speed of the replay, relative to the recording', (MIN_RATE, MAX_RATE)),
     Parameter('as_fast_as_possible', False, 'ignore the recorded times; requires rate 1.0'),
     Parameter('loop', False, 'start again one second after the end'),
+    Parameter('clock', False, 'publish the recorded time on /clock, for nodes with use_sim_time'),
 )
 # Maximum time between two calls of ``watch``, ns.
 WATCH_PERIOD = 100_000_000
 
 
 class LogReplayer(Node):
-    """Publishes the topics of a log; serves ~/pause and ~/resume.
+    """Publishes the topics of a log, and /clock on request; serves ~/pause and ~/resume.
 
     It keeps running after the last message so that late subscribers receive latched topics.
 
@@ -59,7 +63,7 @@ class LogReplayer(Node):
         self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
-            topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
+            topic.recorded: advertise(self, topic.message, topic.name, topic.qos, overridable=True)
             for topic in topics
         }
         self._watch = watch
@@ -68,10 +72,11 @@ class LogReplayer(Node):
             recording,
             topics,
             self._publish,
-            lambda topic: self._outputs[topic].wait_for_all_acked(Duration()),
             rate=None if values['as_fast_as_possible'] else values['rate'],
             loop=values['loop'],
-            warn=self.get_logger().warning,
+        )
+        self._clock_output = (
+            self.create_publisher(Clock, CLOCK, QoSProfile(depth=1)) if values['clock'] else None
         )
         self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
         self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
@@ -96,6 +101,8 @@ class LogReplayer(Node):
         wait = self._replay.play()
         position = self._replay.position
         self._watch(position)
+        if self._clock_output is not None:
+            self._clock_output.publish(Clock(clock=time_msg(position.time)))
         if wait is None:
             self._timer.cancel()
         else:
@@ -120,11 +127,13 @@ class LogReplayer(Node):
             'round': position.round,
         }
         state = 'over' if position.over else 'paused' if position.paused else 'replaying'
-        if not self._simulators.count:
-            return Diagnosis(state, values)
-        warning = f'a {DROP_SIMULATOR} in this namespace publishes on the same topics'
-        self.get_logger().warning(warning, once=True)
-        return Diagnosis(state, values, [warning])
+        warnings = []
+        if self._simulators.count:
+            warnings = [f'a {DROP_SIMULATOR} in this namespace publishes on the same topics']
+            self.get_logger().warning(warnings[0], once=True)
+        if self._clock_output is not None:
+            warnings += clock_conflicts(self)
+        return Diagnosis(state, values, warnings)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._replay.paused:

@@ -1,7 +1,6 @@
 """Playback of a log: decides when each message is published."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,23 +13,20 @@ from resting_aspects_ros.ros.conversions import NANOSECONDS
 PAUSE_BEFORE = NANOSECONDS
 # Maximum time for which messages are published without a break, so that services respond, ns.
 SLICE = NANOSECONDS // 20
-# Time between two checks for acknowledgements, ns.
-ACK_PERIOD = 2_000_000
-# The player stops waiting for a subscriber that has not acknowledged within this time, ns. DDS
-# itself removes a subscriber whose process died after 20 s.
-ACK_TIMEOUT = 60 * NANOSECONDS
 
 
 @dataclass(frozen=True)
 class ReplayPosition:
     """The position of a replay.
 
+    time : time in the log, ns since 1970
     seconds : time since the start of the log, s
     length : length of the log, s
     messages : number of messages published in this round
     round : number of the round, from 1; increases with each repetition of a loop
     """
 
+    time: int
     seconds: float
     length: float
     messages: int
@@ -48,12 +44,7 @@ class LogPlayer:
     The descriptions of parts and surroundings are published first.
 
     publish : called with each message
-    acknowledged : returns whether all subscribers have received all messages of a recorded topic
-    rate : divides the recorded times; None publishes as fast as subscribers acknowledge.
-        Then, when the number of messages of a topic reaches its depth, the next message waits
-        until they are acknowledged, so that DDS does not replace a message that a reliable
-        subscriber has not received.
-    warn : called with a text if a subscriber stops acknowledging
+    rate : divides the recorded times; None publishes without pauses
     clock : returns monotonic time, ns
     """
 
@@ -62,26 +53,19 @@ class LogPlayer:
         recording: Recording,
         topics: Sequence[ReplayedTopic],
         publish: Callable[[LoggedMessage], object],
-        acknowledged: Callable[[str], bool],
         *,
         rate: float | None,
         loop: bool,
-        warn: Callable[[str], object],
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._recording = recording
-        self._topics = {topic.recorded: topic for topic in topics}
+        self._topics = {topic.recorded for topic in topics}
         self._descriptions = {topic.recorded for topic in topics if topic.describes_run}
         self._span = recording.span(self._topics)
         self._publish = publish
-        self._acknowledged = acknowledged
         self._rate = rate
         self._loop = loop
-        self._warn = warn
         self._clock = clock
-        self._unacknowledged: Counter[str] = Counter()
-        self._waiting_since: int | None = None
-        self._wait_for_subscribers = rate is None
         self._paused_at: int | None = None
         self._round = 0
         self._begin()
@@ -102,6 +86,7 @@ class LogPlayer:
         length = self._span.end - self._span.start
         done = length if self.over else min(length, self._elapsed())
         return ReplayPosition(
+            self._span.start + done,
             done / NANOSECONDS,
             length / NANOSECONDS,
             self._sent,
@@ -119,7 +104,7 @@ class LogPlayer:
         """Continue where it was paused."""
         if self._paused_at is not None:
             self._started += self._clock() - self._paused_at
-            self._paused_at = self._waiting_since = None
+            self._paused_at = None
 
     def play(self) -> int | None:
         """Publish messages that are due; return the time until the next call, ns, or None."""
@@ -127,8 +112,6 @@ class LogPlayer:
         while self._next is not None and not self.paused:
             now = self._clock()
             wait = max(0, self._due(self._next) - now)
-            if not wait and self._wait_for_subscribers and not self._has_room(self._next, now):
-                wait = ACK_PERIOD
             if wait or now > end:
                 return wait
             self._send(self._next)
@@ -155,28 +138,8 @@ class LogPlayer:
             return self._started
         return self._started + int((message.time - self._span.start) / self._rate)
 
-    def _has_room(self, message: LoggedMessage, now: int) -> bool:
-        """Return whether publishing the message would not replace an unacknowledged one."""
-        topic = message.topic
-        if self._unacknowledged[topic] < self._topics[topic].qos.depth:
-            return True
-        if self._acknowledged(topic):
-            self._unacknowledged[topic] = 0
-            self._waiting_since = None
-            return True
-        if self._waiting_since is None:
-            self._waiting_since = now
-        if now - self._waiting_since > ACK_TIMEOUT:
-            self._wait_for_subscribers = False
-            self._warn(
-                f'a subscriber of {self._topics[topic].name} has not acknowledged for '
-                f'{ACK_TIMEOUT // NANOSECONDS} s: continuing without waiting, it may lose messages'
-            )
-        return not self._wait_for_subscribers
-
     def _send(self, message: LoggedMessage) -> None:
         self._publish(message)
-        self._unacknowledged[message.topic] += 1
         self._last = message.time
         self._sent += 1
         self._next = next(self._messages, None)

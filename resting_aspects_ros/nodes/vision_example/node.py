@@ -16,15 +16,14 @@ from sensor_msgs.msg import CameraInfo, Image
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
 from resting_aspects_ros.nodes.vision_example.contours import Blob, clearances, find_blobs
-from resting_aspects_ros.ros.callbacks import guarded_task, subscribe, wait_for
+from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
 from resting_aspects_ros.ros.interface import CELL, DETECTIONS, IDENTIFY_PART, SERVICES
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.vision.camera import Telecentric
 
 IMAGE, CAMERA_INFO, ANNOTATED = 'camera/image_raw', 'camera/camera_info', 'camera/image_annotated'
-# Reliable, so that no image is lost. For a camera that publishes as best effort, use
-# rclpy.qos.qos_profile_sensor_data.
+# Reliable, so that no image is lost. For a camera that publishes as best effort, override it.
 IMAGES = QoSProfile(depth=2)
 PARAMETERS = (
     Parameter('part', 'l_bracket', 'name of the part on the tray; empty: any part of the suite'),
@@ -55,13 +54,12 @@ class VisionExample(Node):
         self._identify = self.create_client(
             IdentifyPart, IDENTIFY_PART, qos_profile=SERVICES, callback_group=group
         )
-        self._output = self.create_publisher(DetectionArray, DETECTIONS, CELL)
-        self._annotated = self.create_publisher(Image, ANNOTATED, IMAGES)
+        self._output = advertise(self, DetectionArray, DETECTIONS, CELL, overridable=True)
+        self._annotated = advertise(self, Image, ANNOTATED, IMAGES, overridable=True)
         self._camera: Telecentric | None = None
         self._number, self._stamp, self._busy = 0, None, False
-        subscribe(self, CameraInfo, CAMERA_INFO, self._on_camera_info, IMAGES)
-        task: Any = guarded_task(self, 'ignored an image', self._on_image)
-        self.create_subscription(Image, IMAGE, task, IMAGES, callback_group=group)
+        subscribe(self, CameraInfo, CAMERA_INFO, self._on_camera_info, IMAGES, overridable=True)
+        subscribe(self, Image, IMAGE, self._on_image, IMAGES, overridable=True, group=group)
         self.get_logger().info(f'ready: waiting for {self.resolve_topic_name(IMAGE)}')
 
     def _on_camera_info(self, message: CameraInfo) -> None:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.feeder_controller.tray_state import (
+from resting_aspects_ros.feeding.tray_state import (
     CLOCK_TOLERANCE,
     MAX_AGE,
     SECOND,

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice, ControllerModel, Expected, SeenPart, advise
-from resting_aspects_ros.nodes.feeder_controller.model import FedPart
-from resting_aspects_ros.nodes.feeder_controller.tray_state import (
+from resting_aspects_ros.feeding.evidence import FedPart
+from resting_aspects_ros.feeding.tray_state import (
     Detection,
     Image,
     known_class,

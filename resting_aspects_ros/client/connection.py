@@ -1,0 +1,384 @@
+"""A node of the client, which a thread spins, and requests that wait in the thread of the caller.
+
+Every call into rclpy that creates or destroys something runs in the thread that spins the node.
+"""
+
+import atexit
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future as ThreadFuture
+from concurrent.futures import wait as wait_for_any
+from functools import partial
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from rclpy.action import ActionClient
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.ros.goal_client import goal_result
+from resting_aspects_ros.ros.interface import (
+    ACTION_SERVICES,
+    ASPECT_CLASSIFIER,
+    DROP_PART,
+    DROP_SIMULATOR,
+    LATCHED,
+    PRESENCE,
+    SERVICES,
+)
+from resting_aspects_ros.ros.spin import check_domain, not_utf8
+from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
+
+T = TypeVar('T')
+
+# Timeout for the classifier, s: a starting suite needs a few seconds until it is ready.
+SERVICE_TIMEOUT = 20.0
+# Timeout for the simulator once the classifier is ready, s.
+SIMULATOR_TIMEOUT = 10.0
+# Time after which a warning reports that a node is not ready, s; starting nodes need less.
+WARN_DELAY = 5.0
+# Time without a response after which a request is sent again, s; it doubles with each retry. A
+# discovered service may not have discovered the client yet, or may have been restarted.
+RETRY_PERIOD = 5.0
+# Interval of checks for conditions that have no event, s.
+CHECK_PERIOD = 0.1
+# Time in which an abandoned request can cancel the run that it started, s.
+END_TIMEOUT = 2.0
+CLOSED = 'this client is closed'
+
+
+class AnswerTimeoutError(NotAvailableError):
+    """No result arrived within the timeout."""
+
+
+class ClientUseError(RestingAspectsError):
+    """A client is used after it was closed."""
+
+
+class Connection:
+    """A node of its own, in the context of a given node or in a new one, and the thread of it.
+
+    Parameters
+    ----------
+    node : Node, optional
+        Names are resolved as those of this node. None: a new context with ``ros_args``.
+    ros_args : sequence of str, optional
+        None: the ROS arguments on the command line of the program.
+    check : called often while a request waits; an exception that it raises ends the wait
+
+    Raises
+    ------
+    InvalidValueError
+        ROS rejects the arguments.
+    """
+
+    def __init__(
+        self, node: Node | None, ros_args: Sequence[str] | None, check: Callable[[], None]
+    ) -> None:
+        self._check = check
+        self._context = node.context if node is not None else new_context(ros_args)
+        self._owns_context = node is None
+        name = f'resting_aspects_client_{uuid4().hex[:8]}'
+        self.node = Node(
+            name,
+            context=self._context,
+            namespace=node.get_namespace() if node is not None else None,
+            use_global_arguments=node is None,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._names = node or self.node
+        self._services: dict[str, Client] = {}
+        self._actions: dict[str, ActionClient] = {}
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._closing, self._stopped = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
+        self._thread.start()
+        atexit.register(self.close)  # the thread must not run while the interpreter ends
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests are possible."""
+        return not (self._closing.is_set() or self._stopped.is_set())
+
+    def check(self) -> None:
+        """Raise ClientUseError after `close`, or what the check of the caller raises."""
+        if not self.is_open:
+            raise ClientUseError(CLOSED)
+        self._check()
+
+    def topic(self, name: str) -> str:
+        """Return the full name of a topic."""
+        return str(self._names.resolve_topic_name(name))
+
+    def service(self, name: str) -> str:
+        """Return the full name of a service or an action."""
+        return str(self._names.resolve_service_name(name))
+
+    def run(self, function: Callable[[], T]) -> T:
+        """Call a function in the thread that spins the node, and return its result."""
+        done: ThreadFuture[T] = ThreadFuture()
+
+        def work() -> None:
+            try:
+                done.set_result(function())
+            except Exception as error:  # noqa: BLE001 - it would end the thread
+                done.set_exception(error)
+
+        if not self._stopped.is_set():
+            self._executor.create_task(work)
+        while not (done.done() or self._stopped.is_set()):
+            wait_for_any([done], CHECK_PERIOD)
+        if not done.done():
+            raise ClientUseError(CLOSED)
+        return done.result()
+
+    def service_client(self, kind: Any, name: str) -> Client:
+        """Return the client of a service; the first request creates it."""
+
+        def create() -> Client:
+            if name not in self._services:
+                self._services[name] = self.node.create_client(
+                    kind, self.service(name), qos_profile=SERVICES
+                )
+            return self._services[name]
+
+        return self.run(create)
+
+    def action_client(self, kind: Any, name: str) -> ActionClient:
+        """Return the client of an action; the first goal creates it."""
+
+        def create() -> ActionClient:
+            if name not in self._actions:
+                self._actions[name] = ActionClient(
+                    self.node, kind, self.service(name), **ACTION_SERVICES
+                )
+            return self._actions[name]
+
+        return self.run(create)
+
+    def execute(self, client: ActionClient, goal: Any, **options: Any) -> 'ThreadFuture[Any]':
+        """Send a goal; return the future of its result. See ros.goal_client."""
+        done: ThreadFuture[Any] = ThreadFuture()
+
+        async def work() -> None:
+            try:
+                done.set_result(await goal_result(self.node, client, goal, **options))
+            except Exception as error:  # noqa: BLE001 - it would end the thread
+                done.set_exception(error)
+
+        self._executor.create_task(work)
+        return done
+
+    def begin_closing(self) -> None:
+        """Let all requests end with a ClientUseError."""
+        self._closing.set()
+
+    def close(self) -> None:
+        """Stop the thread, and destroy the node."""
+        atexit.unregister(self.close)
+        self._closing.set()
+        if self._thread.is_alive():
+            self._executor.create_task(self._stopped.set)
+            self._thread.join()
+        for action in self._actions.values():
+            action.destroy()
+        self._actions.clear()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        if self._owns_context:
+            self._context.try_shutdown()
+
+    def _spin(self) -> None:
+        try:
+            while not self._stopped.is_set() and self._context.ok():
+                self._executor.spin_once()
+        except ExternalShutdownException:
+            pass
+        finally:
+            self._stopped.set()
+
+
+class Request:
+    """A request that waits in the thread of the caller.
+
+    Parameters
+    ----------
+    description : str
+        Description of the result for errors, such as 'the distribution of l_bracket'.
+    timeout : float, optional
+        Timeout of the whole request, s; None: no limit.
+    warn : called once if a node is not ready after WARN_DELAY
+    canceled : returns whether the caller no longer waits
+
+    Attributes
+    ----------
+    state : str
+        Description of the progress for errors.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        description: str,
+        timeout: float | None,
+        warn: Callable[[str], object],
+        canceled: Callable[[], bool],
+    ) -> None:
+        self._connection = connection
+        self._description = description
+        self._timeout = timeout
+        self._warn = warn
+        self._canceled = canceled
+        self._warned = False
+        self._started = time.monotonic()
+        self.state = ''
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Return the response of a service of the classifier."""
+        client = self._connection.service_client(kind, name)
+        start = 'start the suite with "resting_aspects nodes"'
+        period, futures = RETRY_PERIOD, list[Any]()
+        answered: ThreadFuture[Any] = ThreadFuture()
+
+        def take(future: Any) -> None:
+            if not answered.done():
+                answered.set_result(future.result())
+
+        try:
+            while True:
+                self._wait_for_node(
+                    ASPECT_CLASSIFIER, name, client.service_is_ready, SERVICE_TIMEOUT, start
+                )
+                futures.append(client.call_async(request))
+                futures[-1].add_done_callback(take)
+                end = time.monotonic() + period
+                while time.monotonic() < end:
+                    if self._wait(answered, name):
+                        return answered.result()
+                period *= 2
+        finally:
+            for each in futures:
+                client.remove_pending_request(each)
+
+    def simulate(self, kind: Any, name: str, goal: Any, progress: Callable[[int], object]) -> Any:
+        """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
+        client = self._connection.action_client(kind, name)
+        self._wait_for_node(
+            DROP_SIMULATOR, name, client.server_is_ready, SIMULATOR_TIMEOUT, 'start drop_simulator'
+        )
+        unit = 'drops' if name == DROP_PART else 'actions'
+        feedback: deque[Any] = deque()
+        wanted, done = True, 0
+
+        def report() -> None:
+            nonlocal done
+            while feedback:
+                now = feedback.popleft().done
+                if now > done:
+                    done = now
+                    self.state = f'{done} {unit} are done'
+                    progress(done)
+
+        result = self._connection.execute(
+            client, goal, feedback=feedback.append, wanted=lambda: wanted
+        )
+        try:
+            while not self._wait(result, name):
+                report()
+            report()
+            return result.result()
+        finally:
+            wanted = False
+            wait_for_any([result], END_TIMEOUT)
+
+    def latched(self, kind: Any, name: str, timeout: float) -> Any:
+        """Return the latched message of a topic; raises AnswerTimeoutError."""
+        connection = self._connection
+        message: ThreadFuture[Any] = ThreadFuture()
+
+        def receive(received: Any) -> None:
+            if not message.done():
+                message.set_result(received)
+
+        subscription = connection.run(
+            lambda: connection.node.create_subscription(
+                kind, connection.topic(name), receive, LATCHED
+            )
+        )
+        try:
+            end = self._started + timeout
+            while not self._wait(message, name):
+                if time.monotonic() >= end:
+                    raise AnswerTimeoutError(f'no message on {name}, waited {timeout:g} s')
+            return message.result()
+        finally:
+            connection.run(partial(connection.node.destroy_subscription, subscription))
+
+    def pause(self, name: str) -> None:
+        """Wait for CHECK_PERIOD; raises if the request has ended or timed out."""
+        self._wait(ThreadFuture(), name)
+
+    def _wait(self, future: 'ThreadFuture[Any]', name: str) -> bool:
+        """Wait for CHECK_PERIOD at most; return whether a future is done.
+
+        Raises RestingAspectsError if the request has ended or timed out.
+        """
+        wait_for_any([future], CHECK_PERIOD)
+        if future.done():
+            return True
+        self._connection.check()
+        if self._canceled():
+            raise CanceledError(f'the request of {self._description} was canceled')
+        if self._timeout is not None and time.monotonic() >= self._started + self._timeout:
+            state = f': {self.state}' if self.state else ''
+            raise AnswerTimeoutError(
+                f'{self._connection.service(name)} did not return {self._description}, '
+                f'waited {self._timeout:g} s{state}'
+            )
+        return False
+
+    def _wait_for_node(
+        self, kind: str, name: str, is_offered: Callable[[], bool], timeout: float, hint: str
+    ) -> None:
+        """Wait until a node of a kind is alive and its service is discovered."""
+        connection = self._connection
+        present = connection.topic(f'{PRESENCE}/{kind}')
+        start = self._started if self._timeout is not None else time.monotonic()
+        timeout = timeout if self._timeout is None else min(timeout, self._timeout)
+        while True:
+            connection.check()
+            if is_offered() and connection.node.count_publishers(present):
+                return
+            waited = time.monotonic() - start
+            missing = f'no {kind} answers on {connection.service(name)}'
+            if waited >= timeout:
+                raise AnswerTimeoutError(f'{missing}, waited {timeout:g} s: {hint}')
+            if waited >= WARN_DELAY and not self._warned:
+                self._warned = True
+                self._warn(f'{missing} yet, waiting up to {timeout:g} s')
+            if self._canceled():
+                raise CanceledError(f'the request of {self._description} was canceled')
+            time.sleep(min(CHECK_PERIOD, timeout - waited))
+
+
+def new_context(ros_args: Sequence[str] | None) -> Context:
+    """Return a context that is independent of other nodes and signal handlers."""
+    check_domain()
+    context = Context()
+    arguments = sys.argv if ros_args is None else ['--ros-args', *ros_args]
+    try:
+        context.init(arguments)
+    except RuntimeError as error:  # rclpy raises it for any invalid argument
+        text = ' '.join(arguments[1:])
+        raise InvalidValueError(f'invalid --ros-args {text!r}: {error}') from None
+    except UnicodeEncodeError as error:
+        raise not_utf8(error) from None
+    return context
