@@ -39,7 +39,7 @@ test-all: dev  ## set up and run all tests, with more examples of each property
 
 test-pythons:  ## run tests with each installed Python of 3.10, 3.11 and 3.12
 	@+set -e; for version in $(VERSIONS); do \
-	    if ! PYTHON=python$$version tools/find_python > /dev/null; then \
+	    if ! PYTHON=python$$version tools/setup/find_python > /dev/null; then \
 	        echo "Python $$version is not tested"; continue; \
 	    fi; \
 	    $(MAKE) --no-print-directory PYTHON=python$$version VENV=.venv-$$version dev; \
@@ -59,13 +59,13 @@ lint: dev  ## set up and run ruff, mypy and import-linter
 	$(BIN)/lint-imports --no-cache
 
 bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/bench.md
-	$(BIN)/python tools/bench.py
+	PYTHONPATH=tools $(BIN)/python -m bench
 
 validate: setup  ## validate the simulation and write docs/explanation/validation.md
-	$(BIN)/python tools/validate.py
+	PYTHONPATH=tools $(BIN)/python -m validation
 
 parts: setup  ## generate the example parts in config/parts
-	$(BIN)/python tools/make_parts.py
+	$(BIN)/python tools/setup/make_parts.py
 
 # One lock file for all supported Pythons. It names no index, so that a mirror can be used.
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make requirements' $(UV) compile $(UPGRADE) \
@@ -87,7 +87,7 @@ ONE_AT_A_TIME = flock Makefile $(MAKE) --silent --no-print-directory
 
 # Install the packages of a lock file. `uv pip sync` cannot be used: it would remove the modules of
 # the ROS wheels, which also have metadata under a name that is in no lock file. During the
-# installation, .requirements does not exist, see tools/make_venv.
+# installation, .requirements does not exist, see tools/setup/make_venv.
 define install
 	@echo "set-up: installing $(1)"
 	@rm -f $(VENV)/.requirements
@@ -96,7 +96,7 @@ define install
 endef
 
 $(VENV)/.made: always
-	@tools/make_venv $(VENV)
+	@tools/setup/make_venv $(VENV)
 
 $(VENV)/.requirements: $(VENV)/.made requirements.txt
 	$(call install,requirements.txt)
@@ -119,10 +119,10 @@ $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements
 	$(call install,requirements-dev.txt)
 	@touch $@
 
-$(VENV)/.interfaces: $(VENV)/.made requirements.txt tools/build_interfaces \
+$(VENV)/.interfaces: $(VENV)/.made requirements.txt tools/setup/build_interfaces \
         $(shell find resting_aspects_interfaces) | $(VENV)/.requirements
 	@echo "set-up: building resting_aspects_interfaces"
-	@tools/build_interfaces $(VENV)
+	@tools/setup/build_interfaces $(VENV)
 	@touch $@
 
 # Without npm or a network, set-up continues, and the tests that need the packages are skipped.

@@ -77,10 +77,8 @@ def test_the_files_that_contributors_are_sent_to_exist():
     assert [n for n in found if not any((place / n).exists() for place in places)] == []
 
 
-def test_every_package_is_on_the_map():
-    """The packages of single nodes are in one row."""
-    folders = [path.parent for path in (ROOT / 'resting_aspects_ros').rglob('__init__.py')]
-    names = {path.relative_to(ROOT / 'resting_aspects_ros').as_posix() for path in folders}
+def test_every_room_is_on_the_map():
+    package = ROOT / 'resting_aspects_ros'
+    rooms = {path.parent.name for path in package.glob('*/__init__.py')}
     listed = {cell.strip('`') for cell in first_cells(section('CONTRIBUTING.md', '## Packages'))}
-    inner = {name for name in names if name.startswith(('nodes/', 'cli/', 'api/'))}
-    assert listed == names - inner - {'.'}
+    assert listed == rooms | {'(no room)'}

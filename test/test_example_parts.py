@@ -1,4 +1,4 @@
-"""The example parts: identical to the output of tools/make_parts.py, and to formulas."""
+"""The example parts: identical to the output of tools/setup/make_parts.py, and to formulas."""
 
 import subprocess
 import sys
@@ -72,7 +72,9 @@ INERTIAS = {  # / mass, mm^2, along x y z
 
 
 def test_script_writes_these_files_and_no_others(tmp_path):
-    subprocess.run([sys.executable, ROOT / 'tools' / 'make_parts.py', tmp_path], check=True)
+    subprocess.run(
+        [sys.executable, ROOT / 'tools' / 'setup' / 'make_parts.py', tmp_path], check=True
+    )
     made = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
     folders = (FOLDER, ROOT / 'config' / 'surroundings')
     kept = {file.name: file.read_bytes() for each in folders for file in each.glob('*.stl')}

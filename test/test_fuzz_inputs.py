@@ -1,8 +1,8 @@
 """Damaged input files of every kind are refused in one line, or read."""
 
 import pytest
-from fuzz_inputs import findings
-from input_kinds import made_kinds
+from fuzz.input_kinds import made_kinds
+from fuzz.inputs import findings
 
 pytestmark = pytest.mark.slow
 

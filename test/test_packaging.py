@@ -97,8 +97,8 @@ def third_party_imports(folder):
     own = {
         'resting_aspects_ros',
         'test',
-        'conftest',
-        *(p.stem for p in (ROOT / 'tools').glob('*.py')),
+        *(path.parent.name for path in (ROOT / 'tools').glob('*/__init__.py')),
+        *(path.stem for path in (ROOT / 'test').glob('*.py')),
     }
     return names - sys.stdlib_module_names - own
 

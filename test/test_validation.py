@@ -4,16 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-import validate_engine
-import validate_engines
-from dropper import Dropper
-from measured import cases
-from sensitivity import fit
+from validation import engine as validate_engine
+from validation import engines as validate_engines
+from validation.dropper import Dropper
+from validation.measured import cases
+from validation.sensitivity import fit
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 
 

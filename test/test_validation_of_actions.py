@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-import validate_reorientation
-from dropper import Dropper
-from paired import (
+from scipy.stats import chi2
+from validation import reorientation as validate_reorientation
+from validation.dropper import Dropper
+from validation.paired import (
     ONE_SIDED,
     OUTSIDE,
     action_job,
@@ -13,8 +14,7 @@ from paired import (
     paired_counts,
     shifts,
 )
-from scipy.stats import chi2
-from validate_reorientation import farthest
+from validation.reorientation import farthest
 
 from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.surroundings import on_level_floor
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
@@ -32,8 +33,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.cluster_report import agreement_fields, cluster_document
-from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.report.comparison import agreement_fields, cluster_document
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, down_in_part
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -111,7 +111,7 @@ class PartClassification:
 
 
 @dataclass(frozen=True, eq=False)
-class ClassificationResult:
+class ClassificationResult(Result):
     """Poses in clusters, and in the aspects of a part if one was given.
 
     Attributes
@@ -146,8 +146,8 @@ class ClassificationResult:
             AspectSet('', ()), self.clusters.counts, 0, poses.unsettled, poses.failed
         )
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects classify --json` prints."""
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects classify --json` prints."""
         document = cluster_document(self.cluster_distribution, self.clusters, self.tolerance)
         if (found := self.by_part) is not None:
             document |= {'part': found.part.name, 'part_sha256': found.part.part_sha256}
@@ -155,7 +155,7 @@ class ClassificationResult:
             document |= agreement_fields(
                 found.distribution, found.agreement, found.differences, places
             )
-        return to_json(document)
+        return document
 
 
 def classify(

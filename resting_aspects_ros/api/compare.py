@@ -15,10 +15,9 @@ from resting_aspects_ros.api.counts import (
     counted_by_class,
 )
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.errors import InvalidValueError, warn
-from resting_aspects_ros.report.comparison_report import ComparedResults, comparison_document
-from resting_aspects_ros.report.comparison_text import verdict
-from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.statistics import comparison as statistics
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 
@@ -28,7 +27,7 @@ MAX_LISTED = 20
 
 
 @dataclass(frozen=True, eq=False)
-class ComparisonResult:
+class ComparisonResult(Result):
     """Two distributions side by side.
 
     Attributes
@@ -57,10 +56,10 @@ class ComparisonResult:
         sides = self.sides
         return verdict(self.comparison, [f'{sides.what} {name}' for name in sides.names])
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects compare --json` prints."""
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects compare --json` prints."""
         said = {'a': _fields(self.a), 'b': _fields(self.b)}
-        return to_json(comparison_document(self.comparison, self.sides, said))
+        return comparison_document(self.comparison, self.sides, said)
 
 
 def compare(

@@ -31,8 +31,8 @@ from resting_aspects_ros.api.counts import (
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.input_files import MAX_COUNTED, CsvTable, open_text
-from resting_aspects_ros.logs.message_reader import is_log
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE
+from resting_aspects_ros.logs.bag import is_log
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
@@ -112,7 +112,7 @@ def read_observed(
     """
     if is_log(path):
         # ROS is imported only for a log.
-        from resting_aspects_ros.run_logs.feeder_contents import observed_in_logs
+        from resting_aspects_ros.run_logs.contents import observed_in_logs
 
         return observed_in_logs(path, part, ids)
     with open_text(path, 'counts file', MAX_BYTES) as file:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -10,11 +11,11 @@ import numpy.typing as npt
 from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
 from resting_aspects_ros.api.counts import CountedDrops, common_groups, counted_by_class
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, warn
-from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
-from resting_aspects_ros.report.drift_report import drift_fields, drift_sentence
+from resting_aspects_ros.report.document import SCHEMA_VERSION
+from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
     LiveCounts,
@@ -32,12 +33,15 @@ from resting_aspects_ros.statistics.drift import (
 from resting_aspects_ros.statistics.g_test import UNIT, batch_scatter
 from resting_aspects_ros.statistics.intervals import CONFIDENCE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 # Seed of the random tables, so that equal inputs give equal results.
 SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
-class DriftResult:
+class DriftResult(Result):
     """Counted parts beside the simulation, with the test of each window.
 
     Attributes
@@ -79,38 +83,29 @@ class DriftResult:
         """The counted parts and the simulated drops, in one line."""
         return f'{self.live.parts} parts against {self.expected.title}'
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects drift --json` prints."""
-        return to_json(
-            {
-                'schema_version': SCHEMA_VERSION,
-                'file': self.source,
-                'part': self.expected.part or None,
-                'part_sha256': self.expected.part_sha256 or None,
-                'expected': {
-                    'file': self.expected.source,
-                    'run_id': self.expected.run.run_id if self.expected.run else None,
-                    'drops': self.expected.drops,
-                },
-                **drift_fields(self.test, self.live),
-                'shift': self.shift,
-                'parts_needed': self.needed,
-            }
-        )
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects drift --json` prints."""
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'file': self.source,
+            'part': self.expected.part or None,
+            'part_sha256': self.expected.part_sha256 or None,
+            'expected': {
+                'file': self.expected.source,
+                'run_id': self.expected.run.run_id if self.expected.run else None,
+                'drops': self.expected.drops,
+            },
+            **drift_fields(self.test, self.live),
+            'shift': self.shift,
+            'parts_needed': self.needed,
+        }
 
-    def save_json(self, path: Path) -> None:
-        """Write the JSON document; raises OutputError."""
-        with whole_file(path) as file:
-            file.write_text(self.to_json(), encoding='utf-8')
+    def figure(self) -> 'Figure':
+        """Return the shares in each window."""
+        # This import takes about a second.
+        from resting_aspects_ros.report.drift import drift_figure
 
-    def save_picture(self, path: Path) -> None:
-        """Write the shares in each window as PNG; raises OutputError."""
-        # These imports take about a second.
-        from resting_aspects_ros.report.drift_report import drift_figure
-        from resting_aspects_ros.report.figure_style import png_bytes
-
-        with whole_file(path) as file:
-            file.write_bytes(png_bytes(drift_figure(self.test)))
+        return drift_figure(self.test)
 
 
 def watch_drift(

@@ -210,7 +210,7 @@ def recorded(
     if folder is None:
         yield None
         return
-    from resting_aspects_ros.run_logs.local_log import LocalRunLog
+    from resting_aspects_ros.run_logs.recorder import LocalRunLog
 
     log = LocalRunLog(Path(folder), part, counter.run)
     counter.consumers.append(log.add)
@@ -245,6 +245,6 @@ def read_log(log: str | Path) -> DropResult:
     InvalidValueError
         The file is not a log of a run with its part.
     """
-    from resting_aspects_ros.run_logs.logged_result import logged_result
+    from resting_aspects_ros.run_logs.contents import logged_result
 
     return logged_result(Path(log), keep_poses=True)

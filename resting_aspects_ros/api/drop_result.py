@@ -2,23 +2,29 @@
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.drop_counter import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
-from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.contact_report import contact_rows
-from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.report.document import distribution_document
+from resting_aspects_ros.report.drops import contact_rows
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution, Placements
 from resting_aspects_ros.statistics.poses import RestingPoses
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from resting_aspects_ros.report.page import Page
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class DropResult:
+class DropResult(Result):
     """The distribution of a run, with the run, its part and its poses.
 
     Attributes
@@ -74,8 +80,8 @@ class DropResult:
         of = '' if self.complete else f' of {self.run.drops}'
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects drop --json` prints."""
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects drop --json` prints."""
         fields: dict[str, object] = {
             **self.run.document(),
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
@@ -102,30 +108,17 @@ class DropResult:
             fields['contacts'] = contact_rows(self.contacts, self.distribution)
         if self.convergence is not None:
             fields['convergence'] = self.convergence
-        return to_json(distribution_document(self.distribution, fields, self.part))
+        return distribution_document(self.distribution, fields, self.part)
 
-    def save_json(self, path: Path) -> None:
-        """Write the JSON document; raises OutputError."""
-        with whole_file(path) as part:
-            part.write_text(self.to_json(), encoding='utf-8')
-
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with pictures and charts into a folder, which is made if necessary.
-
-        Returns the path of the page; raises OutputError if it cannot be written.
-        """
+    def page(self) -> 'Page':
+        """Return a page with pictures, charts and all numbers."""
         # This import takes about a second.
-        from resting_aspects_ros.api.report_files import check_report, write_report
+        from resting_aspects_ros.api.report_files import result_page
 
-        check_report('folder', Path(folder))
-        return write_report(self, Path(folder))
+        return result_page(self)
 
-    def save_picture(self, path: Path) -> None:
-        """Write the picture as PNG; raises OutputError."""
-        # These imports take about a second.
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.picture import distribution_figure
+    def figure(self) -> 'Figure':
+        """Return a bar for each symmetry class, with a picture of the part in it."""
+        from resting_aspects_ros.report.drop_figures import distribution_figure
 
-        figure = distribution_figure(self.distribution, self.part, self.title)
-        with whole_file(path) as part:
-            part.write_bytes(png_bytes(figure))
+        return distribution_figure(self.distribution, self.part, self.title)

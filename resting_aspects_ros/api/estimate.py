@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import (
     METHODS,
@@ -19,8 +20,7 @@ from resting_aspects_ros.aspects.estimate import (
 )
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
+from resting_aspects_ros.report.drops import against_fields, estimate_document
 from resting_aspects_ros.statistics.comparison import (
     Comparison,
     DropCounts,
@@ -36,7 +36,7 @@ SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
-class EstimateResult:
+class EstimateResult(Result):
     """Predictions of the methods for a part.
 
     Attributes
@@ -83,8 +83,8 @@ class EstimateResult:
             for name, each in self.estimates.items()
         }
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects estimate --json` prints."""
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects estimate --json` prints."""
         document = estimate_document(self.part, self.estimates, self.not_defined)
         if (counted := self.counted(by_class=False)) is not None and self.against is not None:
             document['against'] = against_fields(
@@ -93,7 +93,7 @@ class EstimateResult:
                 self.comparisons(by_class=False),
                 by_class=self.against.by_class,
             )
-        return to_json(document)
+        return document
 
 
 def estimate(

@@ -24,8 +24,9 @@ from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, forecast_controller
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.forecast_table import NamedForecast
-from resting_aspects_ros.simulation.actions import Action, NamedAction, Vibration
+from resting_aspects_ros.report.forecast import NamedForecast
+from resting_aspects_ros.simulation.actions import NamedAction
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
@@ -60,8 +61,7 @@ def cycle_times(
     """
     if place is not None and not overlap:
         raise InvalidValueError(f'invalid place time {place!r} s: expected only with overlap')
-    made = action.action
-    lasts = min(made.duration, action.time) if isinstance(made, Vibration) else action.time
+    lasts = action.moving_time
     times = CycleTimes(
         robot=robot,
         vibrate=lasts if vibrate is None else vibrate,

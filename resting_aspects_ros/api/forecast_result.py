@@ -1,25 +1,43 @@
 """The result of a forecast: parts per minute with intervals, its document and its report."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text
 from resting_aspects_ros.api.look_alike_notes import look_alike_texts
-from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.report_files import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.result import Result, check_files, save_figure, write_page
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-from resting_aspects_ros.report.controlled_forecast import controlled_fields
-from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.forecast_document import forecast_fields
-from resting_aspects_ros.report.forecast_table import (
+from resting_aspects_ros.report.forecast import (
     NamedForecast,
+    controlled_fields,
+    curve_table,
+    forecast_fields,
+    forecast_figure,
+    forecast_note,
     forecast_notes,
     forecast_sentence,
+    forecast_table,
+    mix_table,
 )
-from resting_aspects_ros.report.transition_document import matrix_fields
+from resting_aspects_ros.report.page import (
+    Chart,
+    Fold,
+    Item,
+    Page,
+    Section,
+    Text,
+    file_names,
+    reading,
+)
+from resting_aspects_ros.report.transitions import matrix_fields
 
+PAGE, FIGURE = 'forecast.html', 'forecast'
+FILES = file_names(PAGE, [FIGURE])
 # Fields of the document of a reorientation that the document of a forecast has, too.
 _SHARED = (
     'mesh_sha256',
@@ -35,7 +53,7 @@ _SHARED = (
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForecastResult:
+class ForecastResult(Result):
     """The parts per minute of a feeder.
 
     Attributes
@@ -121,24 +139,13 @@ class ForecastResult:
             'alternatives': [each.document() for each in alternatives],
         }
 
-    def to_json(self, alternatives: 'Sequence[ForecastResult]' = ()) -> str:
-        """Return the document as text."""
-        return json_text(self.document(alternatives))
-
-    def report(self, folder: str | Path, alternatives: 'Sequence[ForecastResult]' = ()) -> Path:
-        """Write a page with the curves and all numbers into a folder, which is made if necessary.
-
-        Returns the path of the page; raises OutputError if it cannot be written.
-        """
-        check_forecast_report('folder', Path(folder))
-        return write_forecast_report([self, *alternatives], Path(folder))
+    def page(self, alternatives: 'Sequence[ForecastResult]' = ()) -> Page:
+        """Return a page with the curves and all numbers."""
+        return forecast_page([self, *alternatives])
 
 
 def check_forecast_report(flag: str, folder: Path) -> None:
     """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    from resting_aspects_ros.api.report_files import check_files
-    from resting_aspects_ros.report.forecast_page import FILES
-
     check_files(flag, folder, FILES)
 
 
@@ -147,25 +154,79 @@ def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Pa
 
     Raises OutputError if a file cannot be written.
     """
-    # These imports take about a second.
-    from resting_aspects_ros.api.report_files import (
-        part_facts,
-        run_facts,
-        warning_notes,
-        write_files,
-    )
-    from resting_aspects_ros.report.forecast_page import (
-        FILES,
-        PAGE,
-        ForecastReport,
-        forecast_files,
+    return write_page(forecast_page(results), folder)
+
+
+def forecast_page(results: Sequence[ForecastResult]) -> Page:
+    """Return a page on one or several forecasts."""
+    first = results[0]
+    parts = {each.reorientation.run.part: each.reorientation for each in results}
+    return Page(
+        file=PAGE,
+        title=', '.join(parts),
+        topic='parts per minute',
+        lead='How many parts per minute a robot picks from the tray',
+        subtitle=_subtitle(first),
+        sections=[
+            Section('Parts per minute', 'rate', list(_rate_items(results))),
+            Section('What lies on the tray', 'mix', list(_mix_items(results))),
+        ],
+        reading=reading('forecast'),
+        facts=_facts(first, parts),
+        notes=[note for found in parts.values() for note in warning_notes(found.part)],
+        names=FILES,
     )
 
-    first = results[0].reorientation
-    parts = {each.reorientation.run.part: each.reorientation for each in results}
-    facts: dict[str, list[tuple[str, str]]] = {
-        'Feeder, camera and robot': list(_cell_facts(results[0]))
-    }
+
+def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
+
+    forecasts = [each.named for each in results]
+    several = len(forecasts) > 1
+    for each in forecasts:
+        name = f'{each.title}: ' if several else ''
+        yield Text(f'{name}{forecast_sentence(each)}.', 'verdict')
+    for note in dict.fromkeys(note for each in forecasts for note in forecast_notes(each)):
+        yield Text(note, 'note')
+    title = f'{_parts_text(results)}, {_subtitle(results[0])}'
+    yield Chart(
+        FIGURE,
+        'Line charts of parts per minute and of cycles without a pick against the number of parts',
+        partial(forecast_figure, forecasts, ''),
+        forecast_note(forecasts),
+        partial(forecast_figure, forecasts, title),
+    )
+    yield forecast_table(forecasts)
+    confidence = 100 * results[0].reorientation.matrix.confidence
+    yield (
+        f'The interval of the parts per minute is that of the long run, with {confidence:g} % '
+        f'confidence. The parts of a single run of {forecasts[0].forecast.minutes:g} minutes vary '
+        'more.'
+    )
+    folded: list[Item] = []
+    for each in forecasts:
+        folded += [*([Text(each.title, 'part')] if several else []), curve_table(each)]
+    yield Fold('all numbers of parts', folded)
+
+
+def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
+
+    for each in results:
+        if len(results) > 1:
+            yield Text(each.named.title, 'part')
+        yield mix_table(each.named)
+    yield (
+        'Shares of the aspects among dropped parts, and among the parts on the tray when an image '
+        'is taken; how often a part of the aspect is free, and how often it is picked after an '
+        'image.'
+    )
+
+
+def _facts(
+    first: ForecastResult, parts: Mapping[str, ReorientResult]
+) -> dict[str, list[tuple[str, str]]]:
+
+    conditions = first.reorientation.run.conditions
+    facts = {'Feeder, camera and robot': list(_cell_facts(first))}
     for name, found in parts.items():
         label = f' {name}' if len(parts) > 1 else ''
         facts[f'Part{label}'] = part_facts(found.part, found.run, found.matrix.aspects)
@@ -173,32 +234,18 @@ def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Pa
             *run_facts(found.run, int(found.matrix.actions.sum()), 'actions'),
             ('number of drops', str(found.drop.drops)),
         ]
-    facts['Conditions'] = [
-        ('surface', surface_text(first.run.conditions)),
-        *condition_facts(first.run.conditions),
-    ]
-    report = ForecastReport(
-        title=', '.join(parts),
-        subtitle=_subtitle(results[0]),
-        forecasts=[each.named for each in results],
-        confidence=first.matrix.confidence,
-        notes=[note for found in parts.values() for note in warning_notes(found.part)],
-        facts=facts,
-    )
-    write_files(folder, forecast_files(report), FILES)
-    return folder / PAGE
+    facts['Conditions'] = [('surface', surface_text(conditions)), *condition_facts(conditions)]
+    return facts
 
 
 def save_forecast_picture(results: Sequence[ForecastResult], path: Path) -> None:
     """Write the curves as PNG; raises OutputError."""
-    from resting_aspects_ros.report.figure_style import png_bytes
-    from resting_aspects_ros.report.forecast_figure import forecast_figure
+    title = f'{_parts_text(results)}, {_subtitle(results[0])}'
+    save_figure(forecast_figure([each.named for each in results], title), path)
 
-    parts = dict.fromkeys(each.reorientation.run.part for each in results)
-    title = f'{", ".join(parts)}, {_subtitle(results[0])}'
-    data = png_bytes(forecast_figure([each.named for each in results], title))
-    with whole_file(path) as part:
-        part.write_bytes(data)
+
+def _parts_text(results: Sequence[ForecastResult]) -> str:
+    return ', '.join(dict.fromkeys(each.reorientation.run.part for each in results))
 
 
 def _subtitle(result: ForecastResult) -> str:

@@ -76,7 +76,7 @@ def given_starts(
             f'invalid replicates {replicates!r}: expected 1 to {limit} for {len(given)} states'
         )
     scene = scene_of(part, conditions)
-    if scene is not None:
+    if not scene.level:
         _check_outside(part, scene, given)
     starts = GivenStarts(given, noise, conditions.gravity, part.hull_radius)
     return starts, replicates * len(given)

@@ -5,7 +5,7 @@ from itertools import combinations
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rows import ids_text, numbers_text
+from resting_aspects_ros.report.format import ids_text, numbers_text
 
 
 def divided_class_texts(aspects: AspectSet, pickable: Collection[int]) -> list[str]:

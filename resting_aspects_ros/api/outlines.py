@@ -6,21 +6,23 @@ from pathlib import Path
 
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.outline_document import outlines_document
-from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
-from resting_aspects_ros.report.outline_images import (
+from resting_aspects_ros.report.outlines import (
     PIXELS_PER_MM,
     check_px_per_mm,
     coco_document,
     described_image,
+    dxf_drawing,
     mask_name,
     outline_image,
+    outlines_document,
     png_file,
+    svg_drawing,
     template_name,
 )
 from resting_aspects_ros.vision.outline import LookAlike, Outline, find_outlines, look_alikes
@@ -29,7 +31,7 @@ DOCUMENT, COCO = 'outlines.json', 'coco.json'
 
 
 @dataclass(frozen=True, eq=False)
-class OutlinesResult:
+class OutlinesResult(Result):
     """The outlines of a part, and which of them look alike.
 
     Attributes
@@ -47,9 +49,9 @@ class OutlinesResult:
     part: Part
     aspects: AspectSet
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects outlines --json` prints."""
-        return to_json(outlines_document(self.part, self.outlines, self.look_alikes))
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects outlines --json` prints."""
+        return outlines_document(self.part, self.outlines, self.look_alikes)
 
     def save(self, folder: str | Path, px_per_mm: float = PIXELS_PER_MM) -> list[Path]:
         """Write all files of the outlines into a folder, which is made if necessary.
@@ -119,7 +121,7 @@ class OutlinesResult:
         OutputError
             The file cannot be written.
         """
-        from resting_aspects_ros.report.counting_sheet import counting_sheet
+        from resting_aspects_ros.report.sheet import counting_sheet
 
         path = Path(path)
         check_sheet_name('path', path)

@@ -15,20 +15,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.action_starts import (
-    action_starts,
-    body_of,
-    check_step,
-    step_starts,
-)
-from resting_aspects_ros.simulation.actions import (
-    KINDS,
-    Action,
-    NamedAction,
-    Nozzle,
-    Step,
-    Vibration,
-)
+from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_SEED,
@@ -38,7 +25,7 @@ from resting_aspects_ros.simulation.job import (
     plan_run,
 )
 from resting_aspects_ros.simulation.scene import Scene
-from resting_aspects_ros.simulation.starts import FoundStarts, Starts, found_starts
+from resting_aspects_ros.simulation.starts import Action, starts_of
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
@@ -101,8 +88,8 @@ def plan_actions(
         confidence=confidence,
         landscape=landscape,
     )
-    starts = find_starts(part, aspects, scene, action.action, conditions, rests)
-    ids = starts.ids if isinstance(starts, FoundStarts) else tuple(a.id for a in aspects.aspects)
+    starts = starts_of(part, aspects, action.action, scene, conditions, rests)
+    ids = starts.ids
     _warn_if_missing(aspects, ids, rests)
     job, run = plan_run(
         part,
@@ -134,7 +121,7 @@ def check_actions(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     landscape: Landscape | None = None,
-) -> tuple[Scene | None, AspectSet, int]:
+) -> tuple[Scene, AspectSet, int]:
     """Return the surroundings, the aspects counted in them, and the number of actions from each.
 
     Raises InvalidValueError. Actions in surroundings are checked before the drops from which they
@@ -145,8 +132,7 @@ def check_actions(
     if precision:
         check_precision(precision)
     scene = scene_of(part, conditions)
-    if scene is not None and isinstance(action.action, Step):
-        check_step(action.name, action.action, scene)
+    action.action.check(action.name, scene)
     aspects = aspects_in(scene, find_aspects(part, landscape))
     if not len(aspects):
         raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
@@ -160,27 +146,6 @@ def check_actions(
             f'{len(aspects)} aspects'
         )
     return scene, aspects, per_aspect
-
-
-def find_starts(
-    part: Part,
-    aspects: AspectSet,
-    scene: Scene | None,
-    action: Action,
-    conditions: DropConditions,
-    rests: RestingPoses | None,
-) -> Starts:
-    """Return the starts of an action; raises InvalidValueError."""
-    if scene is None:
-        return action_starts(part, aspects.aspects, action, conditions.gravity)
-    if rests is None:
-        raise InvalidValueError('invalid surroundings: expected resting poses in them')
-    motion = action if isinstance(action, Vibration) else None
-    impulse = None if isinstance(action, Vibration | Step) else action
-    starts = found_starts(part, aspects, scene, rests, body_of(part), impulse, motion)
-    if isinstance(action, Step):
-        return step_starts(part, action, scene, starts, conditions.gravity)
-    return starts
 
 
 def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
@@ -206,8 +171,8 @@ def _warn_if_missing(aspects: AspectSet, ids: tuple[int, ...], rests: RestingPos
 
 
 def _warn_if_missed(action: NamedAction, job: DropJob, ids: tuple[int, ...]) -> None:
-    """Warn of aspects in which no jet of a nozzle meets the part."""
-    if not isinstance(action.action, Nozzle) or not action.action.has_effect:
+    """Warn of aspects in which an action never meets the part."""
+    if not (action.action.can_miss and action.action.has_effect):
         return
     assert job.starts is not None
     index = np.arange(JETS * len(ids))

@@ -26,12 +26,13 @@ from resting_aspects_ros.api.transition_counter import check_in_finer_steps
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
-from resting_aspects_ros.simulation.actions import Action, NamedAction, Step
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -168,7 +169,7 @@ def counted_result(planned: PlannedActions, part: Part, dropped: Distribution) -
         part,
         dropped,
         counter.complete,
-        pieces=convex_pieces(part) if isinstance(planned.action.action, Step) else None,
+        pieces=convex_pieces(part) if planned.action.action.has_edge else None,
     )
 
 

@@ -3,11 +3,11 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
 from resting_aspects_ros.arrays import Array
@@ -15,8 +15,7 @@ from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
-from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.transition_document import long_run_fields, matrix_fields
+from resting_aspects_ros.report.transitions import long_run_fields, matrix_fields
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import OUTSIDE, Distribution
@@ -32,9 +31,14 @@ from resting_aspects_ros.statistics.markov import (
 )
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from resting_aspects_ros.report.page import Page
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ReorientResult:
+class ReorientResult(Result):
     """The transitions that an action causes, with the drops that replace parts that left.
 
     Attributes
@@ -195,42 +199,17 @@ class ReorientResult:
             document['convex_pieces'] = self.pieces.summary()
         return document
 
-    def to_json(self, wanted: Sequence[int] = ()) -> str:
-        """Return the document as text."""
-        return json_text(self.document(wanted))
+    def page(self, wanted: Sequence[int] = ()) -> 'Page':
+        """Return a page with the heat map and all numbers."""
+        from resting_aspects_ros.api.reorientation_files import reorientation_page
 
-    def report(self, folder: str | Path, wanted: Sequence[int] = ()) -> Path:
-        """Write a page with figures and all numbers into a folder, which is made if necessary.
+        return reorientation_page([self], wanted=wanted)
 
-        Returns the path of the page; raises OutputError if it cannot be written.
-        """
-        from resting_aspects_ros.api.reorientation_files import (
-            check_reorientation_report,
-            write_reorientation_report,
-        )
+    def figure(self) -> 'Figure':
+        """Return the heat map of the transitions."""
+        from resting_aspects_ros.report.transition_figures import transition_figure
 
-        check_reorientation_report('folder', Path(folder), [self.action.name])
-        return write_reorientation_report([self], Path(folder), wanted=wanted)
-
-    def save_picture(self, path: str | Path) -> None:
-        """Write the heat map of the transitions as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.transition_figure import transition_figure
-
-        data = png_bytes(transition_figure(self.matrix, self.part, self.title))
-        with whole_file(Path(path)) as part:
-            part.write_bytes(data)
-
-    def save_flow(self, path: str | Path) -> None:
-        """Write the flow between the aspects in the long run as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.flow_figure import flow_figure
-
-        if self.long_run is None:
-            raise InvalidValueError('invalid result: expected actions from each aspect')
-        data = png_bytes(flow_figure(self.matrix, self.long_run, self.part, self.title))
-        with whole_file(Path(path)) as part:
-            part.write_bytes(data)
+        return transition_figure(self.matrix, self.part, self.title)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

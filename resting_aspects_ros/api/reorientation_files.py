@@ -1,6 +1,7 @@
-"""The files of a report on transitions, or on retention curves."""
+"""The pages on transitions and on retention curves, and their files."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,29 +10,49 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.report_files import (
-    check_files,
     energy_text,
     part_facts,
     run_facts,
     warning_notes,
-    write_files,
 )
+from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.report.reorientation_page import reorientation_files
-from resting_aspects_ros.report.reorientation_report import (
-    PAGE,
-    RETENTION_PAGE,
-    ActionReport,
-    ReorientationReport,
-    Shares,
-    Way,
-    reorientation_file_names,
+from resting_aspects_ros.report.format import (
+    aspects_text,
+    interval_text,
+    points_text,
+    probability_text,
 )
-from resting_aspects_ros.report.rounding import interval_text, points_text, probability_text
-from resting_aspects_ros.report.rows import ids_text
-from resting_aspects_ros.report.table import NOTHING
+from resting_aspects_ros.report.page import (
+    Chart,
+    Facts,
+    Fold,
+    Item,
+    Page,
+    Section,
+    Text,
+    file_names,
+    reading,
+)
+from resting_aspects_ros.report.table import NOTHING, Table
+from resting_aspects_ros.report.transition_figures import (
+    retention_figure,
+    retention_note,
+    transition_figure,
+    transition_note,
+)
+from resting_aspects_ros.report.transitions import (
+    interval_table,
+    long_run_table,
+    long_run_text,
+    plan_table,
+    retention_counts_table,
+    retention_table,
+    suffix_of,
+    table_rows,
+    wanted_table,
+)
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
 from resting_aspects_ros.statistics.intervals import Interval
@@ -42,11 +63,20 @@ if TYPE_CHECKING:
     from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
     from resting_aspects_ros.api.retention import RetentionResult
 
-Facts = list[tuple[str, str]]
+# The page on actions, and that on retention curves.
+PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
+HEAT_MAP, RETENTION = 'transitions', 'retention'
+MEASURED = ('from', 'to', 'measured', 'simulated', 'difference in points', 'verdict')
 # Conditions that matter only for drops.
 _RELEASE = {
     QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
 }
+
+
+def reorientation_file_names(actions: Sequence[str]) -> list[str]:
+    """Return the names of all files of a page on these actions; without any, on retention."""
+    figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
+    return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
 
 
 def check_reorientation_report(flag: str, folder: Path, actions: Sequence[str]) -> None:
@@ -68,6 +98,29 @@ def write_reorientation_report(
 ) -> Path:
     """Write a report on one or several actions, and return the path of the page.
 
+    See reorientation_page. Raises OutputError if a file cannot be written.
+    """
+    page = reorientation_page(
+        results, wanted=wanted, plan=plan, checks=checks, simulated=simulated
+    )
+    return write_page(page, folder)
+
+
+def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
+    """Write a report on retention curves, and return the path of the page. Raises OutputError."""
+    return write_page(retention_page(result), folder)
+
+
+def reorientation_page(
+    results: Sequence['ReorientResult'],
+    *,
+    wanted: Sequence[int] = (),
+    plan: 'PlanResult | None' = None,
+    checks: Sequence[MeasuredComparison] = (),
+    simulated: Sequence['ReorientResult'] = (),
+) -> Page:
+    """Return a page on one or several actions.
+
     Parameters
     ----------
     results : sequence of ReorientResult
@@ -80,51 +133,180 @@ def write_reorientation_report(
         Comparisons with measured trials of any of the actions.
     simulated : sequence of ReorientResult
         Where rows of ``results`` are measured: the results in which they are simulated.
-
-    Raises OutputError if a file cannot be written.
     """
     first = results[0]
     names = [result.action.name for result in results]
     runs = [f'Run of {name}' for name in names] if len(names) > 1 else ['Run']
-    report = ReorientationReport(
+    simulated = simulated or results
+    sections = [
+        Section(
+            f'Action {result.action.name}',
+            f'action-{number}',
+            list(
+                _action_items(result, before, wanted, checks, suffix_of(result.action.name, names))
+            ),
+        )
+        for number, (result, before) in enumerate(zip(results, simulated, strict=True), start=1)
+    ]
+    if plan is not None:
+        sections.append(_plan_section(first, plan, wanted))
+    return Page(
+        file=PAGE,
         title=first.run.part,
+        topic='reorientation',
+        lead='How the part gets from aspect to aspect',
         subtitle=f'{", ".join(names)} on {conditions_text(first.run.conditions)}, '
         f'seed {first.run.seed}',
-        part=first.part,
-        aspects=first.matrix.aspects,
-        confidence=first.matrix.confidence,
-        actions=[
-            _action_report(result, before, wanted, checks)
-            for result, before in zip(results, simulated or results, strict=True)
-        ],
-        wanted=tuple(sorted(set(wanted))),
-        plan=None if plan is None else (plan.plan, plan.names),
-        notes=warning_notes(first.part),
+        sections=sections,
+        reading=reading('reorientation'),
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
             **_condition_facts(first.run.conditions),
-            **dict(zip(runs, map(_run_facts, simulated or results), strict=True)),
+            **dict(zip(runs, map(_run_facts, simulated), strict=True)),
         },
+        notes=warning_notes(first.part),
+        contents=len(results) > 1,
+        names=reorientation_file_names(names),
     )
-    write_files(folder, reorientation_files(report), reorientation_file_names(names))
-    return folder / PAGE
 
 
-def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
-    """Write a report on retention curves, and return the path of the page. Raises OutputError."""
-    run, part = result.run, result.part
-    done = sum(int(curve.parts.sum()) for curve in result.curves)
-    each = max(int(curve.parts.max(initial=0)) for curve in result.curves)
+def _action_items(
+    result: 'ReorientResult',
+    simulated: 'ReorientResult',
+    wanted: Sequence[int],
+    checks: Sequence[MeasuredComparison],
+    suffix: str,
+) -> Iterator[Item]:
+    """Yield what the page shows of one action."""
+    action, matrix = result.action, result.matrix
+    yield f'{action.action.kind}: {_count_text(simulated.matrix)}.'
+    for note in _notes(result, simulated):
+        yield Text(note, 'note')
+    yield Facts(list(_action_facts(action)))
+    if action.source:
+        yield f'Source of these values: {action.source}'
+    yield Text('Transitions', 'part')
+    draw = partial(transition_figure, matrix, result.part)
+    yield Chart(
+        HEAT_MAP + suffix,
+        f'Heat map of the transition probabilities of {action.name}',
+        partial(draw, ''),
+        transition_note(matrix),
+        partial(draw, result.title),
+    )
+    yield from _by_class_and_aspect(
+        result, [interval_table(matrix, by_class) for by_class in (True, False)]
+    )
+    if result.convergence is not None:
+        classes = map(aspects_text, matrix.aspects.classes())
+        yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
+    yield Text('Long run', 'part')
+    yield from _long_run_items(result)
+    if wanted and (matrix.actions > 0).all():
+        yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
+        yield from _way_items(result, wanted)
+    if cells := [_check_cells(each) for each in checks if each.pair.action == action.name]:
+        yield Text('Measured trials', 'part')
+        yield Table('', MEASURED, rows=cells, texts={'verdict': None})
+        yield (
+            f'The difference is measured minus simulated. All intervals are '
+            f'{100 * matrix.confidence:g} % intervals of single transitions: if many are '
+            'compared, some differ by chance.'
+        )
+
+
+def _by_class_and_aspect(result: 'ReorientResult', tables: Sequence[Table]) -> Iterator[Item]:
+    """Yield the table by class, and folded that by aspect if it differs."""
+    aspects = result.matrix.aspects
+    yield tables[0]
+    if len(aspects.classes()) < len(aspects):
+        yield Fold('by aspect', [tables[1]])
+
+
+def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
+    views = [result.by_class(), result]
+    if any(view.long_run is None for view in views):
+        yield (
+            'The shares in the long run are not known: actions from each aspect, and drops that '
+            'come to rest in an aspect, are needed for them.'
+        )
+        return
+    tables = []
+    for view, by_class in zip(views, (True, False), strict=True):
+        assert view.long_run is not None
+        rows = table_rows(result.matrix.aspects, by_class=by_class)
+        confidence = result.matrix.confidence
+        table = long_run_table(
+            rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
+        )
+        table.caption = long_run_text(rows, view.long_run)
+        tables.append(table)
+    yield from _by_class_and_aspect(result, tables)
+    drop = result.drop
+    yield (
+        'The shares to which repeated actions lead, with '
+        f'{100 * result.matrix.confidence:g} % intervals, beside the shares of a drop. '
+        f'{int(drop.counts.sum())} of {drop.drops} drops came to rest in an aspect. The intervals '
+        'contain the uncertainty of the transitions; the shares of the drop are taken as known.'
+    )
+
+
+def _way_items(result: 'ReorientResult', wanted: Sequence[int]) -> Iterator[Item]:
+    with analysis('the way to the wanted aspects'):
+        rows = table_rows(result.matrix.aspects, by_class=False)
+        mask = wanted_mask(wanted, len(rows))
+        yield wanted_table(rows, mask, *result.reach(wanted), '')
+        yield (
+            'Probability that repeated actions lead to a wanted aspect before the part leaves the '
+            'aspects, and the expected number of actions if it gets there.'
+        )
+
+
+def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence[int]) -> Section:
+    rows = table_rows(result.matrix.aspects, by_class=False)
+    text = (
+        f'The action in each aspect with which the part is in {_wanted_text(result, wanted)} '
+        'after the least expected time. A part that leaves the aspects is replaced by a dropped '
+        'part, which takes no time.'
+    )
+    return Section('Best plan', 'plan', [text, plan_table(rows, plan.plan, plan.names, '')])
+
+
+def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:
+    return aspects_text(tuple(result.matrix.aspects.aspects[k - 1] for k in sorted(set(wanted))))
+
+
+def retention_page(result: 'RetentionResult') -> Page:
+    """Return a page on retention curves."""
+    run, part, curves = result.run, result.part, result.curves
+    done = sum(int(curve.parts.sum()) for curve in curves)
+    each = max(int(curve.parts.max(initial=0)) for curve in curves)
     notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
-    report = ReorientationReport(
+    subtitle = f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}'
+    draw = partial(retention_figure, curves, result.aspects, part)
+    items: list[Item] = [
+        Chart(
+            RETENTION,
+            'Line chart of the probability to leave each aspect against the lift height',
+            partial(draw, ''),
+            retention_note(curves, result.aspects),
+            partial(draw, f'{run.part}, {subtitle}'),
+        ),
+        retention_table(curves, '', run.conditions.gravity),
+        (
+            'The lift heights at which 1, 10 and 50 % of the parts have left the aspect, with '
+            f'{100 * curves[0].confidence:g} % intervals.'
+        ),
+        Fold('all lift heights', [retention_counts_table(curves, '')]),
+    ]
+    return Page(
+        file=RETENTION_PAGE,
         title=run.part,
-        subtitle=f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}',
-        part=part,
-        aspects=result.aspects,
-        confidence=result.curves[0].confidence,
-        curves=result.curves,
-        gravity=run.conditions.gravity,
-        notes=[*notes, *warning_notes(part)],
+        topic='retention',
+        lead='How firmly the part rests in each aspect',
+        subtitle=subtitle,
+        sections=[Section('Retention', 'retention', items)],
+        reading=reading('retention'),
         facts={
             'Part': part_facts(part, run, result.aspects),
             'Conditions': _condition_facts(run.conditions)['Conditions'],
@@ -133,41 +315,8 @@ def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
                 ('disturbances from each aspect at each lift height', str(each)),
             ],
         },
-    )
-    write_files(folder, reorientation_files(report), reorientation_file_names(()))
-    return folder / RETENTION_PAGE
-
-
-def _action_report(
-    result: 'ReorientResult',
-    simulated: 'ReorientResult',
-    wanted: Sequence[int],
-    checks: Sequence[MeasuredComparison],
-) -> ActionReport:
-    action, matrix, drop = result.action, result.matrix, result.drop
-    way = None
-    notes = list(_notes(result, simulated))
-    if wanted and (matrix.actions > 0).all():
-        with analysis('the way to the wanted aspects', notes):
-            way = Way(wanted_mask(wanted, len(matrix.counts)), *result.reach(wanted))
-    convergence = ''
-    if result.convergence is not None:
-        classes = map(_named, matrix.aspects.classes())
-        convergence = result.convergence.text([*classes, *OUTCOMES])
-    by_class, by_aspect = _shares(result.by_class()), _shares(result)
-    return ActionReport(
-        name=action.name,
-        text=f'{action.action.kind}: {_count_text(simulated.matrix)}',
-        source=action.source,
-        title=result.title,
-        values=list(_action_facts(action)),
-        drop=f'{int(drop.counts.sum())} of {drop.drops} drops came to rest in an aspect.',
-        matrix=matrix,
-        shares=(by_class, by_aspect) if by_class and by_aspect else None,
-        way=way,
-        measured=[_check_cells(each) for each in checks if each.pair.action == action.name],
-        convergence=convergence.replace('\n', ' '),
-        notes=tuple(notes),
+        notes=[*notes, *warning_notes(part)],
+        names=reorientation_file_names(()),
     )
 
 
@@ -175,16 +324,6 @@ def _count_text(matrix: TransitionMatrix) -> str:
     low, high = matrix.actions.min(), matrix.actions.max()
     number = f'{low}' if low == high else f'{low} to {high}'
     return f'{matrix.actions.sum()} actions, {number} from each aspect'
-
-
-def _named(aspects: tuple[Aspect, ...]) -> str:
-    return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
-
-
-def _shares(result: 'ReorientResult') -> Shares | None:
-    if result.long_run is None:
-        return None
-    return Shares(result.long_run, *result.long_run_bounds, result.drop_shares)
 
 
 def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[str]:
@@ -198,7 +337,7 @@ def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[st
     if replaced.any():
         aspects = tuple(matrix.aspects.aspects[k] for k in np.flatnonzero(replaced))
         measured = 'are measured trials instead of simulated actions'
-        yield f'The transitions from {_named(aspects)} {measured}.'
+        yield f'The transitions from {aspects_text(aspects)} {measured}.'
 
 
 def _incomplete(done: int, requested: int, what: str) -> str:
@@ -212,7 +351,7 @@ def _action_facts(action: NamedAction) -> Iterator[tuple[str, str]]:
     yield TIME.text, f'{action.time:g} {TIME.unit}'
 
 
-def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
+def _condition_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
     """Return the conditions of the contact, and those that matter only for the drops."""
     facts = list(condition_facts(conditions))
     release = [fact for fact in facts if fact[0].partition(' (')[0] in _RELEASE]
@@ -223,7 +362,7 @@ def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
     }
 
 
-def _run_facts(result: 'ReorientResult') -> Facts:
+def _run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
     growth = energy_text(result.matrix.energy_growth, result.part)
     return [
         *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),
@@ -232,20 +371,20 @@ def _run_facts(result: 'ReorientResult') -> Facts:
     ]
 
 
-def _check_cells(check: MeasuredComparison) -> tuple[str, ...]:
+def _check_cells(check: MeasuredComparison) -> list[str]:
     pair = check.pair
     simulated = difference = NOTHING
     if check.actions:
         simulated = _share_cell(check.simulated)
         difference = points_text(check.difference, check.lower, check.upper)
-    return (
+    return [
         str(pair.from_aspect),
         str(pair.to_aspect),
         f'{pair.successes} of {pair.trials}, {_share_cell(check.measured)}',
         simulated,
         difference,
         check.verdict,
-    )
+    ]
 
 
 def _share_cell(share: Interval) -> str:

@@ -1,14 +1,14 @@
 """The files of a report on a result."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
-from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor, outcome_hints, scene_of
 from resting_aspects_ros.arrays import Array
@@ -18,13 +18,20 @@ from resting_aspects_ros.aspects.support import NONE, ContactPlane
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import GREY, aspect_colour, rgb
-from resting_aspects_ros.report.comparison_text import ReferenceCounts
-from resting_aspects_ros.report.contact_picture import contact_image
-from resting_aspects_ros.report.page import FILES, PAGE, ContactRow, Report, report_files
-from resting_aspects_ros.report.rounding import interval_text, probability_text, size_text
-from resting_aspects_ros.report.table import symmetry_text
+from resting_aspects_ros.report.comparison import ComparedResults
+from resting_aspects_ros.report.drop_page import FILES, drop_page
+from resting_aspects_ros.report.drops import MAX_ROWS, contact_table, symmetry_text
+from resting_aspects_ros.report.format import (
+    GREY,
+    aspect_colour,
+    ids_text,
+    rgb,
+    size_text,
+)
+from resting_aspects_ros.report.page import Page, picture_uri
+from resting_aspects_ros.report.picture import picture_part
+from resting_aspects_ros.report.scene_picture import contact_image
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import (
@@ -33,15 +40,14 @@ from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     value_text,
 )
-from resting_aspects_ros.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
 SEED = 1
-# Placements with a row of their own on the page, and the side of a picture, pixels.
-MAX_ROWS = 24
+# Side of a picture of a placement, pixels: twice its size on the page.
 PIXELS = 400
 
 
@@ -55,74 +61,60 @@ def check_report(flag: str, folder: Path) -> None:
     check_files(flag, folder, FILES)
 
 
-def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    make_folder(flag, folder)
-    for name in names:
-        check_output(flag, folder / name)
-
-
 def write_report(result: 'DropResult', folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
-    write_files(folder, report_files(_report(result, against)), FILES)
-    return folder / PAGE
+    return write_page(result_page(result, against), folder)
 
 
-def write_files(folder: Path, files: Iterable[tuple[str, bytes]], names: Sequence[str]) -> None:
-    """Write the files, and remove those of ``names`` that an earlier report had in addition."""
-    written = set()
-    for name, data in files:
-        with whole_file(folder / name) as file:
-            file.write_bytes(data)
-        written.add(name)
-    for name in names:
-        if name not in written:
-            (folder / name).unlink(missing_ok=True)
-
-
-def _report(result: 'DropResult', against: CountedDrops | None) -> Report:
+def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Page:
+    """Return the page of a result, compared with other counts if there are any."""
     distribution, part = result.distribution, result.part
-    estimates: dict[str, Array] = {}
-    reasons: dict[str, str] = {}
-    contacts: list[ContactRow] = []
-    measured: ReferenceCounts | None = None
+    more: dict[str, Any] = {}
     notes = list(_notes(result))
     # The methods assume a level plane.
     level = result.run.conditions.surroundings is None
     if part is not None and len(distribution.aspects) and level:
         with analysis('the analytic estimates', notes):
             shape = RestingShape(part, distribution.aspects)
-            found, reasons = estimate_each(shape, METHODS)
-            estimates = {name: each.probabilities for name, each in found.items()}
+            found, more['not_defined'] = estimate_each(shape, METHODS)
+            more['estimates'] = {name: each.probabilities for name, each in found.items()}
     with analysis('the table of contacts', notes):
-        contacts += contact_page_rows(result)
+        more['contacts'] = contact_page_table(result)
     if against is not None:
         with analysis('the comparison with the measured counts', notes):
-            measured = _measured(result, against)
-    return Report(
-        title=result.run.part,
-        subtitle=result.subtitle,
-        distribution=distribution,
-        part=part,
-        notes=tuple(notes),
+            more['measured'] = _measured(result, against)
+    return drop_page(
+        distribution,
+        part,
+        result.run.part,
+        result.subtitle,
+        notes=notes,
         facts=_facts(result),
         history=result.history,
-        estimates=estimates,
-        not_defined=reasons,
-        measured=measured,
-        contacts=tuple(contacts),
         level_floor=has_level_floor(result.run.conditions),
+        **more,
     )
 
 
-def _measured(result: 'DropResult', against: CountedDrops) -> ReferenceCounts:
+def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, ComparedResults]:
+    """Return the comparison by class with other counts."""
     tally = counted_by_class(against, result.distribution.aspects).tally
     own = result.distribution.by_class()
     counted = DropCounts(
         own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
     )
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
+    classes = result.distribution.aspects.classes()
+    sides = ComparedResults(
+        tuple(members[0].symmetry_class for members in classes),
+        None,
+        counted,
+        tally,
+        'class',
+        tuple(map(ids_text, classes)),
+        ('simulated', printable(Path(against.source).name)),
+    )
+    return found, sides
 
 
 def _notes(result: 'DropResult') -> Iterator[str]:
@@ -221,40 +213,27 @@ def part_facts(
     ]
 
 
-def contact_page_rows(result: 'DropResult') -> Iterator[ContactRow]:
-    """Yield a row for each of the most frequent placements; nothing without walls or part."""
+def contact_page_table(result: 'DropResult') -> Table | None:
+    """Return the table of contacts with a picture in each row; None without walls or part."""
     part, contacts, distribution = result.part, result.contacts, result.distribution
-    scene = None if part is None else scene_of(part, result.run.conditions)
-    if part is None or contacts is None or scene is None:
-        return
+    if part is None or contacts is None:
+        return None
+    scene = scene_of(part, result.run.conditions)
     planes = [
         ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
         for face in scene.faces
     ]
     drawn = picture_part(part, distribution.aspects.aspects)
+    table = contact_table(contacts, distribution)
+    table.picture_width = PIXELS // 2
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
-    for placement, interval in rows[:MAX_ROWS]:
-        yield ContactRow(
-            contacts=tuple(
-                (name.replace('_', ' '), _text(value))
-                for name, value in contacts.named(placement).items()
-            ),
-            symmetry_class=placement.symmetry_class,
-            count=placement.count,
-            probability=probability_text(interval),
-            interval=interval_text(interval),
-            image=contact_image(
-                drawn,
-                placement.orientation,
-                placement.contacts,
-                planes,
-                _colour(distribution.aspects, placement.contacts),
-                PIXELS,
-            ),
+    for k, (placement, _) in enumerate(rows[:MAX_ROWS]):
+        colour = _colour(distribution.aspects, placement.contacts)
+        image = contact_image(
+            drawn, placement.orientation, placement.contacts, planes, colour, PIXELS
         )
-    if rest := sum(placement.count for placement, _ in rows[MAX_ROWS:]):
-        number = len(rows) - MAX_ROWS
-        yield ContactRow(contacts=(('', f'{number} other placements'),), count=rest)
+        table.pictures[k, 0] = picture_uri(image)
+    return table
 
 
 def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
@@ -262,12 +241,6 @@ def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
     lies = next((code for code in contacts if code > NONE), None)
     colour = np.array(rgb(GREY if lies is None else aspect_colour(aspects.aspects[lies - 1])))
     return np.asarray(0.65 * colour + 0.35)
-
-
-def _text(value: int | str | None) -> str:
-    if value is None:
-        return 'no contact'
-    return f'aspect {value}' if isinstance(value, int) else value
 
 
 def surroundings_facts(

@@ -5,15 +5,15 @@ import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks, given_workers
 from resting_aspects_ros.api.condition_text import given_conditions, surface_text
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
@@ -21,9 +21,8 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
-from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.transition_document import retention_fields
-from resting_aspects_ros.simulation.action_starts import MAX_LIFT, disturbance_starts
+from resting_aspects_ros.report.transitions import retention_fields
+from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
@@ -31,6 +30,11 @@ from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import RetentionCurve
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from resting_aspects_ros.report.page import Page
 
 # If none of 400 parts leaves, the 95 % interval of the probability ends at 0.95 %.
 DEFAULT_PER_HEIGHT = 400
@@ -46,7 +50,7 @@ MAX_HEIGHT = 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class RetentionResult:
+class RetentionResult(Result):
     """The retention curves of a part.
 
     Attributes
@@ -72,44 +76,32 @@ class RetentionResult:
         surface = surface_text(self.run.conditions)
         return f'{self.run.part}, disturbed on {surface}, seed {self.run.seed}'
 
-    def to_json(self) -> str:
-        """Return the JSON document that `resting_aspects retention --json` prints."""
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects retention --json` prints."""
         run = self.run.document()
         asked = run.pop('drops')
         del run['precision']
-        return json_text(
-            {
-                'schema_version': SCHEMA_VERSION,
-                **run,
-                'mesh_sha256': self.part.mesh_sha256,
-                'disturbances_asked': asked,
-                'complete': self.complete,
-                'aspects': [aspect_fields(each, self.part) for each in self.aspects.aspects],
-                'curves': [retention_fields(curve) for curve in self.curves],
-            }
-        )
+        return {
+            'schema_version': SCHEMA_VERSION,
+            **run,
+            'mesh_sha256': self.part.mesh_sha256,
+            'disturbances_asked': asked,
+            'complete': self.complete,
+            'aspects': [aspect_fields(each, self.part) for each in self.aspects.aspects],
+            'curves': [retention_fields(curve) for curve in self.curves],
+        }
 
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with the curves and all numbers into a folder, which is made if necessary.
+    def page(self) -> 'Page':
+        """Return a page with the curves and all numbers."""
+        from resting_aspects_ros.api.reorientation_files import retention_page
 
-        Returns the path of the page; raises OutputError if it cannot be written.
-        """
-        from resting_aspects_ros.api.reorientation_files import (
-            check_reorientation_report,
-            write_retention_report,
-        )
+        return retention_page(self)
 
-        check_reorientation_report('folder', Path(folder), ())
-        return write_retention_report(self, Path(folder))
+    def figure(self) -> 'Figure':
+        """Return the curves."""
+        from resting_aspects_ros.report.transition_figures import retention_figure
 
-    def save_picture(self, path: str | Path) -> None:
-        """Write the curves as PNG; raises OutputError."""
-        from resting_aspects_ros.report.figure_style import png_bytes
-        from resting_aspects_ros.report.retention_figure import retention_figure
-
-        data = png_bytes(retention_figure(self.curves, self.aspects, self.part, self.title))
-        with whole_file(Path(path)) as part:
-            part.write_bytes(data)
+        return retention_figure(self.curves, self.aspects, self.part, self.title)
 
 
 def retention(
@@ -181,7 +173,7 @@ def retention(
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
         landscape=landscape,
-        starts=disturbance_starts(loaded, aspects.aspects, lift, given.gravity),
+        starts=disturbance_starts(loaded, aspects.aspects, lift, given),
         engine=engine,
     )
     left, parts = np.zeros((2, lift.size), dtype=np.int64)

@@ -8,7 +8,7 @@ from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
-from resting_aspects_ros.report.rounding import number_text
+from resting_aspects_ros.report.format import number_text
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.scene import MeshBody
 
@@ -61,7 +61,7 @@ def simulated_shapes(part: Part | None, conditions: DropConditions) -> Simulated
         return None
     try:
         scene = scene_of(part, conditions)
-        if scene is None or scene.flat:
+        if scene.flat:
             return None
         pieces = convex_pieces(part)
     except PartError:

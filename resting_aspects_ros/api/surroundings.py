@@ -21,7 +21,7 @@ from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import canonical, orientation_with_down, product, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.scene import Block, HalfSpace, Scene
+from resting_aspects_ros.simulation.scene import Block, HalfSpace, Scene, make_scene
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,
@@ -34,18 +34,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     tray_from_scene,
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
-
-# Where a part is, by the kind of the surroundings.
-PLACES = {
-    **dict.fromkeys(('plane', 'slope', 'bowl_track', 'mesh'), 'on a'),
-    'wall': 'at a',
-    **dict.fromkeys(('v_groove', 'chute', 'corner', 'tray'), 'in a'),
-}
-# How parts leave surroundings of a kind.
-_LOST = {
-    'bowl_track': 'they fell over the edge of the track',
-    'mesh': 'they are beside the mesh or below it',
-}
 
 
 def surroundings(name: str | Path, **changes: Any) -> Surroundings:
@@ -90,11 +78,9 @@ def with_surroundings(
     return dataclasses.replace(conditions, surroundings=found)
 
 
-def scene_of(part: Part, conditions: DropConditions) -> Scene | None:
-    """Return the surroundings of drops of a part; None for the infinite level plane."""
-    if conditions.surroundings is None:
-        return None
-    return conditions.surroundings.scene(conditions, part.hull_radius)
+def scene_of(part: Part, conditions: DropConditions) -> Scene:
+    """Return the surroundings of drops of a part, of which a level plane is the simplest."""
+    return make_scene(conditions, part.hull_radius)
 
 
 def has_level_floor(conditions: DropConditions) -> bool:
@@ -111,9 +97,9 @@ def has_level_floor(conditions: DropConditions) -> bool:
     return bool(up[2] > 1 - 1e-9)
 
 
-def aspects_in(scene: Scene | None, aspects: AspectSet) -> AspectSet:
+def aspects_in(scene: Scene, aspects: AspectSet) -> AspectSet:
     """Return the aspects as they are counted in surroundings: on the first plane."""
-    if scene is None or not scene.half_spaces:
+    if scene.level or not scene.half_spaces:
         return aspects
     first = next((p for p in scene.faces if p.name == scene.bodies[0].name), None)
     if first is None:
@@ -134,9 +120,9 @@ def on_level_floor(
     return canonical(product(np.tile(turn, (len(orientation), 1)), orientation))
 
 
-def contacts_in(scene: Scene | None, part: Part, aspects: AspectSet) -> ContactCounts | None:
+def contacts_in(scene: Scene, part: Part, aspects: AspectSet) -> ContactCounts | None:
     """Return counts by what the parts touch, without drops; None without walls."""
-    if scene is None or len(scene.faces) < 2:
+    if len(scene.faces) < 2:
         return None
     planes = [_contact_plane(scene, face) for face in scene.faces]
     return ContactCounts(ContactFinder(part, aspects, planes), aspects)
@@ -170,7 +156,7 @@ def _shipped_names() -> dict[Surroundings, str]:
 def surroundings_text(surroundings: Surroundings) -> str:
     """Return where parts are, such as 'on a slope (angle 10 deg)'."""
     text = dataclasses.replace(surroundings, name='').text
-    return f'{PLACES[surroundings.shape.kind]} {text}'
+    return f'{surroundings.shape.place} {text}'
 
 
 def conditions_text(conditions: DropConditions) -> str:
@@ -227,7 +213,7 @@ def outcome_hints(
             f'{": " if reason else ""}{reason}.'
         )
     if distribution.lost:
-        how = _LOST.get(surroundings.shape.kind, 'they left the surroundings')
+        how = surroundings.shape.loss
         yield f'{_count(distribution.lost, distribution)} are lost: {how}.'
     if distribution.unclassified and len(scene.faces) > 1:
         name = scene.faces[0].name.replace('_', ' ')

@@ -77,5 +77,5 @@ def _named_action(
         base = dataclasses.replace(base, time=time)
     if not values:
         return base
-    changed = make_action(base.action.kind, {**dataclasses.asdict(base.action), **values})
+    changed = make_action(base.action.kind, {**base.action.numbers, **values})
     return NamedAction(f'{name}_changed', changed, base.time)

@@ -4,15 +4,19 @@ import sys
 
 from rich.console import Console
 from rich.measure import Measurement
-from rich.table import Table
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import outcome_hints
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.contact_report import contact_table
-from resting_aspects_ros.report.rounding import size_text
-from resting_aspects_ros.report.table import distribution_table, merged_text, never_seen_text
+from resting_aspects_ros.report.drops import (
+    contact_table,
+    distribution_table,
+    merged_text,
+    never_seen_text,
+)
+from resting_aspects_ros.report.format import size_text
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
 
 # Width of a table that is written to a pipe or a file.

@@ -8,7 +8,7 @@ from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import flag_of, requested_conditions, requested_number
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rows import class_rows
+from resting_aspects_ros.report.format import class_rows
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers

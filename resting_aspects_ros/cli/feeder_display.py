@@ -13,7 +13,7 @@ from rich.live import Live
 from resting_aspects_ros.api.progress import TerminalDisplay
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.report.feeder_table import FeederView, feeder_line, feeder_table
+from resting_aspects_ros.report.forecast import FeederView, feeder_line, feeder_table
 
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch

@@ -28,15 +28,17 @@ from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
-from resting_aspects_ros.report.reorientation_report import suffix_of
-from resting_aspects_ros.report.reorientation_table import (
+from resting_aspects_ros.report.transitions import (
+    Rows,
     actions_table,
     long_run_table,
     long_run_text,
     plan_table,
+    suffix_of,
+    table_rows,
+    transition_table,
     wanted_table,
 )
-from resting_aspects_ros.report.transition_table import Rows, table_rows, transition_table
 from resting_aspects_ros.simulation.interruption import catch
 from resting_aspects_ros.statistics.markov import Plan, wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
@@ -198,8 +200,6 @@ def save_answer(
     for result in answer.results:
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
-        if pictures and result.long_run is not None:
-            files[f'flow{suffix}.png'] = result.save_flow
         saves.update(files)
     written = []
     for name, save in saves.items():

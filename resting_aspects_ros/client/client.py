@@ -20,9 +20,10 @@ from resting_aspects_ros.client.request_messages import check_name, missing_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import conditions_from, part_from
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, PARTS
-from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.statistics.distribution import METHOD
 
 # Timeout for a latched message, s.

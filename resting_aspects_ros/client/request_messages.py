@@ -26,7 +26,7 @@ from resting_aspects_ros.ros.interface import DROP_SIMULATOR, PARTS
 from resting_aspects_ros.ros.status import requested_estimator, unknown_part
 from resting_aspects_ros.ros.topic_discovery import published_parts
 from resting_aspects_ros.ros.transition_conversions import action_msg
-from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
@@ -35,6 +35,7 @@ from resting_aspects_ros.simulation.job import (
     check_drops,
     check_seed,
 )
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.statistics.distribution import METHOD
 from resting_aspects_ros.statistics.intervals import check_precision, max_drops
 

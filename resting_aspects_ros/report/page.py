@@ -1,246 +1,344 @@
-"""Write a distribution as one self-contained HTML page, and its figures as files."""
+"""Pages: sections with texts, tables, figures and pictures, in one self-contained HTML file.
 
+A page and its sections contain items. A text is a paragraph that explains; all other items are
+classes of this module, or a Table. The template has a macro for each of them, with its name.
+"""
+
+import base64
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
+import yaml
 
-from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.aspect_pose import picture_part, triangle_counts
-from resting_aspects_ros.report.colours import rgb
-from resting_aspects_ros.report.comparison_text import (
-    ReferenceCounts,
-    comparison_text,
-    difference_texts,
-)
-from resting_aspects_ros.report.figure_style import inline_svg, svg_text
-from resting_aspects_ros.report.figures import (
-    bands,
-    comparison_figure,
-    convergence_figure,
-    estimates_figure,
-)
-from resting_aspects_ros.report.page_rows import largest_rows, row_texts, unseen_text
-from resting_aspects_ros.report.page_template import (
-    ENDINGS,
-    figure_files,
-    picture_uri,
-    read_file,
-    render_page,
-    script_uri,
-)
-from resting_aspects_ros.report.picture import distribution_figure
-from resting_aspects_ros.report.pie import pie_figure
-from resting_aspects_ros.report.posed_part import (
-    FROM_ABOVE,
-    OBLIQUE,
-    Image,
-    downsample,
-    draw_parts,
-    pose_parts,
-)
-from resting_aspects_ros.report.rounding import share_text
-from resting_aspects_ros.report.row_axes import NARROW, WIDE
-from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
-from resting_aspects_ros.report.scene import scene
-from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.report.figure import inline_svg, png_bytes, svg_text
+from resting_aspects_ros.report.table import Table
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written
     from matplotlib.figure import Figure
 
-PAGE = 'report.html'
-_LABELS = {
-    'distribution': 'Bar chart of the probabilities with intervals',
-    'pie': 'Pie chart of the shares of all drops',
-    'convergence': 'Line chart of the probabilities against the number of drops',
-    'estimates': 'Chart of the predictions of the analytic methods',
-    'comparison': 'Bar chart of the simulated and the measured shares',
-}
-FIGURES = tuple(_LABELS)
-_Draw = Callable[[float], 'Figure']
-FILES = (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS))
-# Side of a picture in a row, twice its size on the page for high-resolution screens, smaller on
-# pages with more than MANY_ROWS rows (see page.css); and side of a picture beside a bar.
-PIXELS, PIXELS_OF_MANY_ROWS, MANY_ROWS, SMALL_PIXELS = 320, 192, 12, 64
-MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
+    from resting_aspects_ros.report.picture import Image
+
+# Endings of the files of a figure.
+ENDINGS = ('png', 'svg')
+TEMPLATE = 'page.html'
+_CSS_PIXELS_PER_INCH = 96
+# Rows of a page with more of them are small.
+MANY_ROWS = 12
+
+Item: TypeAlias = (
+    'str | Table | Text | Facts | Chart | Fold | Gallery | Findings | View | Bars | OutcomeRows'
+)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph in a style other than that of an explanation.
+
+    style : str
+        'note' for a warning, 'verdict' for a result, 'part' for the heading of a part of a
+        section, 'plain' for any other text.
+    """
+
+    text: str
+    style: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Labels and values beside each other."""
+
+    pairs: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
-class ContactRow:
-    """A placement in surroundings: what touches each body, and a picture.
+class Chart:
+    """A figure; if it fails, the page has a note instead.
 
-    contacts : tuple of (str, str)
-        Name of the body, and what touches it.
+    name : str
+        Unique in the page; the name of its files.
+    label : str
+        Alternative text for screen readers.
+    draw : callable
+        Returns the figure for the page.
+    saved : callable, optional
+        Returns the figure for its files, such as one with a title. Without it there are no files.
+    narrow : callable, optional
+        Returns the figure for a narrow screen. Without it, the figure scrolls there.
     """
 
-    contacts: tuple[tuple[str, str], ...]
+    name: str
+    label: str
+    draw: Callable[[], 'Figure']
+    caption: str = ''
+    saved: 'Callable[[], Figure] | None' = None
+    narrow: 'Callable[[], Figure] | None' = None
+
+    def files(self, svg: str = '') -> Iterator[tuple[str, bytes]]:
+        """Yield name and content of the files; ``svg`` is the figure if it is that of the page."""
+        if self.saved is not None:
+            figure = self.saved()
+            yield f'{self.name}.png', png_bytes(figure)
+            yield f'{self.name}.svg', (svg or svg_text(figure)).encode()
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Items that are shown on request."""
+
+    summary: str
+    items: 'Sequence[Item]'
+
+
+@dataclass(frozen=True)
+class Tile:
+    """What a gallery shows of a class: its picture (a data URI, or empty), name and texts."""
+
+    name: str
+    colour: str
+    picture: str
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Classes beside each other, of a thing that can have a heading with a link."""
+
+    tiles: Sequence[Tile]
+    heading: str = ''
+    link: str = ''
+    texts: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Results as a list: a mark ('yes', 'no' or 'open'), the result, and what explains it."""
+
+    entries: Sequence[tuple[str, str, str]]
+
+
+@dataclass(frozen=True)
+class View:
+    """The 3D view of a part in the aspect of the selected row.
+
+    scene : mapping
+        See drop_page.scene.
+    picture : str
+        Shown until the view is drawn.
+    name, share : str
+        Of the first row.
+    """
+
+    scene: Mapping[str, object]
+    picture: str
+    name: str
+    share: str
+    hint: str = ''
+
+
+@dataclass(frozen=True)
+class OutcomeRow:
+    """A row of the page of a distribution. A text that does not apply is empty.
+
+    oblique, above, small : str
+        Pictures as data URIs.
+    bar : (float, float, float)
+        Length of the bar, and start and length of its whisker, as percentages of the width.
+    facts : tuple of (str, str, str)
+        Properties of the aspect that follow from the shape: label, value, explanation.
+    members : Table or None
+        The individual aspects of the row, if there are several.
+    """
+
+    name: str
+    short: str
+    note: str
+    colour: str
     count: int
-    symmetry_class: int | None = None
-    probability: str = ''
-    interval: str = ''
-    image: Image | None = None
+    probability: str
+    interval: str
+    bar: tuple[float, float, float]
+    facts: tuple[tuple[str, str, str], ...] = ()
+    members: Table | None = None
+    oblique: str = ''
+    above: str = ''
+    small: str = ''
 
-    @property
-    def picture(self) -> str:
-        """The picture as a data URI; empty if there is none."""
-        return '' if self.image is None else picture_uri(self.image)
+
+@dataclass(frozen=True)
+class Bars:
+    """A pie chart, and a bar with its whisker for each row."""
+
+    chart: Chart
+    rows: Sequence[OutcomeRow]
+    caption: str
+
+
+@dataclass(frozen=True)
+class OutcomeRows:
+    """The rows of a distribution, with pictures; ``view`` is whether they select the view."""
+
+    rows: Sequence[OutcomeRow]
+    drops: int
+    view: bool
+    many: int = MANY_ROWS
+
+
+@dataclass(frozen=True)
+class Section:
+    """Items below a heading; ``anchor`` is its id, unique in the page."""
+
+    heading: str
+    anchor: str
+    items: Sequence[Item]
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
-    """The content of a page.
+class Page:
+    """A page, with all that is needed to write it.
 
-    part : Part or None
-        Without the part, the page has no pictures and no 3D view.
-    notes : tuple of str
-        Sentences that are shown at the top, such as warnings.
+    file : str
+        Its name.
+    title : str
+        What the page is about, such as the name of a part.
+    topic, lead, subtitle : str
+        The kind of the page in a word or two and in a sentence, and its conditions.
+    sections : sequence of Section
+    reading : mapping
+        Explanations by term.
     facts : mapping
-        Labels and values that describe the part, the conditions and the run, by heading.
-    history : ((m,) int, (m, k) int) or None
-        Numbers of drops, ascending, and the counts of the k aspects after each of them.
-    estimates : mapping
-        (k,) probabilities of the aspects by method.
-    not_defined : mapping
-        By method, why it is not defined for the part.
-    measured : ReferenceCounts or None
-        The counts with which the drops are compared.
-    contacts : tuple of ContactRow
-        What the parts touch in surroundings with walls, the most frequent first.
-    level_floor : bool
-        Whether the parts lie on a level plane, as the pictures and the properties of the aspects
-        assume.
+        Labels and values of the part, the conditions and the run, by heading.
+    notes : sequence of str
+        Sentences that are shown at the top, such as warnings.
+    top : sequence of items
+        Shown before the sections, side by side.
+    saved : sequence of Chart
+        Figures that are files and not on the page.
+    contents : bool
+        Whether links to the sections are shown.
+    names : sequence of str
+        Names of all files that such a page can have.
     """
 
+    file: str
     title: str
+    topic: str
+    lead: str
     subtitle: str
-    distribution: Distribution
-    part: Part | None
-    notes: tuple[str, ...] = ()
+    sections: Sequence[Section]
+    reading: Mapping[str, str]
     facts: Mapping[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
-    history: tuple[Counts, Counts] | None = None
-    estimates: Mapping[str, Array] = field(default_factory=dict)
-    not_defined: Mapping[str, str] = field(default_factory=dict)
-    measured: ReferenceCounts | None = None
-    contacts: tuple[ContactRow, ...] = ()
-    level_floor: bool = True
+    notes: Sequence[str] = ()
+    top: Sequence[Item] = ()
+    saved: Sequence[Chart] = ()
+    contents: bool = False
+    names: Sequence[str] = ()
+
+    def files(self) -> Iterator[tuple[str, bytes]]:
+        """Yield the name and the content of each file: the figures, then the page."""
+        notes = list(self.notes)
+        for chart in self.saved:
+            files: list[tuple[str, bytes]] = []
+            with analysis(f'the figure {chart.label!r}', notes):
+                files = list(chart.files())
+            yield from files
+        drawn: dict[str, dict[str, Any]] = {}
+        for chart in self._charts():
+            files = []
+            with analysis(f'the figure {chart.label!r}', notes):
+                svg, content = _inline(chart)
+                files = list(chart.files(svg if chart.saved is chart.draw else ''))
+                drawn[chart.name] = content
+            yield from files
+        yield self.file, self._html(notes, drawn).encode()
+
+    def html(self) -> str:
+        """Return the page alone."""
+        return dict(self.files())[self.file].decode()
+
+    def _charts(self) -> Iterator[Chart]:
+        for items in (self.top, *(section.items for section in self.sections)):
+            for item in items:
+                if isinstance(item, Chart):
+                    yield item
+                if isinstance(item, Bars):
+                    yield item.chart
+
+    def _html(self, notes: Sequence[str], drawn: Mapping[str, Mapping[str, Any]]) -> str:
+        # The import takes 0.2 s, and no other command needs it.
+        import jinja2
+
+        environment = jinja2.Environment(
+            autoescape=True,
+            undefined=jinja2.StrictUndefined,
+            loader=jinja2.FunctionLoader(read_file),
+            trim_blocks=True,
+        )
+        views = [item for item in self.top if isinstance(item, View)]
+        scripts = ('three.module.min.js', 'OrbitControls.js')
+        # The template marks the scripts and the style as safe: they contain no data.
+        return environment.get_template(TEMPLATE).render(
+            page=self,
+            notes=notes,
+            drawn=drawn,
+            kind=lambda item: type(item).__name__,
+            style=read_file('page.css'),
+            scene=views[0].scene if views else None,
+            script=read_file('page.js'),
+            modules={name.partition('.')[0]: script_uri(name) for name in scripts if views},
+        )
 
 
-def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
-    """Yield the name and the content of each file: the figures, then the page."""
-    drawn = _DrawnRows(report)
-    notes = list(report.notes)
-    svgs: dict[str, str] = {}
-    narrow: dict[str, str] = {}
-    responsive = dict(_responsive_figures(report, drawn))
-    for name, draw in {**_figures(report, drawn), **responsive}.items():
-        files: list[tuple[str, bytes]] = []
-        with analysis(f'the figure {_LABELS[name]!r}', notes):
-            figure = draw(WIDE)
-            svg = svg_text(figure)
-            files = list(figure_files(name, figure, svg))
-            if name in responsive:
-                narrow[name] = svg_text(draw(NARROW))
-            svgs[name] = svg
-        yield from files
-    yield PAGE, _page(replace(report, notes=tuple(notes)), drawn, svgs, narrow).encode()
-
-
-class _DrawnRows:
-    """The rows of a report, and the pictures of the part in them."""
-
-    def __init__(self, report: Report) -> None:
-        self.rows = class_rows(report.distribution)
-        self.outside = outside_rows(report.distribution)
-        self.part = report.part and picture_part(report.part, report.distribution.aspects.aspects)
-        aspects = [row.aspects[0] for row in self.rows]
-        self.posed_parts = pose_parts(self.part, aspects) if self.part else []
-        order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
-        self.pictured = sorted(order[:MAX_PICTURED_ROWS])
-        self.oblique = self._images(OBLIQUE)
-        self.above = self._images(FROM_ABOVE)
-
-    def scene(self) -> dict[str, object] | None:
-        return scene(self.part, self.rows, self.posed_parts) if self.part and self.rows else None
-
-    def _images(self, view: Array) -> dict[int, Image]:
-        """Return the pictures by row index."""
-        posed_parts = [self.posed_parts[k] for k in self.pictured]
-        colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        pixels = PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS
-        images = draw_parts(posed_parts, colours, pixels, view)
-        return dict(zip(self.pictured, images, strict=True))
-
-
-def _figures(report: Report, drawn: _DrawnRows) -> dict[str, _Draw]:
-    """Return functions that draw the figures with a single width, by name."""
-    rows, distribution = [*drawn.rows, *drawn.outside], report.distribution
-    return {
-        'distribution': lambda _: distribution_figure(
-            distribution, drawn.part, f'{report.title}, {report.subtitle}'
-        ),
-        'pie': lambda _: pie_figure(rows, [drawn.oblique.get(k) for k in range(len(rows))]),
+def _inline(chart: Chart) -> tuple[str, dict[str, Any]]:
+    """Return the SVG text of a figure, and what the template needs to show it."""
+    figure = chart.draw()
+    svg = svg_text(figure)
+    prefix = chart.name.replace('_', '-')
+    narrow = ''
+    if chart.narrow is not None:
+        narrow = inline_svg(svg_text(chart.narrow()), f'{prefix}-narrow', chart.label)
+    return svg, {
+        'svg': inline_svg(svg, prefix, chart.label),
+        'narrow': narrow,
+        'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
     }
 
 
-def _responsive_figures(report: Report, drawn: _DrawnRows) -> Iterator[tuple[str, _Draw]]:
-    """Yield names and functions of those for which there are data; widths are in inches."""
-    rows, history, measured = drawn.rows, report.history, report.measured
-    if history is not None and len(history[0]) > 1 and rows:
-        shown = bands(report.distribution, *history)
-        yield 'convergence', lambda width: convergence_figure(rows, history[0], shown, width)
-    if report.estimates and rows:
-        shares = {name: np.array(_row_sums(rows, p)) for name, p in report.estimates.items()}
-        yield 'estimates', lambda width: estimates_figure(rows, shares, width)
-    if measured is not None:
-        sides, differences = measured.sides(), difference_texts(measured.comparison)
-        yield 'comparison', lambda width: comparison_figure(rows, sides, differences, width)
+def file_names(page: str, figures: Sequence[str]) -> list[str]:
+    """Return the names of the files of a page and its figures."""
+    return [page, *(f'{figure}.{ending}' for figure in figures for ending in ENDINGS)]
 
 
-def _page(
-    report: Report, drawn: _DrawnRows, svgs: Mapping[str, str], narrow: Mapping[str, str]
-) -> str:
-    rows = [*drawn.rows, *drawn.outside]
-    small = {
-        k: downsample(image, len(image) // SMALL_PIXELS) for k, image in drawn.oblique.items()
-    }
-    views = (drawn.oblique, drawn.above, small)
-    pictures = [
-        [picture_uri(images[k]) if k in images else '' for images in views]
-        for k in range(len(rows))
-    ]
-    texts = row_texts(report.distribution, rows, pictures, report.part, level=report.level_floor)
-    return render_page(
-        'page.html',
-        report=report,
-        drops=report.distribution.drops,
-        has_history=report.history is not None,
-        confidence=f'{100 * report.distribution.confidence:g}',
-        interval=report.distribution.interval.capitalize(),
-        rows=texts,
-        bars=largest_rows(texts),
-        unseen=unseen_text(drawn.rows) if report.distribution.drops else '',
-        figures={name: inline_svg(svg, name, _LABELS[name]) for name, svg in svgs.items()},
-        narrow={
-            name: inline_svg(svg, f'{name}-narrow', _LABELS[name]) for name, svg in narrow.items()
-        },
-        comparison=report.measured and comparison_text(report.measured, drawn.rows),
-        estimates={
-            METHODS[name].label: [share_text(p) for p in _row_sums(drawn.rows, shares)]
-            for name, shares in report.estimates.items()
-        },
-        simplified=triangle_counts(report.part, drawn.part),
-        scene=drawn.scene(),
-        script=read_file('page.js'),
-        modules={
-            'three': script_uri('three.module.min.js'),
-            'OrbitControls': script_uri('OrbitControls.js'),
-        },
-    )
+def picture_uri(image: 'Image') -> str:
+    """Return a picture as a data URI."""
+    from matplotlib.image import imsave
+
+    file = io.BytesIO()
+    imsave(file, image, format='png')
+    return _data_uri('image/png', file.getvalue())
 
 
-def _row_sums(rows: Sequence[Row], values: Any) -> list[Any]:
-    return [sum(values[aspect.id - 1] for aspect in row.aspects) for row in rows]
+def script_uri(name: str) -> str:
+    """Return a script of page_files as a data URI."""
+    return _data_uri('text/javascript', read_file(name).encode())
+
+
+def reading(kind: str, **values: str) -> dict[str, str]:
+    """Return the explanations of a kind of page by term, from reading.yaml.
+
+    ``values`` replace their names in braces.
+    """
+    texts = yaml.safe_load(read_file('reading.yaml'))[kind]
+    return {term: text.format(**values) for term, text in texts.items()}
+
+
+def read_file(name: str) -> str:
+    """Return the text of a file of page_files."""
+    return (resources.files(__package__) / 'page_files' / name).read_text(encoding='utf-8')
+
+
+def _data_uri(media_type: str, data: bytes) -> str:
+    return f'data:{media_type};base64,{base64.b64encode(data).decode("ascii")}'

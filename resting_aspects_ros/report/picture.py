@@ -1,219 +1,514 @@
-"""The bar chart of a distribution, with a picture of the part beside each bar."""
+"""Pictures of a part: its poses on the tray, a renderer, and coarse meshes."""
 
-import textwrap
+import dataclasses
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import binary_dilation, uniform_filter
+from scipy.spatial import KDTree
 
+from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.colours import GREY, rgb
-from resting_aspects_ros.report.figure_style import (
-    FAINT,
-    PAPER,
-    PIXELS_PER_INCH,
-    TEXT,
-    new_figure,
-    percent_axis,
-    plain_axes,
-)
-from resting_aspects_ros.report.posed_part import Image, draw_parts, pose_parts
-from resting_aspects_ros.report.rounding import (
-    interval_of,
-    interval_text,
-    millimetre_texts,
-    probability_text,
-)
-from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
-from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.rotations import down_in_part, rotate, turned_about_vertical
 
-if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a picture is made
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+Mask = npt.NDArray[np.bool_]
 
-MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one bar
-
-# Sizes in pixels. BESIDE_BAR is the room for the text at the end of the longest bar.
-WIDTH = 1240
-TOP, BOTTOM, MARGIN = 110, 84, 28
-ROW, ROW_OF_MANY, MANY = 164, 116, 6
-ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
-BAR = 42
-MAX_TITLE = 80  # characters
-LABEL, BESIDE_BAR = 200, 190
+NOTHING = -1
+# An edge is drawn where surfaces meet at more than 25 degrees, also across a fillet that is a few
+# pixels wide, but not between the facets of a curved side.
+CREASE = np.cos(np.radians(25.0))
+# An edge is drawn at a step in depth of more than this, pixels.
+STEP = 3.0
+# Pixel centres this close outside a triangle count as inside, because rounding would leave holes.
+BORDER = 1e-7
 
 
-def distribution_figure(
-    distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
-) -> 'Figure':
-    """Plot a bar for each symmetry class, with a picture of the part in it if the part is known.
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """The visible triangle of each pixel; row 0 is the lowest.
 
-    If there are more than 12 classes, the 12 most probable are shown, in the order of their
-    numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
-    intervals. The subtitle can state the conditions.
+    face : (size, size) int
+        Index of the triangle; NOTHING if there is none.
+    depth : (size, size) float
+        Depth towards the viewer, pixels; -inf if there is no triangle.
+    slope : (m, 2) float
+        Change of depth per pixel to the right and up, on each triangle that faces the viewer.
     """
-    # A long title, such as one with surroundings, continues below.
-    title, *more = textwrap.wrap(title, MAX_TITLE) or ['']
-    subtitle = ' '.join([*more, subtitle]).strip()
-    rows = _rows(distribution)
-    side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
-    of_aspect = side if part else ROW_WITHOUT_PICTURE
-    sides = [of_aspect if row.aspects else ROW_OF_OTHERS for row in rows]
-    room = max(sum(sides), ROW_OF_OTHERS)
-    height = TOP + room + BOTTOM
-    figure = new_figure(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH)
-    bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
-    left = MARGIN + (side if part else 0)
-    if part:
-        for bottom, image in zip(bottoms, _images(part, rows, side), strict=False):
-            _write_image(figure, image, MARGIN, bottom, height)
-    _write_header(figure, title, subtitle, height)
-    middles = [bottom + side / 2 for bottom, side in zip(bottoms, sides, strict=True)]
-    for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
-        _write_label(figure, row.name, note, left, middle, height)
-    axes = figure.add_axes(
-        (
-            (left + LABEL) / WIDTH,
-            BOTTOM / height,
-            (WIDTH - MARGIN - left - LABEL) / WIDTH,
-            room / height,
-        )
+
+    face: Indices
+    depth: Array
+    slope: Array
+
+
+def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
+    """Find the nearest triangle in each pixel of a square picture.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Coordinates to the right, up, and towards the viewer, pixels. The centre of pixel (row,
+        column) is at (column + 0.5, row + 0.5).
+    faces : (m, 3) int
+        Counter-clockwise as seen from outside; triangles that face away are invisible.
+    size : int
+        Rows and columns of the picture.
+    """
+    corners = points[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = np.flatnonzero(normal[:, 2] > 1e-12)
+    slope = np.zeros((len(faces), 2))
+    slope[facing] = -normal[facing, :2] / normal[facing, 2:]
+    face, row, column = _covered(corners, facing, size)
+
+    first = corners[face, 0]
+    along = np.stack([column + 0.5, row + 0.5], axis=1) - first[:, :2]
+    heights = corners[face, :, 2]
+    # Clipped to the depths of the corners: a triangle seen edge-on has an almost infinite slope.
+    depth = np.clip(
+        first[:, 2] + (slope[face] * along).sum(axis=1), heights.min(axis=1), heights.max(axis=1)
     )
-    _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
-    axes.set_ylim(0, room)
-    return figure
+    pixel = row * size + column
+    nearest = np.full(size * size, -np.inf)
+    np.maximum.at(nearest, pixel, depth)
+    seen = np.full(size * size, NOTHING)
+    on_top = depth == nearest[pixel]
+    seen[pixel[on_top]] = face[on_top]
+    return Rendering(seen.reshape(size, size), nearest.reshape(size, size), slope)
 
 
-def _rows(distribution: Distribution) -> list[Row]:
-    """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
-    rows = class_rows(distribution)
-    counts = np.array([row.count for row in rows])
-    shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
-    kept = [rows[k] for k in shown]
-    if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
-        count = int(counts.sum() - counts[shown].sum())
-        kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))
-    return [*kept, *outside_rows(distribution)]
+def edges(seen: Rendering, normals: Array) -> Mask:
+    """Return the (size, size) mask of pixels on edges: outlines, steps in depth, and creases.
+
+    Parameters
+    ----------
+    seen : Rendering
+    normals : (m, 3) float
+        Unit normals of the triangles, any frame.
+    """
+    size = len(seen.face)
+    marked = np.zeros(size * size, dtype=bool)
+    number = np.arange(size * size).reshape(size, size)
+    for axis, near, far in ((0, number[:, :-1], number[:, 1:]), (1, number[:-1], number[1:])):
+        differ = seen.face.ravel()[near] != seen.face.ravel()[far]
+        a, b = near[differ], far[differ]
+        edge = _is_edge(seen, normals, a, b, axis)
+        marked[a[edge]] = marked[b[edge]] = True
+    return marked.reshape(size, size)
 
 
-def _notes(rows: Sequence[Row]) -> list[str]:
-    """Return the note below the name of each row."""
-    heights = millimetre_texts(
-        np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
-    )
+def _is_edge(seen: Rendering, normals: Array, a: Indices, b: Indices, axis: int) -> Mask:
+    """Return whether there is an edge between neighbouring pixels a and b (k,) that differ."""
+    face_a, face_b = seen.face.ravel()[a], seen.face.ravel()[b]
+    outline = (face_a == NOTHING) | (face_b == NOTHING)
+    crease = (normals[face_a] * normals[face_b]).sum(axis=1) < CREASE
+    with np.errstate(invalid='ignore'):  # -inf - -inf occurs only on outlines
+        rise = seen.depth.ravel()[b] - seen.depth.ravel()[a]
+    slopes = seen.slope[np.stack([face_a, face_b]), axis]
+    step = np.abs(rise - slopes).min(axis=0) > STEP
+    return outline | crease | step
+
+
+def _covered(corners: Array, facing: Indices, size: int) -> tuple[Indices, Indices, Indices]:
+    """Return triangle, row and column of every pixel whose centre is in a triangle."""
+    y = corners[facing, :, 1]
+    which, row = _spread(y.min(axis=1), y.max(axis=1), size)
+    face = facing[which]
+    low = np.full(len(row), -np.inf)
+    high = np.full(len(row), np.inf)
+    for start, stop in ((0, 1), (1, 2), (2, 0)):
+        x0, y0 = corners[face, start, 0], corners[face, start, 1]
+        dx, dy = corners[face, stop, 0] - x0, corners[face, stop, 1] - y0
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+            crossing = x0 + dx * ((row + 0.5 - y0) / dy)
+        # Counter-clockwise: the inside is left of an upward edge and right of a downward edge.
+        np.minimum(high, crossing, out=high, where=dy > 0)
+        np.maximum(low, crossing, out=low, where=dy < 0)
+    which, column = _spread(low, high, size)
+    return face[which], row[which], column
+
+
+def _spread(low: Array, high: Array, size: int) -> tuple[Indices, Indices]:
+    """Return, for every pixel centre in one of the ranges (k,), the range and the pixel index."""
+    first = np.ceil(np.clip(low - 0.5 - BORDER, 0, size)).astype(np.int64)
+    last = np.floor(np.clip(high - 0.5 + BORDER, -1, size - 1)).astype(np.int64)
+    count = np.maximum(last - first + 1, 0)
+    which = np.repeat(np.arange(len(count)), count)
+    begin = np.cumsum(count) - count
+    return which, first[which] + np.arange(len(which)) - begin[which]
+
+
+# Minimum number of cells along the longest side: even the coarsest mesh is still a rough body.
+MIN_CELLS = 3
+
+
+def coarse_faces(vertices: Array, faces: Indices, max_faces: int, kept: Indices) -> Indices:
+    """Return faces of a coarser mesh, or the same faces if there are at most ``max_faces``.
+
+    Vertices in one cell of a cubic grid are merged into the one nearest to their mean, so that no
+    new points are made (clustering: Rossignac, Borrel 1993). The cells are enlarged until there
+    are few enough faces, or until the grid has MIN_CELLS along the longest side.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+    faces : (m, 3) int
+    max_faces : int
+        Maximum number of triangles.
+    kept : (k,) int
+        Vertices that are not merged into others.
+
+    Returns
+    -------
+    (m', 3) int
+        Indices of ``vertices``.
+    """
+    cells = max(round(max_faces**0.5), MIN_CELLS)
+    while len(faces) > max_faces:
+        merged = _merge_vertices(vertices, faces, cells, kept)
+        if len(merged) <= max_faces or cells == MIN_CELLS:
+            return merged
+        cells = max(cells * 4 // 5, MIN_CELLS)
+    return faces
+
+
+def _merge_vertices(vertices: Array, faces: Indices, cells: int, kept: Indices) -> Indices:
+    """Return the faces that remain after the vertices in each cell were merged."""
+    representative = _representatives(vertices, _cells(vertices, cells, kept), kept)
+    merged = representative[faces]
+    a, b, c = merged.T
+    whole = (a != b) & (b != c) & (c != a)
+    # Duplicate faces, such as of thin walls that collapsed, are kept once.
+    _, first = np.unique(np.sort(merged[whole], axis=1), axis=0, return_index=True)
+    whole = np.flatnonzero(whole)[np.sort(first)]
+    merged = merged[whole]
+    # A face that was turned over by the merge is flipped back, so that its shading is right.
+    flipped = (_normals(vertices, merged) * _normals(vertices, faces[whole])).sum(axis=1) < 0
+    merged[flipped] = merged[flipped, ::-1]
+    return merged
+
+
+def _cells(vertices: Array, cells: int, kept: Indices) -> Indices:
+    """Return (n,) cell numbers of the vertices; a cell with kept vertices is split among them."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    place = np.floor((vertices - low) * (cells / (high - low).max())).astype(np.int64)
+    cell = place @ np.array([1, cells + 1, (cells + 1) ** 2])
+    if len(kept):
+        divided = np.isin(cell, cell[kept])
+        cell[divided] = -1 - KDTree(vertices[kept]).query(vertices[divided])[1]
+    return np.asarray(cell)
+
+
+def _representatives(vertices: Array, cell: Indices, kept: Indices) -> Indices:
+    """Return (n,) the vertex into which each is merged: a kept one, or the nearest to the mean."""
+    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+    sums = [np.bincount(number, weights=along) for along in vertices.T]
+    mean = np.stack(sums, axis=1) / count[:, None]
+    distance = np.linalg.norm(vertices - mean[number], axis=1)
+    distance[kept] = -1.0
+    order = np.lexsort([distance, number])
+    return np.asarray(order[np.cumsum(count) - count][number])
+
+
+def _normals(vertices: Array, faces: Indices) -> Array:
+    """Return (m, 3) normals, twice as long as the area of the face."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.cross(b - a, c - a)
+
+
+Image = npt.NDArray[np.float32]
+
+# Each pixel of a picture is the mean of FINE x FINE rendered pixels, for smooth borders.
+FINE = 3
+# Share of the side of a picture that the largest part with its shadow fills.
+FILLED = 0.94
+
+PREVIEW = 96  # side of the picture with which the side that shows more edges is chosen, pixels
+
+# The viewer is in front of the tray, a little to the right, and looks down; tray frame.
+AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(36.0)
+TOWARDS_VIEWER = np.array(
+    [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
+)
+RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+# Views. Their rows are the directions right, up and towards the viewer; tray frame.
+OBLIQUE = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
+FROM_ABOVE = np.eye(3)  # the view of a camera above the tray
+# The light comes from above, over the viewer's left shoulder.
+LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * RIGHT + 0.3 * TOWARDS_VIEWER
+LIGHT /= np.linalg.norm(LIGHT)
+
+MIN_SHADE = 0.5  # brightness of a side that faces away from the light
+EDGE_COLOUR = np.array([0.13, 0.13, 0.15])
+MAX_EDGE_SHARE = 0.6  # of the part's pixels; with more, edges are not drawn
+SHADOW = 0.28  # opacity
+SOFT = 7  # half width of the blur of the shadow, rendered pixels
+
+
+@dataclass(frozen=True, eq=False)
+class PosedPart:
+    """A part on the surface z = 0, in the pose that shows an aspect; tray frame.
+
+    points : (n, 3) float
+        m.
+    faces : (m, 3) int
+    normals : (m, 3) float
+        Unit vectors.
+    areas : (m,) float
+        m2.
+    orientation : (4,) float
+        Unit quaternion xyzw, tray from part.
+    """
+
+    points: Array
+    faces: Indices
+    normals: Array
+    areas: Array
+    orientation: Array
+
+
+def pose_parts(part: Part, aspects: Sequence[Aspect]) -> list[PosedPart]:
+    """Return the part in each aspect, with a rotation about the vertical that suits a drawing.
+
+    The part's sides are parallel to the axes of the tray, the longer one from left to right. Of
+    the two long sides, the one with more visible edges is in front.
+    """
+    solid = _untransformed(part)
+    return [_posed(solid, aspect) for aspect in aspects]
+
+
+def draw_parts(
+    posed_parts: Sequence[PosedPart],
+    colours: Sequence[tuple[float, float, float]],
+    pixels: int,
+    view: Array = OBLIQUE,
+) -> list[Image]:
+    """Draw parts on the surface, all from the same viewpoint and at the same scale.
+
+    Parameters
+    ----------
+    posed_parts : sequence of PosedPart
+    colours : sequence of (r, g, b)
+        The colour of each part, from 0 to 1.
+    pixels : int
+        Rows and columns of each picture.
+    view : (3, 3) float
+        OBLIQUE or FROM_ABOVE.
+
+    Returns
+    -------
+    list of (pixels, pixels, 4) float32
+        Red, green, blue and opacity, 0 to 1; row 0 is the top row. The background is transparent.
+    """
+    spans = [
+        np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ view[:2].T, axis=0).max()
+        for p in posed_parts
+    ]
+    scale = FILLED * pixels * FINE / max(spans, default=1.0)
     return [
-        f'{"that look the same" + chr(10) if len(row.aspects) > 1 else ""}'
-        f'centre of mass\n{height} mm high'
-        if row.aspects
-        else ''
-        for row, height in zip(rows, heights, strict=True)
+        _draw_part(p, np.array(c), scale, pixels, view)
+        for p, c in zip(posed_parts, colours, strict=True)
     ]
 
 
-def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
-    shown = [row for row in rows if row.aspects]
-    posed_parts = pose_parts(part, [row.aspects[0] for row in shown])
-    return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
+def _untransformed(part: Part) -> PosedPart:
+    """Return the part in the pose of its mesh."""
+    points, faces = np.array(part.vertices), np.array(part.faces)
+    if np.isnan(part.volume):
+        faces = np.concatenate([faces, faces[:, ::-1]])  # an open mesh is visible from inside
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    twice = np.linalg.norm(normals, axis=1)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    normals /= np.maximum(twice, 1e-300)[:, None]
+    return PosedPart(points, faces, normals, twice / 2, upright)
 
 
-def _write_image(figure: 'Figure', image: Image, left: int, bottom: float, height: int) -> None:
-    """Draw the image without scaling."""
-    side = len(image)
-    axes = figure.add_axes((left / WIDTH, bottom / height, side / WIDTH, side / height))
-    axes.imshow(image, interpolation='nearest', aspect='auto')
-    axes.set_axis_off()
+def _posed(solid: PosedPart, aspect: Aspect) -> PosedPart:
+    posed = _on_tray(solid, aspect.orientation)
+    # The mean direction of the upright sides, modulo 90 degrees, so that perpendicular and
+    # opposite sides have the same direction.
+    x, y, _ = posed.normals.T
+    upright = posed.areas * np.hypot(x, y) ** 4
+    side = float(np.angle((upright * np.exp(4j * np.arctan2(y, x))).sum())) / 4
+    along = _on_tray(solid, turned_about_vertical(aspect.orientation, -side))
+    width, depth, _ = np.ptp(along.points, axis=0)
+    angle = -side + (np.pi / 2 if depth > width else 0.0)
+    both = [turned_about_vertical(aspect.orientation, turn) for turn in (angle, angle + np.pi)]
+    return max((_on_tray(solid, orientation) for orientation in both), key=_visible_edge_length)
 
 
-def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:
-    x = MARGIN / WIDTH
-    figure.text(
-        x,
-        1 - 36 / height,
-        title,
-        size=14,
-        weight='bold',
-        color=TEXT,
-        va='center',
-        parse_math=False,
+def _on_tray(solid: PosedPart, orientation: Array) -> PosedPart:
+    """Return the part with this orientation, in contact with the surface."""
+    points = rotate(orientation, solid.points)
+    points[:, 2] -= points[:, 2].min()
+    normals = rotate(orientation, solid.normals)
+    return dataclasses.replace(solid, points=points, normals=normals, orientation=orientation)
+
+
+def _visible_edge_length(solid: PosedPart) -> int:
+    """Return the length of the visible edges, pixels: how much a viewer sees of the shape."""
+    points = solid.points @ OBLIQUE.T
+    low, span = points.min(axis=0), np.ptp(points[:, :2], axis=0).max()
+    seen = rasterise((points - low) * (PREVIEW / span), solid.faces, PREVIEW)
+    return int(np.count_nonzero(edges(seen, solid.normals)))
+
+
+def _on_surface(points: Array) -> Array:
+    """Return the shadows of the points on the surface, tray frame."""
+    return points - points[:, 2:] * (LIGHT / LIGHT[2])
+
+
+def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
+    size = pixels * FINE
+    shadow_points = _on_surface(solid.points)
+    both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale
+    centre = np.append(size / 2 - (both.min(axis=0) + both.max(axis=0)) / 2, 0.0)
+    seen = rasterise(solid.points @ view.T * scale + centre, solid.faces, size)
+    lit = solid.faces[solid.normals @ LIGHT > 0]  # the shadow of these faces is the whole shadow
+    shadow = rasterise(shadow_points @ view.T * scale + centre, lit, size).face != NOTHING
+
+    shade = MIN_SHADE + (1 - MIN_SHADE) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
+    image = np.zeros((size, size, 4))
+    soft = shadow.astype(float)
+    for _ in range(2):
+        soft = uniform_filter(soft, 2 * SOFT + 1, mode='constant')
+    image[..., 3] = SHADOW * soft.round(9)  # removes rounding errors of zero
+    part = seen.face != NOTHING
+    image[part, :3] = shade[seen.face[part], None] * colour
+    image[part, 3] = 1.0
+    edge = binary_dilation(edges(seen, solid.normals))  # one pixel wider on all four sides
+    # A part that is only a few pixels thick would consist of edges only.
+    if np.count_nonzero(edge & part) < MAX_EDGE_SHARE * np.count_nonzero(part):
+        image[edge, :3] = EDGE_COLOUR
+        image[edge, 3] = 1.0
+    return downsample(image, FINE)[::-1]
+
+
+def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
+    """Return the means over factor x factor pixels of an RGBA image; opacity weights colours."""
+    image = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
+    size = len(image) // factor
+    mean = image.reshape(size, factor, size, factor, 4).mean(axis=(1, 3))
+    mean[..., :3] /= np.maximum(mean[..., 3:], 1e-9)
+    return mean.astype(np.float32)
+
+
+# Distance between neighbouring centres of mass, hull radii R: no point of a part is further than
+# R from its centre of mass.
+PITCH = 2.5
+# Aspects in a row of the grid. More than ROW * ROW aspects are arranged in a square.
+ROW = 6
+# Maximum number of triangles of all aspects together: a message of 1.4 MB, sent in 20 ms.
+MAX_TRIANGLES = 20_000
+# The limit for one aspect is never lower than this, however many aspects there are.
+MIN_TRIANGLES = 100
+# Maximum number of triangles in pictures and in the 3D view of a page: with more, triangles are
+# smaller than pixels.
+MAX_PICTURE_TRIANGLES = 50_000
+# Vertices this close to the surface touch it, R.
+_TOUCHING = 1e-6
+# A coarse mesh keeps the outermost touching vertices in these directions.
+_AZIMUTHS = np.arange(8) * (np.pi / 4)
+
+
+@dataclass(frozen=True, eq=False)
+class AspectPose:
+    """A pose of the part on the surface z = 0 that shows an aspect; tray frame.
+
+    position : (3,) float
+        Position of the part frame, m.
+    orientation : (4,) float
+        Orientation of the aspect: unit quaternion xyzw, tray from part.
+    centre_of_mass : (3,) float
+        m.
+    top : float
+        Height of the highest point, m.
+    """
+
+    aspect_id: int
+    position: Array
+    orientation: Array
+    centre_of_mass: Array
+    top: float
+
+
+def aspect_poses(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
+    """Return a pose for each aspect, in order from left to right (x), row by row towards -y.
+
+    The poses are PITCH R apart, and the grid is centred on the tray's origin.
+    """
+    places = _places(len(aspects)) * (PITCH * part.hull_radius)
+    return [_pose_at(part, a, place) for a, place in zip(aspects, places, strict=True)]
+
+
+def message_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
+    """Return (m, 3) faces of the part, coarse if a message of all aspects would be too large."""
+    max_faces = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
+    return _simplified_faces(part, aspects, max_faces)
+
+
+def picture_part(part: Part, aspects: Sequence[Aspect]) -> Part:
+    """Return the part for pictures: with a coarse mesh if it has too many triangles."""
+    faces = _simplified_faces(part, aspects, MAX_PICTURE_TRIANGLES)
+    if faces is part.faces:
+        return part
+    used, number = np.unique(faces, return_inverse=True)
+    return dataclasses.replace(
+        part, vertices=part.vertices[used], faces=number.reshape(faces.shape)
     )
-    figure.text(x, 1 - 72 / height, subtitle, size=9, color=FAINT, va='center', parse_math=False)
 
 
-def _write_label(
-    figure: 'Figure', name: str, note: str, left: int, middle: float, height: int
-) -> None:
-    """Write the name and below it the note, right of ``left`` and centred at ``middle``."""
-    x, y = (left + LABEL - 18) / WIDTH, middle / height
-    lines = note.count('\n') + 1 if note else 0
-    y += 7 * max(lines - 1, 0) / height
-    figure.text(
-        x,
-        y + (2 / height if note else 0),
-        name,
-        size=10,
-        weight='bold',
-        color=TEXT,
-        ha='right',
-        va='bottom' if note else 'center',
-    )
-    figure.text(
-        x, y - 4 / height, note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
-    )
+def _simplified_faces(part: Part, aspects: Sequence[Aspect], max_faces: int) -> Indices:
+    """Return at most ``max_faces`` faces between vertices of the part.
+
+    They keep vertices on which the part rests, so that it touches the surface in every aspect.
+    """
+    if len(part.faces) <= max_faces:
+        return part.faces
+    kept = [_touching(part, aspect) for aspect in aspects]
+    return coarse_faces(part.vertices, part.faces, max_faces, np.unique(np.concatenate(kept)))
 
 
-def _draw_bars(
-    axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
-) -> None:
-    """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
-    for row, middle in zip(rows, middles, strict=True):
-        _draw_bar(axes, row, middle, distribution.drops)
-    longest = max((row.interval.upper for row in rows), default=1.0)
-    room = axes.get_position().width * WIDTH
-    axes.set_xlim(0, longest * room / (room - BESIDE_BAR))
-    plain_axes(axes, 'x')
-    percent_axis(axes, 'x', longest)
-    axes.set_yticks([])
-    axes.spines['left'].set_visible(True)
-    axes.spines['left'].set_color(FAINT)
-    axes.set_xlabel(
-        f'probability from {distribution.drops} drops, with '
-        f'{100 * distribution.confidence:g} % interval ({distribution.interval.capitalize()})',
-        size=8,
-        color=FAINT,
-        loc='left',
-        labelpad=8,
+def _places(count: int) -> Array:
+    """Return (count, 2) x and y on a grid of unit steps around the origin."""
+    columns = min(max(ROW, math.ceil(math.sqrt(count))), max(count, 1))
+    number = np.arange(count)
+    x, y = number % columns, -(number // columns)
+    rows = -(-count // columns)
+    return np.stack([x - (columns - 1) / 2, y + (rows - 1) / 2], axis=-1)
+
+
+def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
+    heights = _heights(part, aspect)
+    centre = rotate(aspect.orientation, part.centre_of_mass[None])[0]
+    position = np.append(place - centre[:2], -heights.min())
+    return AspectPose(
+        aspect.id, position, aspect.orientation, position + centre, float(np.ptp(heights))
     )
 
 
-def _draw_bar(axes: 'Axes', row: Row, middle: float, drops: int) -> None:
-    interval = row.interval
-    axes.barh(middle, interval.probability, height=BAR, color=row.colour)
-    axes.errorbar(
-        interval.probability,
-        middle,
-        capsize=4,
-        color=TEXT,
-        elinewidth=1.2,
-        capthick=1.2,
-        xerr=[[interval.probability - interval.lower], [interval.upper - interval.probability]],
-    )
-    unseen = 'never seen' if drops else 'no drops'
-    text = probability_text(interval) if interval.probability else unseen
-    _write_beside(
-        axes, interval.upper, middle, 1, text, size=10.5, weight='bold', color=TEXT, va='bottom'
-    )
-    bounds = interval_text(interval)
-    _write_beside(axes, interval.upper, middle, -1.5, bounds, size=7.5, color=FAINT, va='top')
+def _heights(part: Part, aspect: Aspect) -> Array:
+    """Return the (n,) heights of the vertices above the origin of the part frame, m."""
+    return np.asarray(part.vertices @ -down_in_part(aspect.orientation))
 
 
-def _write_beside(axes: 'Axes', x: float, y: float, rise: float, text: str, **style: Any) -> None:
-    """Write right of a point, ``rise`` points above it, on a background that hides the grid."""
-    axes.annotate(
-        text,
-        (x, y),
-        (8, rise),
-        textcoords='offset points',
-        annotation_clip=False,
-        bbox={'facecolor': PAPER, 'edgecolor': 'none', 'pad': 0.8},
-        **style,
-    )
+def _touching(part: Part, aspect: Aspect) -> Indices:
+    """Return the outermost vertices that touch the surface, and the lowest vertex."""
+    heights = _heights(part, aspect)
+    lowest = int(heights.argmin())
+    near = np.flatnonzero(heights - heights[lowest] <= _TOUCHING * part.hull_radius)
+    x, y, _ = rotate(aspect.orientation, part.vertices[near]).T
+    along = np.outer(np.cos(_AZIMUTHS), x) + np.outer(np.sin(_AZIMUTHS), y)
+    return np.append(near[along.argmax(axis=1)], lowest)
+
+
+def triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
+    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
+    if part is None or shown is None or len(part.faces) == len(shown.faces):
+        return None
+    return len(part.faces), len(shown.faces)

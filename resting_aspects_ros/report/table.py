@@ -1,226 +1,134 @@
-"""Tables for a terminal: a distribution, or the aspects of a part."""
+"""The table of texts that the terminal and the pages show alike."""
 
 import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-import numpy as np
-from rich import box
-from rich.table import Table
-from rich.text import Text
+if TYPE_CHECKING:  # rich is imported when a table is printed
+    import rich.table
 
-from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.aspects.support import resting_on
-from resting_aspects_ros.aspects.symmetry import Symmetry
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rounding import (
-    decimals_of,
-    direction_text,
-    interval_text,
-    millimetre_texts,
-    probability_text,
-)
-from resting_aspects_ros.report.rows import (
-    Row,
-    aspect_rows,
-    class_of,
-    class_rows,
-    ids_text,
-    outside_rows,
-    short_name,
-)
-from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.intervals import Interval
-
+# Width that a table should fit, and at which its title and its caption are wrapped, columns.
+WIDTH = 80
+# Space between two columns.
+_GAP = 2
 # The cell of a value that is not known.
 NOTHING = '-'
-# Width of a title.
-TITLE_WIDTH = 80
-RESTS_ON, DOWN = 'rests on', 'down in part'  # headings of columns with text
-# Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
-# and in a table of single aspects, which also has the column DOWN.
-_REST_WIDTH, _REST_WIDTH_OF_EACH = 26, 20
+# Headings of columns with text.
+RESTS_ON, DOWN = 'rests on', 'down in part'
 
 
-def distribution_table(
-    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
-) -> Table:
-    """Return a table with a row for each symmetry class, each other outcome, and the total.
+@dataclass(eq=False)
+class Table:
+    """A table of plain texts: numbers are aligned to the right, texts to the left.
 
-    Classes in which no drop ended have a row, too. The table fits 80 columns, needs no colour,
-    and its cells are ASCII. Probabilities are in percent, with as many digits as their interval
-    justifies.
-
-    Parameters
+    Attributes
     ----------
-    distribution : Distribution
     title : str
-        Plain text, shown above the table.
-    part : Part, optional
-        Without the part, the column 'rests on' shows only the size of the support.
-    each : bool
-        Whether the table has a row for each aspect, with its direction, instead of for each class.
+        Shown above the table in a terminal; a page has headings of its own.
+    headings : sequence of str
+        Line breaks fit them to a terminal, and '-' before a line break is a hyphen. A page shows
+        them in one line.
+    texts : mapping of str to int or None
+        Headings of the columns with text, and the width at which a terminal wraps it; None if it
+        is not wrapped. All other columns have numbers, except the first, which names its row.
+    caption : str
+        Shown below the table.
+    rows : list of lists of str
+        A cell can have several lines; those after the first explain it, such as an interval.
+    sections : list of int
+        Numbers of rows above which there is a line.
+    bold : list of int
+        Numbers of rows with totals.
+    pictures : dict of (int, int) to str
+        Pictures as data URIs by row and column, which only a page shows.
+    picture_width : int
+        Of the pictures, pixels.
     """
-    rows = aspect_rows(distribution) if each else class_rows(distribution)
-    several = any(len(row.aspects) > 1 for row in rows)
-    table = plain_table(
-        title,
-        'aspects' if several else 'aspect',
-        RESTS_ON,
-        *([DOWN] if each else []),
-        'proba-\nbility',
-        f'{100 * distribution.confidence:g} % interval',
-        'count',
-        *(['per\naspect'] if several else []),
-        rest_width=_REST_WIDTH_OF_EACH if each else _REST_WIDTH,
-    )
-    for row in rows:
-        cells = [short_name(row), resting_on(part, row.aspects[0])]
-        if each:
-            cells.append(down_text(row.aspects[0]))
-        cells += shares(row.interval, row.count, distribution.drops)
-        if several:
-            cells.append(_each_text(row, distribution.drops))
-        table.add_row(*cells)
-    table.add_section()
-    for row in outside_rows(distribution):
-        cells = ['', row.name, *([''] if each else [])]
-        table.add_row(*cells, *shares(row.interval, row.count, distribution.drops))
-    cells = ['', 'drops in total', *([''] if each else []), '', '', str(distribution.drops)]
-    table.add_row(*cells, style='bold')
-    return table
 
+    title: str
+    headings: Sequence[str]
+    texts: Mapping[str, int | None] = field(default_factory=dict)
+    caption: str = ''
+    rows: list[list[str]] = field(default_factory=list)
+    sections: list[int] = field(default_factory=list)
+    bold: list[int] = field(default_factory=list)
+    pictures: dict[tuple[int, int], str] = field(default_factory=dict)
+    picture_width: int = 64
 
-def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
-    """Describe the aspects in which no drop ended; empty if there are none."""
-    # The basins are those of a level floor.
-    normal = distribution.aspects.floor_normal
-    level = normal is None or float(normal[2]) > 1 - 1e-9
-    texts = [
-        f'{row.name} (at most {100 * row.interval.upper:.2g} %{_basin_text(row) if level else ""})'
-        for row in (aspect_rows(distribution) if each else class_rows(distribution))
-        if not row.count
-    ]
-    return f'Never seen: {", ".join(texts)}.' if texts and distribution.drops else ''
+    def add_row(self, *cells: str, bold: bool = False) -> None:
+        """Add a row; cells that are missing at its end are empty."""
+        if bold:
+            self.bold.append(len(self.rows))
+        self.rows.append([*cells, *[''] * (len(self.headings) - len(cells))])
 
+    def add_section(self) -> None:
+        """Draw a line above the next row."""
+        self.sections.append(len(self.rows))
 
-def merged_text(aspects: AspectSet) -> str:
-    """Describe the barriers that were ignored to find the aspects; empty if there are none."""
-    having = tuple(aspect for aspect in aspects.aspects if aspect.merged > 0)
-    if not having:
-        return ''
-    highest = 1000 * max(aspect.merged for aspect in having)
-    plural = 's' if len(having) > 1 else ''
-    return (
-        f'Ignored in aspect{plural} {ids_text(having)}: barriers of up to {highest:.2g} mm, which '
-        'the mesh or noise explains.'
-    )
+    @property
+    def width(self) -> int:
+        """Width of the rows and headings in a terminal, columns."""
+        columns = zip(self.headings, *self.rows, strict=True)
+        lines = [[line for cell in column for line in cell.split('\n')] for column in columns]
+        return sum(max(map(len, each)) for each in lines) + _GAP * (len(lines) - 1)
 
+    def __rich__(self) -> 'rich.table.Table':
+        """Return the table for a terminal, without colours."""
+        from rich import box
+        from rich.table import Table as RichTable
+        from rich.text import Text
 
-def _basin_text(row: Row) -> str:
-    share = 100 * sum(aspect.basin_share for aspect in row.aspects)
-    them = 'them' if len(row.aspects) > 1 else 'it'
-    return f'; the part rolls into {them} from {share:.2g} % of all directions'
+        def annotation(text: str, style: str) -> Text:
+            # Text is not parsed as markup, and it may be wider than the table.
+            return Text(_wrapped(text), style=style, no_wrap=True, overflow='ignore')
 
-
-def _each_text(row: Row, drops: int) -> str:
-    """Return the mean probability of the aspects of a row."""
-    if len(row.aspects) == 1 or not drops:
-        return ''
-    share = 100 * row.interval.probability / len(row.aspects)
-    return f'{share:.{decimals_of(row.interval)}f} %'
-
-
-def down_text(aspect: Aspect) -> str:
-    """Return the down direction of an aspect, or the axis about which the part rolls in it."""
-    if aspect.rolls and aspect.axis.any():
-        return f'axis {direction_text(aspect.axis)}'
-    return direction_text(aspect.down_in_part)
-
-
-def _wrapped(title: str) -> str:
-    """Return a title in lines of at most TITLE_WIDTH characters."""
-    return '\n'.join(
-        textwrap.fill(line, TITLE_WIDTH, break_long_words=False, break_on_hyphens=False)
-        for line in title.split('\n')
-    )
-
-
-def plain_table(title: str, *headings: str, rest_width: int | None = None) -> Table:
-    """Return a table without rows; ``rest_width`` is the maximum width of column RESTS_ON."""
-    # Text is not parsed as markup: a square bracket in a part's name stays.
-    table = Table(
-        # Wider than the table, if necessary: a narrow table would cut a title into many lines.
-        title=Text(_wrapped(title), style='bold', no_wrap=True, overflow='ignore'),
-        title_justify='left',
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for heading in headings:
-        if heading == RESTS_ON:
-            table.add_column(heading, max_width=rest_width)
-        else:
-            table.add_column(heading, justify='left' if heading == DOWN else 'right', no_wrap=True)
-    return table
-
-
-def shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
-    """Return the probability, the interval and the count as three cells of a row."""
-    if drops == 0:
-        return NOTHING, interval_text(interval), str(count)
-    return probability_text(interval), interval_text(interval), str(count)
-
-
-def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = False) -> Table:
-    """Return a table of a part's symmetry classes, or of each aspect, without counts of drops."""
-    classes = aspects.classes()
-    rows = [(aspect,) for aspect in aspects.aspects] if each else classes
-    several = any(len(row) > 1 for row in rows)
-    table = plain_table(
-        title,
-        'aspects' if several else 'aspect',
-        'class',
-        RESTS_ON,
-        *([DOWN] if each else []),
-        'height of\ncentre of\nmass (mm)',
-        'basin',
-        'barrier\n(mm)',
-        'to',
-        rest_width=14 if each else 24,
-    )
-    heights = millimetre_texts(np.array([row[0].com_height for row in rows]))
-    for row, height in zip(rows, heights, strict=True):
-        aspect = row[0]
-        basin = f'{100 * sum(aspect.basin_share for aspect in row):.1f} %'
-        table.add_row(
-            ids_text(row),
-            str(aspect.symmetry_class),
-            resting_on(part, aspect),
-            *([down_text(aspect)] if each else []),
-            height,
-            basin,
-            f'{1000 * aspect.min_barrier:.3g}' if aspect.neighbour else '-',
-            _to_text(aspect, None if each else classes),
+        table = RichTable(
+            title=annotation(self.title, 'bold') if self.title else None,
+            title_justify='left',
+            caption=annotation(self.caption, 'table.caption') if self.caption else None,
+            caption_justify='left',
+            box=box.SIMPLE_HEAD,
+            show_edge=False,
+            pad_edge=False,
+            collapse_padding=True,
+            # Intervals below the numbers need a line between the rows.
+            leading=int(sum(any('\n' in cell for cell in row) for row in self.rows) > 1),
         )
-    return table
+        for heading in self.headings:
+            width = self.texts.get(heading)
+            table.add_column(
+                Text(heading),
+                justify='left' if heading in self.texts else 'right',
+                no_wrap=width is None,
+                max_width=width,
+            )
+        for k, row in enumerate(self.rows):
+            if k in self.sections:
+                table.add_section()
+            table.add_row(*map(Text, row), style='bold' if k in self.bold else None)
+        return table
+
+    @property
+    def page_headings(self) -> list[str]:
+        """The headings as a page shows them, in one line."""
+        return [each.replace('-\n', '').replace('\n', ' ') for each in self.headings]
+
+    @property
+    def page_rows(self) -> list[list[tuple[list[str], str, bool]]]:
+        """For each row and column: the lines of the cell, its picture, and whether it is text."""
+        return [
+            [
+                (cell.split('\n'), self.pictures.get((i, j), ''), heading in self.texts)
+                for j, (cell, heading) in enumerate(zip(row, self.headings, strict=True))
+            ]
+            for i, row in enumerate(self.rows)
+        ]
 
 
-def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
-    """Return the aspect behind the minimum barrier, or all aspects of its class."""
-    if not aspect.neighbour:
-        return '-'
-    if classes is None:
-        return str(aspect.neighbour)
-    return ids_text(class_of(aspect.neighbour, classes))
-
-
-def symmetry_text(symmetry: Symmetry) -> str:
-    """Describe the rotations that map the part onto itself."""
-    if symmetry.kind == 'spherical':
-        return 'every rotation maps it onto itself'
-    if symmetry.kind == 'axial':
-        ends = ', and so does turning it end for end' if symmetry.order > 1 else ''
-        return f'any rotation about one axis maps it onto itself{ends}'
-    if symmetry.order == 1:
-        return 'no rotation maps it onto itself'
-    return f'{symmetry.order} rotations map it onto itself'
+def _wrapped(text: str) -> str:
+    """Return a text in lines of at most WIDTH characters."""
+    return '\n'.join(
+        textwrap.fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
+        for line in text.split('\n')
+    )

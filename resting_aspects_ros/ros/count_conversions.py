@@ -15,8 +15,8 @@ from resting_aspects_ros.api.counts import single_groups
 from resting_aspects_ros.api.measured_trials import MachineTransitions, machine_transitions
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.report.drift_report import drift_sentence
-from resting_aspects_ros.report.rounding import points_text
+from resting_aspects_ros.report.drift import drift_sentence
+from resting_aspects_ros.report.format import points_text
 from resting_aspects_ros.ros.conversions import nanoseconds, run_msg
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import (

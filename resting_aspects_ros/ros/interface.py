@@ -2,7 +2,7 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from resting_aspects_ros.logs.topic_metadata import Qos
+from resting_aspects_ros.logs.topics import Qos
 
 DROP_SIMULATOR = 'drop_simulator'
 ASPECT_CLASSIFIER = 'aspect_classifier'

@@ -16,7 +16,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.outline_document import polygon_fields
+from resting_aspects_ros.report.outlines import polygon_fields
 from resting_aspects_ros.ros.conversions import pose_msg
 from resting_aspects_ros.vision import outline as part_outline
 from resting_aspects_ros.vision.known_part import Candidate

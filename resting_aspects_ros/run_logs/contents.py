@@ -1,20 +1,31 @@
-"""Content of a log: the run, its part, its poses and its counts, or its transition matrix."""
+"""Contents of a log: a run with its part and poses or matrix, or the messages of a feeder."""
 
 import dataclasses
-from collections.abc import Callable
-from functools import cached_property
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from resting_aspects_interfaces.msg import TransitionMatrix
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    DetectionArray,
+    FeederAdvice,
+    ObservedCounts,
+    PickResult,
+    Posterior,
+    TransitionMatrix,
+)
 
-from resting_aspects_ros.errors import LogError, one_line, warn
-from resting_aspects_ros.input_files import named
-from resting_aspects_ros.logs.bag_metadata import LogOutcome
-from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import state_warning, typed_messages
-from resting_aspects_ros.logs.split_log import open_log
-from resting_aspects_ros.logs.topic_metadata import (
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.surroundings import without_drops
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, shown, warn
+from resting_aspects_ros.input_files import is_folder, named
+from resting_aspects_ros.logs.bag import LogOutcome
+from resting_aspects_ros.logs.reader import Log, open_log
+from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
@@ -23,19 +34,33 @@ from resting_aspects_ros.logs.topic_metadata import (
 )
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
+from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
+from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
-from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
+from resting_aspects_ros.statistics.counted_parts import ObservedCounts as CountedParts
 from resting_aspects_ros.statistics.distribution import (
+    METHOD,
     Distribution,
+    History,
+    aspect_ids,
+    count_poses,
+    no_drops,
 )
-from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
 
 T = TypeVar('T')
 TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)
+# Folders of the logs of a feeder, and the types of their messages.
+FEEDER_LOGS = 'feeder-*'
+FEEDER_TYPES = {
+    f'resting_aspects_interfaces/msg/{kind.__name__}': kind
+    for kind in (DetectionArray, PickResult, FeederAdvice, ObservedCounts, Posterior)
+}
+COUNTS_TYPE = 'resting_aspects_interfaces/msg/ObservedCounts'
 
 
 class LoggedRun:
@@ -54,7 +79,7 @@ class LoggedRun:
         None until a batch of poses was added, so also for a log of actions.
     seen : IndexRanges
         Drops of the run that are in the log.
-    path, messages, finished, being_written
+    path, messages, finished, being_written, warning
         Path and state of the MCAP file after it was read. ``finished``: it was closed.
     recorded : LogOutcome
         The outcome that the log records; None if it records none.
@@ -67,6 +92,7 @@ class LoggedRun:
         self.log = self.path = log
         self.messages = 0
         self.finished = self.being_written = False
+        self.warning = ''
         self.recorded: LogOutcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
@@ -161,9 +187,8 @@ class LoggedRun:
 
     def warn_if_unfinished(self) -> None:
         """Warn if the log is not closed."""
-        text = state_warning(self.log, being_written=self.being_written, finished=self.finished)
-        if text:
-            warn(text)
+        if self.warning:
+            warn(self.warning)
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
@@ -197,35 +222,188 @@ def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
     read if the poses are kept, or if the log does not record its outcome.
     """
     run = LoggedRun(log, keep_poses=keep_poses)
-    if not keep_poses and _read_by_index(run):
-        return run
     with open_log(log) as file:
-        for type_name, message in typed_messages(file, TYPES):
-            run.add(type_name, message.data)
-        run.path, run.messages = file.path, file.messages
-        run.finished, run.being_written = file.finished, file.being_written
-        # The outcome is reliable only if the log was closed.
-        run.recorded = LogOutcome.of(file.metadata) if file.finished else None
+        recorded = file.outcome if file.has_index else None
+        if keep_poses or recorded is None:
+            _add_all(run, file, TYPES)
+        else:
+            if not recorded.whole:  # there can be gaps
+                _add_all(run, file, [POSES_TYPE])
+            elif batch := file.first(POSES_TYPE):
+                run.add(POSES_TYPE, batch)
+            for type_name in TYPES[1:]:
+                if data := file.last(type_name):
+                    run.add(type_name, data)
+        run.path, run.messages, run.recorded = file.path, file.message_count, file.outcome
+        run.finished, run.being_written, run.warning = (
+            file.closed,
+            file.being_written,
+            file.warning,
+        )
     return run
 
 
-def _read_by_index(run: LoggedRun) -> bool:
-    """Read a closed log that records its outcome; returns False for any other log."""
-    try:
-        with IndexedLog(run.log) as indexed:
-            run.recorded = LogOutcome.of(indexed.read_metadata())
-            if run.recorded is None:
-                return False
-            if not run.recorded.whole:  # there can be gaps
-                for _, message in typed_messages(indexed, [POSES_TYPE]):
-                    run.add(POSES_TYPE, message.data)
-            elif batch := indexed.first(POSES_TYPE):
-                run.add(POSES_TYPE, batch)
-            for type_name in TYPES[1:]:
-                if data := indexed.last(type_name):
-                    run.add(type_name, data)
-            run.path, run.messages = indexed.path, indexed.message_count
-            run.finished, run.being_written = True, indexed.being_written
-    except NoIndexError:
-        return False
-    return True
+def _add_all(run: LoggedRun, file: Log, types: Sequence[str]) -> None:
+    for message in file.of_types(types):
+        run.add(message.type, message.data)
+
+
+def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
+    """Return a result with a new count of the drops in a log, without duplicates.
+
+    The result has the poses only if ``keep_poses`` is set and no drops are missing. Raises
+    InvalidValueError if the log has no drops or not their part, LogError if it cannot be read.
+    """
+    logged = read_logged_run(log, keep_poses=True)
+    run, part = logged.run, logged.part
+    if run is None:
+        raise InvalidValueError(f'{named("log", log)} contains no drops')
+    if part is None or part.part_sha256 != run.part_sha256:
+        raise InvalidValueError(f'{named("log", log)} does not describe its part')
+    logged.warn_if_unfinished()
+    run = logged.known_run
+    assert run is not None
+    aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
+    distribution = no_drops(aspects, by_precision=run.precision > 0)
+    history = History(distribution.aspects)
+    sequence = run.sequence()
+    of_run = (poses for each, poses in logged.batches if each.sequence() == sequence)
+    blocks = [each.between(run.first_drop, run.end) for each in RestingPoses.blocks(of_run)]
+    for poses in blocks:
+        ids = aspect_ids(distribution.aspects, poses)
+        history.add(ids)
+        distribution += count_poses(distribution.aspects, poses, ids)
+        if contacts is not None:
+            contacts.add(poses, ids)
+    whole = logged.outcome.whole and logged.finished
+    return DropResult(
+        distribution,
+        run,
+        part,
+        METHOD,
+        whole,
+        history=history.points(),
+        poses=blocks[0] if keep_poses and len(blocks) == 1 else None,
+        contacts=contacts,
+    )
+
+
+# -- feeder ---------------------------------------------------------------------------------------
+
+
+@dataclass
+class FeederLog:
+    """What the messages in a log of a feeder state together.
+
+    start, end : time of the first and of the last message, ns since 1970
+    images, detections : number of images, and of parts in them
+    results : number of pick results by what was done
+    advice : number of messages on feeder_advice/<part> by choice, by part
+    posteriors : the last message on posterior/<part>, by part
+    counts : number of messages on observed_counts/<part>, by part
+    """
+
+    start: int = 0
+    end: int = 0
+    images: int = 0
+    detections: int = 0
+    results: Counter[str] = field(default_factory=Counter)
+    advice: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    posteriors: dict[str, Posterior] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, message: Any, time: int) -> None:
+        """Count a message."""
+        self.start, self.end = self.start or time, time
+        if isinstance(message, DetectionArray):
+            self.images += 1
+            self.detections += len(message.detections)
+        elif isinstance(message, PickResult):
+            self.results[RESULTS.get(message.result, 'unknown')] += 1
+        elif isinstance(message, FeederAdvice):
+            self.advice[message.part][CHOICES.get(message.choice, 'unknown')] += 1
+        elif isinstance(message, Posterior):
+            self.posteriors[message.part] = message
+        else:
+            self.counts[message.part] += 1
+
+    def document(self) -> dict[str, object]:
+        """Return the content as plain JSON types."""
+        return {
+            'start': self.start,
+            'end': self.end,
+            'images': self.images,
+            'detections': self.detections,
+            'pick_results': dict(self.results),
+            'advice': {part: dict(choices) for part, choices in self.advice.items()},
+            'observed_counts': dict(self.counts),
+            'counted_parts': {k: list(each.observed) for k, each in self.posteriors.items()},
+        }
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """Yield label and text of each fact."""
+        yield 'feeder', f'{time_label(self.start)} to {time_label(self.end)}'
+        yield 'seen', f'{self.detections} detections in {self.images} images'
+        yield 'done', _listed(self.results) or 'no pick results'
+        for part, choices in self.advice.items():
+            yield 'advised', f'{part}: {_listed(choices)}'
+        for part, number in self.counts.items():
+            yield 'counted', f'{part}: {number} messages'
+        for part, last in self.posteriors.items():
+            classes = ', '.join(f'class {k}: {n}' for k, n in enumerate(last.observed, 1))
+            drift = f'. {last.message}' if last.message else ''
+            yield 'parts', f'{part}: {last.parts} counted, {classes}{drift}'
+
+
+def read_feeder_log(log: Path) -> FeederLog | None:
+    """Return the content of a log; None if it has no message of a feeder. Raises LogError."""
+    found = FeederLog()
+    with open_log(log) as file:
+        for each in file.of_types(FEEDER_TYPES):
+            found.add(_read(log, FEEDER_TYPES[each.type], each.data), each.time)
+    return found if found.end else None
+
+
+def observed_in_logs(path: Path, part: str, ids: Sequence[int]) -> CountedParts:
+    """Return the parts that the messages on observed_counts/<part> in a log count.
+
+    Parameters
+    ----------
+    path : Path
+        A log of a feeder, or a folder of such logs, which are read in their order.
+    part : str
+        Empty: the only part in the logs.
+    ids : sequence of int
+        Numbers of its symmetry classes.
+
+    Raises
+    ------
+    InvalidValueError
+        The logs have no counts of the part, or of several parts without ``part``.
+    LogError
+        A log cannot be read.
+    """
+    nested = sorted(path.glob(f'{FEEDER_LOGS}/')) if is_folder(path) else []
+    counted: list[tuple[int, bytes]] = []
+    parts = set()
+    for log in nested or [path]:
+        with open_log(log) as file:
+            for each in file.of_types([COUNTS_TYPE]):
+                name = _read(log, ObservedCounts, each.data).part
+                parts.add(name)
+                if part in ('', name):
+                    counted.append((each.time, each.data))
+    if not counted or (not part and len(parts) > 1):
+        raise InvalidValueError(
+            f'invalid counts in {named("log", path)}: expected observed_counts of '
+            f'{part or "one part"}, found {shown(", ".join(sorted(parts))) if parts else "none"}'
+        )
+    return observed_from(counted, str(path), ids)[0]
+
+
+def _read(log: Path, kind: Any, data: bytes) -> Any:
+    return parsed(log, partial(deserialize_message, message_type=kind), data)
+
+
+def _listed(counts: Counter[str]) -> str:
+    return ', '.join(f'{number} {name}' for name, number in counts.items())

@@ -1,7 +1,7 @@
-"""Simulation of drops.
+"""Simulation of drops: conditions, actions, surroundings, engines, and workers.
 
-Contains the conditions, the physics engine, and the distribution of a run's drops over processes
-or a Dask cluster. Only `bullet_*` may import pybullet, and only `dask_workers` may import
-distributed. Of this project, the package may import only `core`. Read `plan.py` first, then
-`chunks.py`.
+A `DropJob` (job.py) is made of a part, conditions, a `Scene` (scene.py) and `Starts` (starts.py).
+Drops start as release.py determines, move in the kernel or in Bullet, and end as resting poses.
+Any range of drops of a job can be made by `workers.drop_range`. Only `bullet_world.py` imports
+pybullet, and only `workers.py` imports distributed.
 """

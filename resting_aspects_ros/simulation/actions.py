@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,10 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import named, read_yaml
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import Random, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import (
+    DropConditions,
     Quantity,
     check_name,
     check_quantities,
@@ -23,18 +27,28 @@ from resting_aspects_ros.simulation.conditions import (
     quantities_of,
     quantity,
 )
-from resting_aspects_ros.simulation.starts import Body, Edge, States
+from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_along
+from resting_aspects_ros.simulation.starts import (
+    Action,
+    Body,
+    Edge,
+    RestStarts,
+    States,
+    rest_starts,
+)
 
-# -- Impulses -------------------------------------------------------------------------------------
+# -- Kicks ----------------------------------------------------------------------------------------
 
 
 # Default spreads of a kick as shares of its speed.
 SPEED_SPREAD = 0.2
 HORIZONTAL_SPREAD = 0.1
+# Maximum lift height of a disturbance, m.
+MAX_LIFT = 1.0
 
 
 @dataclass(frozen=True)
-class Kick:
+class Kick(Action):
     """A velocity and a spin at once: a tap from below, or any other short disturbance.
 
     ``speed_spread`` and ``horizontal_spread`` follow from the speed if they are None. Raises
@@ -82,22 +96,23 @@ class Kick:
         """Whether the kick can move a part."""
         return any((self.speed, self.speed_spread, self.horizontal_spread, self.spin))
 
-    def max_speed(self, body: Body) -> float:
-        """See Impulse; for 3 standard deviations."""
+    def max_speed(self, at: RestStarts) -> float:
+        """See Action; for 3 standard deviations."""
         up = self.speed + 3 * self.speed_spread
-        return math.hypot(up, 3 * self.horizontal_spread) + 3 * self.spin * body.radius
+        return math.hypot(up, 3 * self.horizontal_spread) + 3 * self.spin * at.body.radius
 
-    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
-        """See Impulse."""
+    def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
+        """See Action."""
+        del at
         n = len(row)
         spread = np.array([self.horizontal_spread, self.horizontal_spread, self.speed_spread])
         velocity = random.standard_normal((n, 3)) * spread + [0.0, 0.0, self.speed]
         spin = random.standard_normal((n, 3)) * self.spin
-        return States(states.position, states.orientation, velocity, spin)
+        return dataclasses.replace(states, velocity=states.velocity + velocity, spin=spin)
 
 
 @dataclass(frozen=True, eq=False)
-class Disturbance:
+class Disturbance(Action):
     """Disturbances of fixed energy in random directions, for a retention curve.
 
     The direction is uniform on the unit sphere of the six mass-weighted velocities sqrt(m) v and
@@ -105,32 +120,49 @@ class Disturbance:
 
     lift : (rows,) float
         For each row of the starts the energy as a lift height: energy / (mass x gravity), m.
-    gravity : float
-        m/s2.
     """
 
     lift: Array
-    gravity: float
 
-    def max_speed(self, body: Body) -> float:
-        """See Impulse; by the inequality of Cauchy and Schwarz."""
-        moments, levers = _moments_and_levers(body)
-        squares = 1 + (body.mass * levers**2 / moments).sum(axis=1).max()
-        return math.sqrt(2 * self.gravity * float(self.lift.max()) * squares)
+    def max_speed(self, at: RestStarts) -> float:
+        """See Action; by the inequality of Cauchy and Schwarz."""
+        moments, levers = _moments_and_levers(at.body)
+        squares = 1 + (at.body.mass * levers**2 / moments).sum(axis=1).max()
+        return math.sqrt(2 * at.gravity * float(self.lift.max()) * squares)
 
-    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
-        """See Impulse."""
+    def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
+        """See Action."""
+        body = at.body
         direction = random.standard_normal((len(row), 6))
         direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
-        velocity = direction[:, :3] * np.sqrt(2 * self.gravity * self.lift[row])[:, None]
+        velocity = direction[:, :3] * np.sqrt(2 * at.gravity * self.lift[row])[:, None]
         velocity[:, 2] = np.abs(velocity[:, 2])
         moments, axes = body.moments, body.axes
-        scale = np.sqrt(2 * body.mass * self.gravity * self.lift[row])[:, None] / np.sqrt(moments)
+        scale = np.sqrt(2 * body.mass * at.gravity * self.lift[row])[:, None] / np.sqrt(moments)
         rates = direction[:, 3:] * scale
         spin = np.stack([(rates * axis).sum(axis=1) for axis in axes], axis=-1)
-        return States(
-            states.position, states.orientation, velocity, rotate(states.orientation, spin)
+        spin = rotate(states.orientation, spin)
+        return dataclasses.replace(states, velocity=states.velocity + velocity, spin=spin)
+
+
+def disturbance_starts(
+    part: Part, aspects: Sequence[Aspect], lift: Array, conditions: DropConditions
+) -> RestStarts:
+    """Return a part at rest in these aspects, disturbed with the energy of each lift height.
+
+    Parameters
+    ----------
+    lift : (a, m) float
+        Lift heights of each of the a aspects, m. Row a * m + j of the starts has ``lift[a, j]``.
+    """
+    wrong = lift[~((lift > 0) & (lift <= MAX_LIFT))]
+    if wrong.size:
+        raise InvalidValueError(
+            f'invalid lift height {wrong.flat[0]:g}: expected more than 0 and at most '
+            f'{MAX_LIFT:g} m'
         )
+    each = [aspect for aspect in aspects for _ in range(lift.shape[1])]
+    return rest_starts(part, each, Disturbance(lift.ravel()), conditions)
 
 
 def _moments_and_levers(body: Body) -> tuple[Array, Array]:
@@ -149,7 +181,7 @@ _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Nozzle:
+class Nozzle(Action):
     """A short jet of air: an impulse along a line, at the point where the line meets the part.
 
     The line rises by ``elevation`` in the direction in which the jet blows. It passes the vertical
@@ -159,6 +191,7 @@ class Nozzle:
     """
 
     kind: ClassVar[str] = 'nozzle'
+    can_miss: ClassVar[bool] = True
 
     impulse: float = quantity('impulse', 'N s', 'mean impulse of the jet on the part', high=1e3)
     height: float = quantity(
@@ -195,20 +228,20 @@ class Nozzle:
         """Whether the jet can move a part."""
         return self.impulse > 0 or self.impulse_spread > 0
 
-    def max_speed(self, body: Body) -> float:
-        """See Impulse; for 3 standard deviations, the fastest of many random orientations."""
+    def max_speed(self, at: RestStarts) -> float:
+        """See Action; for 3 standard deviations, the fastest of many random orientations."""
         random = np.random.default_rng(0)
         zero = np.zeros((SAMPLE, 3))
         states = States(zero, random_orientations(random, SAMPLE), zero, zero)
         strong = replace(self, impulse=self.impulse + 3 * self.impulse_spread, impulse_spread=0.0)
-        after = strong.applied(states, np.arange(SAMPLE), body, random)
+        after = strong.applied(states, np.arange(SAMPLE), at, random)
         spin = rotate(after.orientation * _CONJUGATE, after.spin)
-        turning = np.linalg.norm(np.cross(spin[:, None], body.corners), axis=2).max(axis=1)
+        turning = np.linalg.norm(np.cross(spin[:, None], at.body.corners), axis=2).max(axis=1)
         return float((np.linalg.norm(after.velocity, axis=1) + turning).max())
 
-    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
-        """See Impulse."""
-        n = len(row)
+    def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
+        """See Action."""
+        n, body = len(row), at.body
         impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
         aside = random.standard_normal(n) * self.place_spread
         point, along, met = self._hit(states, aside, body)
@@ -216,11 +249,10 @@ class Nozzle:
         # In part axes, where the inertia is constant; solved row by row.
         torque = np.cross(point, push)
         spin = np.stack([(torque * row).sum(axis=1) for row in body.compliance], axis=-1)
-        return States(
-            states.position,
-            states.orientation,
-            rotate(states.orientation, push / body.mass),
-            rotate(states.orientation, spin),
+        return dataclasses.replace(
+            states,
+            velocity=states.velocity + rotate(states.orientation, push / body.mass),
+            spin=rotate(states.orientation, spin),
         )
 
     def _hit(
@@ -290,7 +322,7 @@ IMPACT_SPEED = 3.0
 
 
 @dataclass(frozen=True)
-class Vibration:
+class Vibration(Action):
     """A square plate that vibrates as a rigid body, with a horizontal surface at rest.
 
     The middle of the plate moves by ``vertical_amplitude`` x sin(2 pi f t) in z and by
@@ -379,27 +411,33 @@ class Vibration:
             )
 
     @property
-    def has_effect(self) -> bool:
-        """Whether the plate can move a part."""
-        return True
+    def motion(self) -> 'Vibration':
+        """The plate itself."""
+        return self
 
     @property
     def time_step(self) -> float:
-        """See Motion."""
+        """Maximum time step that resolves the motion, s."""
         return 1 / (STEPS_PER_PERIOD * self.frequency)
 
-    def max_speed(self, _body: Body) -> float:
-        """See Impulse; IMPACT_SPEED times that of the plate."""
+    def max_speed(self, at: RestStarts) -> float:
+        """See Action; IMPACT_SPEED times that of the plate."""
+        del at
         return IMPACT_SPEED * self._max_speed
 
-    def applied(self, states: States, row: Indices, _body: Body, random: Random, /) -> States:
-        """Return the states at random places of the plate; see Impulse."""
+    def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
+        """Return the states at random places of the plate; in surroundings, unchanged states."""
+        if not at.scene.level:
+            return states
         place = states.position.copy()
         place[:, :2] = (random.random((len(row), 2)) - 0.5) * self.plate_size
-        return States(place, states.orientation, states.velocity, states.spin)
+        return dataclasses.replace(states, position=place)
 
     def pose(self, time: Array) -> tuple[Array, Array]:
-        """See Motion."""
+        """Return positions (n, 3), m, and quaternions (n, 4), tray from surface, at times (n,).
+
+        Before the motion begins and after its end, the frame of the surface is the tray frame.
+        """
         vertical, horizontal, rocking = (part[0] for part in self._parts(time))
         angle = rocking * self._rocking / 2
         x, y = self.rocking_x / self._rocking, self.rocking_y / self._rocking
@@ -408,14 +446,20 @@ class Vibration:
         return self._at(horizontal, vertical), orientation
 
     def velocity(self, time: Array) -> tuple[Array, Array]:
-        """See Motion."""
+        """Return the derivatives: velocity (n, 3), m/s, and angular velocity (n, 3), rad/s.
+
+        The velocity is that of the origin of the surface; both are in tray axes.
+        """
         vertical, horizontal, rocking = (part[1] for part in self._parts(time))
         zero = np.zeros(len(time))
         spin = np.stack([rocking * self.rocking_x, rocking * self.rocking_y, zero], -1)
         return self._at(horizontal, vertical), spin
 
     def left(self, position: Array) -> npt.NDArray[np.bool_]:
-        """See Motion."""
+        """Return which parts (n,) have left the plate.
+
+        ``position`` (n, 3) are their centres of mass in the frame of the surface, m.
+        """
         return np.asarray(np.abs(position[:, :2]).max(axis=1) > self.plate_size / 2)
 
     def _at(self, horizontal: Array, vertical: Array) -> Array:
@@ -468,10 +512,13 @@ HALVINGS = 6
 # Height above the lowest corner, R, up to which a corner of a piece touches the belt. The pieces
 # have errors of up to about 1e-3.
 CONTACT = 2e-3
+# Distance in surroundings between a part and the roller at the start, R; more than the minimum
+# radius of a roller.
+BEHIND = 0.05
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Action):
     """A belt that carries parts over its edge, and a second belt below it.
 
     Both belts move along the same line; the lower one moves backwards if its speed is negative. It
@@ -480,6 +527,7 @@ class Step:
     """
 
     kind: ClassVar[str] = 'step'
+    has_edge: ClassVar[bool] = True
 
     belt_speed: float = quantity(
         'belt speed', 'm/s', 'speed of the upper belt towards the edge', high=100.0, above=True
@@ -525,13 +573,9 @@ class Step:
                 f'{self.step_height:g} m'
             )
 
-    @property
-    def has_effect(self) -> bool:
-        """Whether the belt can move a part."""
-        return True
-
-    def edge(self, pieces: tuple[Array, ...]) -> Edge:
-        """Return the edge for a part with these convex pieces; see Edge."""
+    def edge(self, part: Part) -> Edge:
+        """See Action."""
+        pieces = convex_pieces(part).corners
         return Edge(
             height=self.step_height,
             radius=self.edge_radius,
@@ -539,57 +583,82 @@ class Step:
             lower_speed=self.lower_speed,
             friction_factor=self.friction_factor,
             restitution_factor=self.restitution_factor,
-            pieces=pieces,
+            pieces=tuple(corners - part.centre_of_mass for corners in pieces),
+        )
+
+    def check(self, name: str, scene: Scene) -> None:
+        """See Action: floor and walls must be the same above and below the edge."""
+        floor = scene.bodies[0]
+        level = isinstance(floor, HalfSpace) and np.array_equal(floor.normal, Z)
+        if not (scene.flat and scene.free and level):
+            raise InvalidValueError(
+                f'invalid action {name} in surroundings: expected plane, slope, wall or chute, '
+                'whose floor and walls are the same everywhere along x, so that they are the same '
+                'above and below the edge; a fall into other surroundings is simulated by drops '
+                'from initial states, those of parts that leave the upper belt'
+            )
+        speed = floor.contact.speed
+        if speed not in (0.0, self.belt_speed):
+            raise InvalidValueError(
+                f'invalid belt speed {self.belt_speed:g} m/s of {name}: expected {speed:g} m/s, '
+                f'the speed of the {floor.name} of the surroundings, which is the upper belt; the '
+                'lower belt has the lower speed of the action'
+            )
+
+    def max_speed(self, at: RestStarts) -> float:
+        """See Action: relative to the lower belt. A part also falls by its hull radius."""
+        along = self.belt_speed - self.lower_speed
+        fall = 2 * at.gravity * (self.step_height + at.body.radius)
+        return max(math.sqrt(along**2 + fall), self.belt_speed)
+
+    def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
+        """Return the states on the upper belt, relative to the wall below the edge; see Edge."""
+        del row, random
+        place = _before_edge if at.scene.level else _behind_edge
+        assert at.edge is not None
+        belt = at.scene.in_tray(self.belt_speed * X[None])
+        return dataclasses.replace(
+            states,
+            position=place(states, at.edge, at),
+            velocity=np.tile(belt, (len(states.position), 1)),
         )
 
 
-def fall_speed(edge: Edge, gravity: float, radius: float) -> float:
-    """Return the speed that a part can have relative to the lower belt, m/s.
+def _before_edge(states: States, edge: Edge, at: RestStarts) -> Array:
+    """Return positions (n, 3), m, on a level belt, shortly before parts tilt over its edge."""
+    found = np.zeros((len(states.orientation), 3))
+    for row, orientation in zip(found, states.orientation, strict=True):
+        row[[0, 2]] = _place(edge, orientation, at.body.radius)
+    return found
 
-    ``radius`` is its hull radius, m, by which it falls in addition to the height of the step.
-    """
-    along = edge.belt_speed - edge.lower_speed
-    return math.sqrt(along**2 + 2 * gravity * (edge.height + radius))
+
+def _behind_edge(states: States, edge: Edge, at: RestStarts) -> Array:
+    """Return positions (n, 3), m, of parts in surroundings that are as a whole behind the edge."""
+    scene = at.scene
+    front = depth_along(states.orientation, scene.in_tray(X[None])[0], at.body.corners)
+    place = scene.in_scene(states.position)
+    place[:, 0] = -edge.radius - BEHIND * at.body.radius - front
+    place[:, 2] += edge.height
+    return scene.in_tray(place)
 
 
-@dataclass(frozen=True, eq=False)
-class OnBelt:
-    """Puts parts at rest onto the upper belt in front of an edge, with the speed of the belt."""
-
-    edge: Edge
-    gravity: float
-
-    def max_speed(self, body: Body) -> float:
-        """See Impulse."""
-        return fall_speed(self.edge, self.gravity, body.radius)
-
-    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
-        """Return the states relative to the wall below the edge; see Impulse and Edge."""
-        del row, random
-        position = states.position + 0.0
-        for k, orientation in enumerate(states.orientation):
-            x, z = self._place(orientation, body)
-            position[k] = [x, 0.0, z]
-        velocity = states.velocity + np.array([self.edge.belt_speed, 0.0, 0.0])
-        return States(position, states.orientation, velocity, states.spin)
-
-    def _place(self, orientation: Array, body: Body) -> tuple[float, float]:
-        """Return x and z of the centre of mass of a part on the belt in an orientation (4,)."""
-        pieces = [rotate(orientation, corners) for corners in self.edge.pieces]
-        depth = -min(float(corners[:, 2].min()) for corners in pieces)
-        touching = [c[c[:, 2] < CONTACT * body.radius - depth, :2] for c in pieces]
-        distance, clear = 0.0, START_DISTANCE * body.radius
-        if not _supported(touching, clear):
-            # The part tilts before its centre of mass is at the edge.
-            supported = max(clear, *(float(c[:, 0].max()) for c in touching if len(c)))
-            for _ in range(HALVINGS):
-                middle = (distance + supported) / 2
-                if _supported(touching, middle):
-                    supported = middle
-                else:
-                    distance = middle
-            distance = supported
-        return -self.edge.radius - distance - clear, self.edge.height + depth
+def _place(edge: Edge, orientation: Array, radius: float) -> tuple[float, float]:
+    """Return x and z of the centre of mass of a part on the belt in an orientation (4,)."""
+    pieces = [rotate(orientation, corners) for corners in edge.pieces]
+    depth = -min(float(corners[:, 2].min()) for corners in pieces)
+    touching = [c[c[:, 2] < CONTACT * radius - depth, :2] for c in pieces]
+    distance, clear = 0.0, START_DISTANCE * radius
+    if not _supported(touching, clear):
+        # The part tilts before its centre of mass is at the edge.
+        supported = max(clear, *(float(c[:, 0].max()) for c in touching if len(c)))
+        for _ in range(HALVINGS):
+            middle = (distance + supported) / 2
+            if _supported(touching, middle):
+                supported = middle
+            else:
+                distance = middle
+        distance = supported
+    return -edge.radius - distance - clear, edge.height + depth
 
 
 def _supported(touching: list[Array], distance: float) -> bool:
@@ -619,10 +688,7 @@ def _supported(touching: list[Array], distance: float) -> bool:
 # -- Named actions --------------------------------------------------------------------------------
 
 
-Action = Kick | Nozzle | Vibration | Step
-KINDS: dict[str, type[Kick] | type[Nozzle] | type[Vibration] | type[Step]] = {
-    each.kind: each for each in (Kick, Nozzle, Vibration, Step)
-}
+KINDS: dict[str, type[Action]] = {each.kind: each for each in (Kick, Nozzle, Vibration, Step)}
 # The time that an action takes, with the time until parts are at rest again.
 TIME = Quantity('time', 's', 'time from one action to the next', high=3600.0, above=True)
 DEFAULT_TIME = 1.0
@@ -646,10 +712,16 @@ class NamedAction:
         object.__setattr__(self, 'time', TIME.check('time', self.time))
 
     @property
+    def moving_time(self) -> float:
+        """Time in which the action moves parts, s: that of its motion, or all its time."""
+        motion = self.action.motion
+        return self.time if motion is None else min(motion.duration, self.time)
+
+    @property
     def values(self) -> dict[str, Any]:
         """Name, kind, time and all numbers of the action, in SI units."""
-        numbers = dataclasses.asdict(self.action)
-        return {'name': self.name, 'kind': self.action.kind, 'time': self.time, **numbers}
+        action = self.action
+        return {'name': self.name, 'kind': action.kind, 'time': self.time, **action.numbers}
 
     @property
     def text(self) -> str:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +20,13 @@ from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.hull import SAME_FACET
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
-from resting_aspects_ros.simulation.action_starts import below_edge
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
-from resting_aspects_ros.simulation.scene import Scene
-from resting_aspects_ros.simulation.starts import Edge, Motion, Starts
+from resting_aspects_ros.simulation.scene import Scene, make_scene
+from resting_aspects_ros.simulation.starts import Edge, Starts
 from resting_aspects_ros.statistics.intervals import check_precision
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import Vibration
 
 # -- Description ----------------------------------------------------------------------------------
 
@@ -179,8 +182,8 @@ class DropJob:
         Factor by which the number of time steps is multiplied.
     starts : Starts or None
         Where and how the parts start; None if they are released as the conditions say.
-    scene : Scene or None
-        Surroundings; None: an infinite level plane.
+    scene : Scene
+        What the parts can touch; below an edge, with the lower floor.
     pieces : tuple of (k, 3) float
         Corners of convex pieces of the part, body axes, R, if edges or meshes touch it.
     engine : str
@@ -200,13 +203,13 @@ class DropJob:
     radius: float
     conditions: DropConditions
     seed: int
+    scene: Scene
     rest: RestRule
     min_height: float
     rolling_length: float
     until_still: bool = False
     refinement: int = 1
     starts: Starts | None = None
-    scene: Scene | None = None
     pieces: tuple[Array, ...] = ()
     engine: str = KERNEL
 
@@ -262,7 +265,7 @@ class DropJob:
         return 0.0 if self.edge is None else self.edge.lower_speed * self.time_unit / self.radius
 
     @property
-    def motion(self) -> Motion | None:
+    def motion(self) -> 'Vibration | None':
         """Motion of the surface after the start; None if it stays at rest."""
         return None if self.starts is None else self.starts.motion
 
@@ -298,13 +301,13 @@ class DropJob:
 
     @property
     def down(self) -> Array:
-        """(3,) direction of gravity, in the frame of the engine: that of the scene, if any."""
-        return np.array([0.0, 0.0, -1.0]) if self.scene is None else self.scene.down
+        """(3,) direction of gravity, in the frame of the engine: that of the scene."""
+        return self.scene.down
 
     @property
     def frame_velocity(self) -> Array:
         """(3,) velocity of the frame in which surroundings are simulated, R / T, scene frame."""
-        if self.scene is None or self.motion is not None:
+        if self.motion is not None:
             return np.zeros(3)
         return self.scene.frame_velocity * (self.time_unit / self.radius)
 
@@ -320,9 +323,7 @@ class DropJob:
         c = self.conditions
         fall = 2 * c.gravity * c.height
         thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)
-        belt = 0.0
-        if self.scene is not None:
-            belt = max(abs(body.contact.speed) for body in self.scene.bodies)
+        belt = max(abs(body.contact.speed) for body in self.scene.bodies)
         return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius + belt
 
     @property
@@ -444,17 +445,10 @@ def make_job(
         )
     landscape = Landscape(part) if landscape is None else landscape
     aspects = join_minima(landscape)
-    scene = None
-    pieces: tuple[Array, ...] = ()
-    if conditions.surroundings is not None:
-        scene = conditions.surroundings.scene(conditions, radius)
-        if starts is not None and starts.edge is not None:
-            scene = below_edge(scene, starts.edge)
-        if not scene.flat:
-            pieces = tuple(
-                (corners - part.centre_of_mass) @ part.principal_axes / radius
-                for corners in convex_pieces(part).corners
-            )
+    scene = make_scene(conditions, radius)
+    if starts is not None and starts.edge is not None:
+        scene = scene.with_floor_speed(starts.edge.lower_speed)
+    pieces = () if scene.flat else convex_pieces(part).corners
     job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
@@ -470,7 +464,7 @@ def make_job(
         refinement=refinement,
         starts=starts,
         scene=scene,
-        pieces=pieces,
+        pieces=tuple((c - part.centre_of_mass) @ part.principal_axes / radius for c in pieces),
         engine=_engine(engine, scene, starts),
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
@@ -481,7 +475,7 @@ def make_job(
             f'{source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
-    if scene is not None:
+    if not scene.level:
         _check_belts(job, scene)
     return job
 
@@ -491,7 +485,7 @@ def engine_version(engine: str) -> str:
     return version('pybullet') if engine == BULLET else KERNEL_VERSION
 
 
-def _engine(wanted: str, scene: Scene | None, starts: Starts | None) -> str:
+def _engine(wanted: str, scene: Scene, starts: Starts | None) -> str:
     """Return the engine of a job; raises InvalidValueError if it cannot simulate it."""
     if wanted not in {'', KERNEL, CUDA, BULLET}:
         raise InvalidValueError(
@@ -499,7 +493,7 @@ def _engine(wanted: str, scene: Scene | None, starts: Starts | None) -> str:
             f'{did_you_mean(wanted, [KERNEL, CUDA, BULLET])}'
         )
     edges = starts is not None and starts.edge is not None
-    if edges or not (scene is None or scene.flat):
+    if edges or not scene.flat:
         if wanted in {KERNEL, CUDA}:
             raise InvalidValueError(
                 f'invalid engine {wanted}: expected {BULLET} where parts fall from an edge, or '

@@ -1,19 +1,32 @@
-"""The entry to the kernel: drops of a part that only touches planes, in any range of indices."""
+"""The entry to the kernel: what it needs of a job, and its compiled code."""
 
-from collections.abc import Callable
+import ctypes
+import hashlib
+import os
+import platform
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache, lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.simulation import kernel_data as kernel
-from resting_aspects_ros.simulation.actions import RAMP_PERIODS, Vibration
-from resting_aspects_ros.simulation.compiled_kernel import simulate
-from resting_aspects_ros.simulation.ends import Ends, resting_poses
+from resting_aspects_ros.simulation import kernel_data
+from resting_aspects_ros.simulation.actions import RAMP_PERIODS
 from resting_aspects_ros.simulation.job import CUDA, DropJob
-from resting_aspects_ros.simulation.release import initial_states
+from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, States, work_of
+from resting_aspects_ros.simulation.release import Ends, initial_states, resting_poses
+from resting_aspects_ros.simulation.scene import HalfSpace
 from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -34,7 +47,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     limit = TIME_LIMIT + states.flight
     if motion is not None:
         limit += motion.duration / job.time_unit
-    numerics = kernel.Numerics().refined(job.refinement, not job.until_still)
+    numerics = kernel_data.Numerics().refined(job.refinement, not job.until_still)
     (_on_gpu() if job.engine == CUDA else simulate)(
         body_of(job),
         ground_of(job),
@@ -66,8 +79,8 @@ def _on_gpu() -> Callable[..., None]:
 
 
 @lru_cache(maxsize=16)
-def body_of(job: DropJob) -> kernel.Body:
-    """Return the part of a job for the kernel."""
+def body_of(job: DropJob) -> kernel_data.Body:
+    """Return the part of a job for the kernel_data."""
     rule, axes = job.rest, Rotation.from_quat(job.axes)
     hull, landscape = rule.landscape.hull, rule.landscape
 
@@ -76,7 +89,7 @@ def body_of(job: DropJob) -> kernel.Body:
 
     fans = hull.edges_of_points
     pairs = _edges(hull.points)
-    return kernel.Body(
+    return kernel_data.Body(
         points=np.ascontiguousarray(in_body(hull.points).T),
         starts=np.searchsorted(pairs[:, 0], np.arange(len(hull.points) + 1)),
         near=np.ascontiguousarray(pairs[:, 1]),
@@ -108,66 +121,50 @@ def _edges(points: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def ground_of(job: DropJob) -> kernel.Ground:
-    """Return what the part of a job touches, for the kernel."""
+def ground_of(job: DropJob) -> kernel_data.Ground:
+    """Return what the part of a job touches, for the kernel_data."""
     scale = job.time_unit / job.radius
-    scene, c = job.scene, job.conditions
-    rows = []
-    if scene is None:
-        contact = (c.restitution, c.friction, c.rolling_friction * job.rolling_length)
-        rows.append(_plane(np.array([0.0, 0.0, 1.0]), 0.0, contact, np.zeros(3)))
-    else:
-        for space in scene.half_spaces:
-            values = space.contact
-            contact = (
-                values.restitution,
-                values.friction,
-                values.rolling_friction * job.rolling_length,
-            )
-            rows.append(
-                _plane(space.normal, space.offset / job.radius, contact, space.velocity * scale)
-            )
-    planes = np.array(rows)
-    planes[:, kernel.SPIN] = c.spinning_friction
-    driven = scene is not None and scene.driven
-    return kernel.Ground(
+    scene = job.scene
+    planes = np.array([_plane(job, space) for space in scene.half_spaces])
+    return kernel_data.Ground(
         planes=planes,
         gravity=job.down,
-        carriers=np.zeros((1, 3)) if scene is None else scene.velocities() * scale,
+        carriers=scene.velocities() * scale,
         motion=_motion(job),
-        level=scene is None,
-        endless=2 if scene is None else scene.free,
-        driven=driven,
+        level=scene.level,
+        endless=scene.free,
+        driven=scene.driven,
         fastest=max(MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
     )
 
 
-def _plane(
-    normal: Array, offset: float, contact: tuple[float, float, float], velocity: Array
-) -> Array:
-    row = np.zeros(kernel.PLANE)
+def _plane(job: DropJob, space: HalfSpace) -> Array:
+    """Return the columns of a plane, in R and T."""
+    row, normal, contact = np.zeros(kernel_data.PLANE), space.normal, space.contact
     across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     across /= np.linalg.norm(across)
     row[:9] = np.concatenate([normal, np.cross(across, normal), across])
-    row[kernel.OFFSET] = offset
-    row[kernel.RESTITUTION], row[kernel.FRICTION], row[kernel.ROLL] = contact
-    row[kernel.CARRIES : kernel.CARRIES + 3] = velocity
+    row[kernel_data.OFFSET] = space.offset / job.radius
+    row[kernel_data.RESTITUTION], row[kernel_data.FRICTION] = contact.restitution, contact.friction
+    row[kernel_data.ROLL] = contact.rolling_friction * job.rolling_length
+    row[kernel_data.SPIN] = job.conditions.spinning_friction
+    scale = job.time_unit / job.radius
+    row[kernel_data.CARRIES : kernel_data.CARRIES + 3] = space.velocity * scale
     return row
 
 
 def _motion(job: DropJob) -> Array:
     """Return the numbers of the motion of the surfaces, in R and T."""
-    numbers = np.zeros(kernel.MOTION)
+    numbers = np.zeros(kernel_data.MOTION)
     motion = job.motion
     if motion is None:
         return numbers
-    assert isinstance(motion, Vibration)
     unit, radius = job.time_unit, job.radius
-    numbers[kernel.RATE] = 2 * np.pi * motion.frequency * unit
-    numbers[kernel.RAMP] = RAMP_PERIODS / motion.frequency / unit
-    numbers[kernel.DURATION] = motion.duration / unit
-    numbers[kernel.SHIFT_PHASE] = motion.horizontal_phase
-    numbers[kernel.ROCK_PHASE] = motion.rocking_phase
+    numbers[kernel_data.RATE] = 2 * np.pi * motion.frequency * unit
+    numbers[kernel_data.RAMP] = RAMP_PERIODS / motion.frequency / unit
+    numbers[kernel_data.DURATION] = motion.duration / unit
+    numbers[kernel_data.SHIFT_PHASE] = motion.horizontal_phase
+    numbers[kernel_data.ROCK_PHASE] = motion.rocking_phase
     vectors = np.array(
         [
             [0.0, 0.0, motion.vertical_amplitude / radius],
@@ -175,9 +172,165 @@ def _motion(job: DropJob) -> Array:
             [motion.rocking_x, motion.rocking_y, 0.0],
         ]
     )
-    if job.scene is None:
-        numbers[kernel.SIZE] = motion.plate_size / radius
-    else:
-        vectors = job.scene.in_scene(vectors)
-    numbers[kernel.LIFT :] = vectors.ravel()
+    if job.scene.level:
+        numbers[kernel_data.SIZE] = motion.plate_size / radius
+    numbers[kernel_data.LIFT :] = job.scene.in_scene(vectors).ravel()
     return numbers
+
+
+# -- Compiled code --------------------------------------------------------------------------------
+
+
+NAME = 'simulate_drops'
+SOURCES = ('kernel.py', 'kernel_data.py')
+_lock = threading.Lock()
+
+
+def simulate(
+    body: Body,
+    ground: Ground,
+    numerics: Numerics,
+    limit: Array | float,
+    states: States,
+    ends: Array,
+    codes: npt.NDArray[np.int64],
+) -> npt.NDArray[np.int64]:
+    """Simulate drops from their states until each has ended; see kernel.simulate.
+
+    The lock of the interpreter is released meanwhile. Returns (4,) int, the numbers of steps,
+    impacts, steps of lasting contact and iterations.
+    """
+    work = work_of(body, ground)
+    limits = np.full(len(ends), limit, dtype=np.float64)
+    given = (np.ascontiguousarray(each) for each in states)
+    arguments = (body, ground, numerics, work, limits, *given, ends, codes)
+    types = ' '.join(_types(arguments))
+    with _lock:
+        function = _loaded(types) or _built(types, arguments)
+    # Where Numba's functions return a value and an exception, of which there are none.
+    nothing, error = ctypes.c_void_p(), ctypes.c_void_p()
+    function(ctypes.byref(nothing), ctypes.byref(error), *_flat(arguments))
+    return np.asarray(work.counts[:4], dtype=np.int64)
+
+
+def _types(value: Any) -> Iterator[str]:
+    """Yield a description of each number and array of nested tuples."""
+    if isinstance(value, tuple):
+        for each in value:
+            yield from _types(each)
+    elif isinstance(value, np.ndarray):
+        if not value.flags.c_contiguous:
+            raise ValueError('invalid array: expected a contiguous one')
+        yield f'{value.dtype.str}{value.ndim}'
+    else:
+        yield type(value).__name__
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    """Yield the arguments of a function of Numba: numbers, and of arrays the parts of a struct."""
+    if isinstance(value, tuple):
+        for each in value:
+            yield from _flat(each)
+    elif isinstance(value, np.ndarray):
+        yield from (ctypes.c_void_p(), ctypes.c_void_p())
+        yield from (ctypes.c_int64(value.size), ctypes.c_int64(value.itemsize))
+        yield ctypes.c_void_p(value.ctypes.data)
+        yield from (ctypes.c_int64(each) for each in (*value.shape, *value.strides))
+    elif isinstance(value, bool):
+        yield ctypes.c_int8(value)
+    elif isinstance(value, int):
+        yield ctypes.c_int64(value)
+    else:
+        yield ctypes.c_double(value)
+
+
+@cache
+def _file(types: str) -> str:
+    """Return the name of the file of this processor, these sources and versions."""
+    folder = Path(kernel_data.__file__).parent
+    digest = hashlib.sha256(types.encode())
+    for name in SOURCES:
+        digest.update((folder / name).read_bytes())
+    versions = [version(each) for each in ('numba', 'llvmlite')]
+    for each in (*versions, platform.machine(), _processor(), _features()):
+        digest.update(each.encode())
+    return f'kernel-{digest.hexdigest()[:16]}.o'
+
+
+def _folders() -> tuple[Path, ...]:
+    """Return where the file can be: beside the sources, or in the cache of the user."""
+    caches = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    return Path(kernel_data.__file__).parent / '__pycache__', Path(caches) / 'resting_aspects_ros'
+
+
+_functions: dict[str, Any] = {}
+_engines: list[Any] = []
+
+
+def _loaded(types: str) -> Any:
+    """Return the function for arguments of these types; None if it was not compiled yet."""
+    if types not in _functions:
+        for folder in _folders():
+            with suppress(OSError):
+                _functions[types] = _function((folder / _file(types)).read_bytes())
+                break
+    return _functions.get(types)
+
+
+@cache
+def _machine() -> Any:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=_processor(), features=_features(), opt=3, reloc='pic', codemodel='default'
+    )
+
+
+def _processor() -> str:
+    return str(llvm.get_host_cpu_name())
+
+
+def _features() -> str:
+    return str(llvm.get_host_cpu_features().flatten())
+
+
+def _function(code: bytes) -> Any:
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), _machine())
+    engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)  # which owns the code
+    return ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address(NAME))
+
+
+def _built(types: str, arguments: tuple[Any, ...]) -> Any:
+    """Compile the function for these arguments, and keep it in a file if that is possible."""
+    text = 'compiling the simulation for this machine, which takes about 20 s once ...'
+    print(text, file=sys.stderr, flush=True)
+    from numba import typeof
+
+    from resting_aspects_ros.simulation import kernel
+
+    signature = tuple(map(typeof, arguments))
+    kernel.simulate.compile(signature)
+    name = kernel.simulate.overloads[signature].fndesc.llvm_func_name
+    module = llvm.parse_assembly(kernel.simulate.inspect_llvm(signature).replace(name, NAME))
+    for each in module.functions:
+        if not each.is_declaration and each.name != NAME:
+            each.linkage = 'internal'
+    # Without what only Python needs to call the function.
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, llvm.create_pass_builder(_machine(), llvm.create_pipeline_tuning_options()))
+    code = _machine().emit_object(module)
+    for folder in _folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with NamedTemporaryFile(dir=folder, delete=False) as file:
+                file.write(code)
+            Path(file.name).chmod(0o644)
+            Path(file.name).replace(folder / _file(types))
+        except OSError:
+            continue
+        break
+    _functions[types] = _function(code)
+    return _functions[types]

@@ -1,18 +1,26 @@
-"""Initial states of drops: random or given, but determined by seed and index of each drop."""
+"""How drops start and end: from a job to initial states, and from ends to resting poses."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.rotations import Random, composed, down_in_part, random_orientations
+from resting_aspects_ros.rotations import (
+    Random,
+    canonical,
+    composed,
+    down_in_part,
+    random_orientations,
+    rotate,
+    turned_down,
+)
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import BULLET, DropJob
-from resting_aspects_ros.simulation.scene import Scene, in_scene_axes, released
+from resting_aspects_ros.simulation.scene import depth_along, in_scene_axes, in_tray_axes, released
 from resting_aspects_ros.simulation.starts import Starts, States
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 # -- Random numbers -------------------------------------------------------------------------------
 
@@ -71,53 +79,20 @@ REST_MARGIN = 0.001
 
 
 @dataclass(frozen=True, eq=False)
-class InitialState:
-    """Initial state of n drops, in R and T; shapes (n, 3), (n, 4), (n, 3), (n, 3) and (n,)."""
+class InitialState(States):
+    """Initial states of n drops, in R and T, in the axes of the scene.
 
-    position: Array
-    orientation: Array
-    velocity: Array
-    spin: Array
-    elapsed: Array  # time of the free fall that is not simulated
+    elapsed : (n,) float
+        Time of the free fall that is not simulated.
+    """
 
-    def select(self, which: npt.NDArray[Any]) -> 'InitialState':
-        """Return the states of some of the drops."""
-        return InitialState(
-            self.position[which],
-            self.orientation[which],
-            self.velocity[which],
-            self.spin[which],
-            self.elapsed[which],
-        )
+    elapsed: Array
 
     @property
     def flight(self) -> Array:
         """(n,) time of flight that is simulated, T."""
         up = self.velocity[:, 2]
         return np.asarray(up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2])))
-
-
-@dataclass(frozen=True, eq=False)
-class BodyStates:
-    """States of n bodies, in R and T, in tray axes.
-
-    position, velocity : (n, 3)
-        Of the centre of mass.
-    orientation : (n, 4)
-        Tray from body.
-    spin : (n, 3)
-    """
-
-    position: Array
-    orientation: Array
-    velocity: Array
-    spin: Array
-
-    def select(self, which: npt.NDArray[Any]) -> 'BodyStates':
-        """Return the states of some of the bodies."""
-        return BodyStates(
-            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
-        )
 
 
 def initial_states(job: DropJob, first: int, end: int) -> InitialState:
@@ -128,24 +103,25 @@ def initial_states(job: DropJob, first: int, end: int) -> InitialState:
     random, n = DropRandom(job.seed, first, end), end - first
     if job.starts is not None:
         return _started(job, job.starts, np.arange(first, end), random)
-    return _released(job, random, n) if job.scene is None else _in_scene(job, random, n)
+    return (_released if job.scene.level else _in_scene)(job, random, n)
 
 
 def _started(
     job: DropJob, starts: Starts, index: npt.NDArray[np.int64], random: Random
 ) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
-    states = starts.states(index, random)
-    if job.scene is not None:
-        return _started_in_scene(job, job.scene, states)
+    states, scene = starts.states(index, random), job.scene
     of_body = body_from_part(states.orientation, job.axes)
-    position = states.position / job.radius
-    # A part that lies on the surface begins where the engine lets it rest.
-    lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
-    position[:, 2] = np.maximum(position[:, 2], lowest)
-    velocity = states.velocity * (job.time_unit / job.radius)
+    position = scene.in_scene(states.position) / job.radius
+    if scene.level:  # a part that lies on the surface begins where the engine lets it rest
+        lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
+        position[:, 2] = np.maximum(position[:, 2], lowest)
     return InitialState(
-        position, of_body, velocity, states.spin * job.time_unit, np.zeros(len(index))
+        position,
+        in_scene_axes(scene, of_body),
+        scene.in_scene(states.velocity) * (job.time_unit / job.radius),
+        scene.in_scene(states.spin) * job.time_unit,
+        np.zeros(len(index)),
     )
 
 
@@ -175,22 +151,9 @@ def _released(job: DropJob, random: Random, n: int) -> InitialState:
     return InitialState(position, of_body, velocity, spin, elapsed)
 
 
-def _started_in_scene(job: DropJob, scene: Scene, states: States) -> InitialState:
-    """Return given states, in the tray frame, as initial states in the scene frame."""
-    scale = job.time_unit / job.radius
-    return InitialState(
-        scene.in_scene(states.position) / job.radius,
-        in_scene_axes(scene, body_from_part(states.orientation, job.axes)),
-        scene.in_scene(states.velocity) * scale,
-        scene.in_scene(states.spin) * job.time_unit,
-        np.zeros(len(states.position)),
-    )
-
-
 def _in_scene(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are released in surroundings, scene frame."""
     scene, c, unit = job.scene, job.conditions, job.time_unit
-    assert scene is not None
     corners = job.hull * job.radius
     position, of_body, velocity, spin = released(scene, c, corners, job.axes, random, n)
     position /= job.radius
@@ -223,3 +186,85 @@ def depth_of(xyzw: Array, hull: Array) -> Array:
     x, y, z = down_in_part(xyzw).T[:, :, None]
     reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
     return reach
+
+
+# -- Ends -----------------------------------------------------------------------------------------
+
+
+# A part touches a half-space if its hull is closer than this, R: Bullet lets it rest at 0.001.
+TOUCH = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """How n drops have ended, in R and T, in the axes of the surroundings.
+
+    position, orientation : (n, 3) and (n, 4) float
+        Of the centre of mass, and xyzw, from body axes.
+    status, minimum : (n,) int
+        Codes of RestStatus, and the minimum of the landscape that the energy decided, or -1.
+    time, growth : (n,) float
+        From release to the end, and the largest growth of the energy, m g R.
+    """
+
+    position: Array
+    orientation: Array
+    status: npt.NDArray[np.uint8]
+    minimum: npt.NDArray[np.int64]
+    time: Array
+    growth: Array
+
+    @property
+    def decided_by(self) -> npt.NDArray[np.uint8]:
+        """(n,) codes of DecidedBy."""
+        by_energy = self.minimum >= 0
+        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
+
+
+def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
+    """Return the poses of drops that have ended, in the tray frame.
+
+    The first has the index ``first_drop``.
+    """
+    scene = job.scene
+    failed, settled = ends.status == RestStatus.FAILED, ends.status == RestStatus.SETTLED
+    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
+    orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
+    # A drop decided by its energy would continue to roll to the minimum. Its yaw and its sliding
+    # on the way there are not predicted.
+    decided = ends.minimum >= 0
+    minima = job.rest.directions[ends.minimum[decided]]
+    orientation[decided] = turned_down(orientation[decided], minima)
+    # In Bullet, a hull rests a margin (0.001 R) above a plane; the pose has the part on it.
+    if scene.level:
+        centre = ends.position * job.radius
+        depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
+        centre[:, 2] = np.where(settled, depth, centre[:, 2])
+    else:
+        put_down = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
+        centre = scene.in_tray(put_down * job.radius)
+    return RestingPoses(
+        first_drop=first_drop,
+        position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
+        orientation=orientation,
+        status=ends.status,
+        decided_by=ends.decided_by,
+        time_to_rest=ends.time * job.time_unit,
+        energy_growth=ends.growth,
+    )
+
+
+def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
+    """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them."""
+    position = position.copy()
+    planes = [
+        (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
+        for p in job.scene.half_spaces
+    ]
+    gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]
+    touching = [np.abs(gap) < TOUCH for gap in gaps]
+    for _ in range(50 if len(planes) > 1 else 1):
+        for (n, offset, reach), touches in zip(planes, touching, strict=True):
+            gap = (position * n).sum(axis=1) - offset - reach
+            position -= np.where(touches, gap, 0.0)[:, None] * n
+    return position

@@ -6,7 +6,7 @@ along the axes of a plane, which depend on the plane's normal; in the scene fram
 directions in which parts mostly slide. The published frame is the tray frame, with z up.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,8 +17,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import Random, product, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 
-# The direction of gravity in the tray frame.
-_DOWN = np.array([[0.0, 0.0, -1.0]])
+X, Y, Z = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -116,6 +115,9 @@ class Scene:
         A part whose centre of mass is in one of these has left the surroundings.
     orientation : (4,) float or None
         Orientation at release, tray from part; None: uniformly random.
+    level : bool
+        Whether this is the infinite level plane, on which energy decides the aspect of a part.
+        Its axes are those of the tray.
     """
 
     bodies: tuple[SceneBody, ...]
@@ -125,6 +127,7 @@ class Scene:
     ground: float = 0.0
     lost: tuple[HalfSpace, ...] = ()
     orientation: Array | None = None
+    level: bool = False
 
     @property
     def half_spaces(self) -> tuple[HalfSpace, ...]:
@@ -149,14 +152,9 @@ class Scene:
         return len(self.half_spaces) == len(self.bodies)
 
     @property
-    def finite(self) -> bool:
-        """Whether all bodies are meshes that do not move, so that each part can have its own."""
-        return not self.driven and all(isinstance(body, MeshBody) for body in self.bodies)
-
-    @property
     def down(self) -> Array:
         """(3,) direction of gravity, scene frame."""
-        return np.asarray(self.in_scene(_DOWN)[0])
+        return np.asarray(self.in_scene(-Z[None])[0])
 
     def in_scene(self, vectors: Array) -> Array:
         """Return vectors or points (n, 3) of the tray frame in the scene frame."""
@@ -190,9 +188,34 @@ class Scene:
         endless = sorted(v for v in moving if self._same_along(np.array(v)))
         return np.array([(0.0, 0.0, 0.0), *endless])
 
+    def with_floor_speed(self, speed: float) -> 'Scene':
+        """Return the scene with another speed of the first body, m/s, along x."""
+        floor, *others = self.bodies
+        contact = replace(floor.contact, speed=speed)
+        return replace(self, bodies=(replace(floor, contact=contact, along=X), *others))
+
     def _same_along(self, direction: Array) -> bool:
         """Return whether the scene is the same everywhere along a direction (3,)."""
         return not direction[self.free :].any()
+
+
+def level_plane(conditions: DropConditions) -> Scene:
+    """Return the infinite level plane, the simplest scene."""
+    c = conditions
+    contact = PairValues(c.friction, c.restitution, c.rolling_friction)
+    floor = HalfSpace('floor', contact, X, Z)
+    none = np.zeros(2)
+    return Scene((floor,), np.array([0.0, 0.0, 0.0, 1.0]), 2, (none, none), level=True)
+
+
+def make_scene(conditions: DropConditions, radius: float) -> Scene:
+    """Return the surroundings of drops of a part with a hull radius, m; raises InvalidValueError.
+
+    Without surroundings, they are the level plane.
+    """
+    if conditions.surroundings is None:
+        return level_plane(conditions)
+    return conditions.surroundings.scene(conditions, radius)
 
 
 # -- Release --------------------------------------------------------------------------------------
@@ -256,12 +279,16 @@ def released(
 
 def in_scene_axes(scene: Scene, orientation: Array) -> Array:
     """Return orientations (n, 4), tray from body, as orientations scene from body."""
+    if scene.level:
+        return orientation
     inverse = scene.tray_from_scene * [-1, -1, -1, 1]
     return product(np.tile(inverse, (len(orientation), 1)), orientation)
 
 
 def in_tray_axes(scene: Scene, orientation: Array) -> Array:
     """Return orientations (n, 4), scene from body, as orientations tray from body."""
+    if scene.level:
+        return orientation
     return product(np.tile(scene.tray_from_scene, (len(orientation), 1)), orientation)
 
 

@@ -7,14 +7,9 @@ import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import down_in_part, rotate
-from resting_aspects_ros.simulation.ends import Ends
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.release import (
-    BodyStates,
-    InitialState,
-    depth_of,
-    part_from_body,
-)
+from resting_aspects_ros.simulation.release import Ends, InitialState, depth_of, part_from_body
+from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.poses import RestStatus
 
 # Time between checks of the bodies, T.
@@ -49,7 +44,7 @@ class Settling:
     moving : (m,) int
         Rows of the drops that have not ended.
     position, orientation
-        At the last check; see BodyStates.
+        At the last check; see States.
     status : (n,) uint8
         Codes of RestStatus.
     minimum : (n,) int
@@ -76,10 +71,11 @@ class Settling:
         self._limit = TIME_LIMIT + (float(states.flight.max()) if job.edge is None else 0.0)
         if motion is not None:
             self._limit += motion.duration / job.time_unit
+        self._window = REST_WINDOW
         self._now = 0.0
+        self._shaken = False  # whether the surface moved since the last check
         self._still = np.zeros(n, dtype=np.int64)  # consecutive checks without motion
-        start = BodyStates(states.position, states.orientation, states.velocity, states.spin)
-        self._energy = self._energies(start)
+        self._energy = self._energies(states)
         self._min_energy = self._energy.copy()  # of all checks
 
     @property
@@ -89,63 +85,76 @@ class Settling:
             self.position, self.orientation, self.status, self.minimum, self.time, self.growth
         )
 
-    def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
+    def check(self, now: float, states: States) -> npt.NDArray[np.int64]:
         """Update the moving bodies, ``now`` T after the start; returns the drops that ended.
 
         While the surface moves, a part can only be lost or fail: its energy and its stillness
         count from the first check after the end of the motion.
         """
         moving = self.moving
-        shaken = self._job.in_motion(self._now)  # at some time since the last check
+        self._shaken = self._job.in_motion(self._now)
         self._now = now
-        place = self._on_surface(states.position, now)
-        clear = self._job.clear_of_wall(states.position[:, 0], now)
-        gains = np.full(len(moving), shaken) | (~clear & (self._job.wall_speed != 0))
-        failed = self._failed(states, place[:, 2], gains)
+        failed = self._failed(states)
         self.status[moving[failed]] = RestStatus.FAILED
         self.time[moving[failed]] = math.nan
-        sound = moving[~failed]
-        still = self._update_still(sound, states.select(~failed), restart=shaken)
-        lost = self._left(place[~failed])
-        self.status[sound[lost]] = RestStatus.LOST
-        if not (self._job.until_still or shaken):
-            free = ~lost & clear[~failed]
-            self._decide(sound[free])
-            self._decide_sliding(sound[free], states.select(~failed).select(free))
-        decided = self.minimum[sound] >= 0
+        sound, at = moving[~failed], states.select(~failed)
+        still = self._update_still(sound, at)
+        lost = self._left(at.position)
         still &= ~lost
-        self.status[sound[still | decided]] = RestStatus.SETTLED
+        other = self._other(sound, at, still, lost)
+        status = np.select([lost, still], [RestStatus.LOST, RestStatus.SETTLED], other)
+        self.status[sound] = status
         self.time[sound] = now + self._elapsed[sound]
-        self.time[sound[still & ~decided]] -= REST_WINDOW
-        continues = ~still & ~decided & ~lost & (now < self._limit)
+        self.time[sound[still & (other == RestStatus.UNSETTLED)]] -= self._window
+        continues = (status == RestStatus.UNSETTLED) & (now < self._limit)
         self.moving = sound[continues]
         return np.concatenate([moving[failed], sound[~continues]])
 
-    def _on_surface(self, position: Array, now: float) -> Array:
+    def _other(
+        self,
+        which: npt.NDArray[np.int64],
+        states: States,
+        still: npt.NDArray[np.bool_],
+        lost: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.uint8]:
+        """Return codes of RestStatus (n,) of drops that end although they move, or UNSETTLED.
+
+        Here, the drops that are decided by their energy.
+        """
+        del still
+        if not (self._job.until_still or self._shaken):
+            free = ~lost & self._clear(states)
+            self._decide(which[free])
+            self._decide_sliding(which[free], states.select(free))
+        decided = self.minimum[which] >= 0
+        return np.where(decided, RestStatus.SETTLED, RestStatus.UNSETTLED).astype(np.uint8)
+
+    def _clear(self, states: States) -> npt.NDArray[np.bool_]:
+        """Return which parts (n,) cannot touch the wall below an edge when they roll."""
+        return self._job.clear_of_wall(states.position[:, 0], self._now)
+
+    def _on_surface(self, position: Array) -> Array:
         """Return positions (n, 3) in the frame of the surface, R."""
         motion = self._job.motion
         if motion is None:
             return position
-        at, turned = motion.pose(np.array([now * self._job.time_unit]))
+        at, turned = motion.pose(np.array([self._now * self._job.time_unit]))
         return rotate(turned * [-1, -1, -1, 1], position - at / self._job.radius)
 
-    def _left(self, place: Array) -> npt.NDArray[np.bool_]:
-        """Return which parts at places (n, 3) in the frame of the surface have left it."""
+    def _left(self, position: Array) -> npt.NDArray[np.bool_]:
+        """Return which parts at positions (n, 3) have left the surface."""
         motion = self._job.motion
         if motion is None:
-            return np.zeros(len(place), dtype=np.bool_)
-        return motion.left(place * self._job.radius)
+            return np.zeros(len(position), dtype=np.bool_)
+        return motion.left(self._on_surface(position) * self._job.radius)
 
-    def _failed(
-        self, states: BodyStates, height: Array, gains: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.bool_]:
-        """Update the energies; returns which of the moving drops failed numerically.
-
-        ``height`` (n,) is that above the surface. For parts that can gain energy from what moves,
-        ``gains`` (n,), no growth is counted up to this check.
-        """
-        numbers = (states.position, states.orientation, states.velocity, states.spin)
-        sound = np.isfinite(np.hstack(numbers)).all(axis=1)
+    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
+        """Update the energies; returns which of the moving drops failed numerically."""
+        sound = finite(states)
+        # For parts that can gain energy from what moves, no growth is counted up to this check.
+        gains = np.full(len(sound), self._shaken)
+        gains |= ~self._clear(states) & (self._job.wall_speed != 0)
+        height = self._on_surface(states.position)[:, 2]
         # The penetration of a thin part can bring its centre of mass below the surface. Below
         # this depth, the part has fallen through the surface.
         sound &= height >= -MAX_DEPTH
@@ -158,10 +167,8 @@ class Settling:
         sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
         return np.asarray(~sound)
 
-    def _update_still(
-        self, which: npt.NDArray[np.int64], states: BodyStates, *, restart: bool
-    ) -> npt.NDArray[np.bool_]:
-        """Update positions and orientations; returns which drops were still for REST_WINDOW."""
+    def _update_still(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+        """Update positions and orientations; returns which drops were still for the window."""
         moved = np.abs(states.position - self.position[which])
         # A part that a wall pushes along is at rest, too.
         pushed = states.position[:, 0] - self.position[which, 0]
@@ -170,11 +177,19 @@ class Settling:
         motion = np.maximum(
             moved.max(axis=1), turned_by(states.orientation, self.orientation[which])
         )
+        return self._counted_still(which, states, motion < REST_MOTION)
+
+    def _counted_still(
+        self,
+        which: npt.NDArray[np.int64],
+        states: States,
+        still: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.bool_]:
         self.position[which] = states.position
         self.orientation[which] = states.orientation
-        still = (motion < REST_MOTION) & (not restart)
+        still = still & (not self._shaken)
         self._still[which] = np.where(still, self._still[which] + 1, 0)
-        return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)
+        return np.asarray(self._still[which] * CHECK_INTERVAL >= self._window)
 
     def _decide(self, which: npt.NDArray[np.int64]) -> None:
         """Set the minima of the drops that are decided by their energy."""
@@ -184,7 +199,7 @@ class Settling:
             down = down_in_part(part_from_body(self.orientation[low], self._job.axes))
             self.minimum[low] = rest.decided(down, self._energy[low])
 
-    def _decide_sliding(self, which: npt.NDArray[np.int64], states: BodyStates) -> None:
+    def _decide_sliding(self, which: npt.NDArray[np.int64], states: States) -> None:
         """Set the minima of undecided drops that slide on a flat side and cannot tip any more."""
         job, v, spin = self._job, states.velocity, states.spin
         height = depth_of(states.orientation, job.hull)
@@ -205,7 +220,7 @@ class Settling:
             calm = height + MAX_SLIDE_GAP + 1.5 * MAX_SLIDE_RATE**2
             self.minimum[which] = job.rest.sliding(down, tipping, calm)
 
-    def _energies(self, states: BodyStates) -> Array:
+    def _energies(self, states: States) -> Array:
         """Return the sum, (n,), of kinetic energy and height above the surface, m g R."""
         job = self._job
         v, height = states.velocity, states.position[:, 2]
@@ -216,6 +231,12 @@ class Settling:
             kinetic += moments[axis] * spin[:, axis] ** 2
         # A penetrating hull will be pushed back to the surface, so its height is at least that.
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
+
+
+def finite(states: States) -> npt.NDArray[np.bool_]:
+    """Return which bodies (n,) have finite states."""
+    numbers = (states.position, states.orientation, states.velocity, states.spin)
+    return np.asarray(np.isfinite(np.hstack(numbers)).all(axis=1))
 
 
 def turned_by(orientation: Array, other: Array) -> Array:
@@ -256,7 +277,6 @@ class SceneSettling(Settling):
     """The drops of one world in surroundings; see Settling for the attributes."""
 
     def __init__(self, job: DropJob, states: InitialState) -> None:
-        assert job.scene is not None
         self._scene = job.scene
         scale = job.time_unit / job.radius
         # The states are relative to a frame that moves; the positions at the end are not.
@@ -264,41 +284,36 @@ class SceneSettling(Settling):
         self._surface_velocities = self._scene.velocities() * scale - self._frame
         self._max_speed = max(MAX_SLIDE_SPEED, 3 * job.impact_speed * scale)
         super().__init__(job, states)
+        self._window = WINDOW
         n = len(states.elapsed)
         self._start = states.position @ self._scene.down
         self._anchor = self._pointing(self.orientation)
         self._anchor_speed = np.full(n, np.inf)
         self._anchor_time = np.zeros(n)
 
-    def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
-        """Update the moving bodies, ``now`` T after the start; returns the drops that ended."""
-        moving = self.moving
-        shaken = self._job.in_motion(self._now)
-        self._now = now
-        failed = self._failed_in_scene(states, shaken=shaken)
-        self.status[moving[failed]] = RestStatus.FAILED
-        self.time[moving[failed]] = math.nan
-        sound, at = moving[~failed], states.select(~failed)
-        still = self._still_on_surface(sound, at, restart=shaken)
-        lost = self._lost(at.position)
-        sliding = self._slides(sound, at) & ~still & ~lost & (not shaken)
-        timed_out = ~(still | lost | sliding) & (now >= self._limit)
-        speed = self._relative_speed(at.velocity)
-        sliding |= timed_out & (speed > MIN_SLIDE_SPEED)
-        self.status[sound[still & ~lost]] = RestStatus.SETTLED
-        self.status[sound[sliding]] = RestStatus.SLIDING
-        self.status[sound[lost]] = RestStatus.LOST
-        self.time[sound] = now + self._elapsed[sound]
-        self.time[sound[still & ~lost]] -= WINDOW
-        ended = still | lost | sliding | timed_out
-        self.position[sound[ended]] += self._frame * now
-        self.moving = sound[~ended]
-        return np.concatenate([moving[failed], sound[ended]])
+    def check(self, now: float, states: States) -> npt.NDArray[np.int64]:
+        """See Settling."""
+        ended = super().check(now, states)
+        self.position[ended] += self._frame * now
+        return ended
 
-    def _failed_in_scene(self, states: BodyStates, *, shaken: bool) -> npt.NDArray[np.bool_]:
+    def _other(
+        self,
+        which: npt.NDArray[np.int64],
+        states: States,
+        still: npt.NDArray[np.bool_],
+        lost: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.uint8]:
+        """Return codes of RestStatus (n,); here, of the drops that slide or roll for ever."""
+        sliding = self._slides(which, states) & (not self._shaken)
+        if self._now >= self._limit:
+            sliding |= self._relative_speed(states.velocity) > MIN_SLIDE_SPEED
+        sliding &= ~still & ~lost
+        return np.where(sliding, RestStatus.SLIDING, RestStatus.UNSETTLED).astype(np.uint8)
+
+    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically."""
-        numbers = (states.position, states.orientation, states.velocity, states.spin)
-        sound = np.asarray(np.isfinite(np.hstack(numbers)).all(axis=1))
+        sound = finite(states)
         radius = self._job.radius
         for plane in self._scene.half_spaces:
             height = states.position @ plane.normal - plane.offset / radius
@@ -306,7 +321,7 @@ class SceneSettling(Settling):
         rows = self.moving[sound]
         found = states.select(sound)
         energy = self._energies(found)
-        if shaken or self._scene.driven:  # what moves adds energy
+        if self._shaken or self._scene.driven:  # what moves adds energy
             return np.asarray(~sound)
         self.growth[rows] = np.maximum(self.growth[rows], energy - self._energy[rows])
         lowest = np.minimum(self._min_energy[rows], energy)
@@ -315,33 +330,27 @@ class SceneSettling(Settling):
         sound[sound] = energy - lowest <= MAX_GROWTH * (kinetic + 1)
         return np.asarray(~sound)
 
-    def _energies(self, states: BodyStates) -> Array:
+    def _energies(self, states: States) -> Array:
         """Return the sum, (n,), of kinetic energy and height in the tray frame, m g R."""
         spin = rotate(states.orientation * [-1, -1, -1, 1], states.spin)
         kinetic = (states.velocity**2).sum(axis=1) + (self._job.moments * spin**2).sum(axis=1)
         return np.asarray(kinetic / 2 - states.position @ self._scene.down)
 
-    def _still_on_surface(
-        self, which: npt.NDArray[np.int64], states: BodyStates, *, restart: bool
-    ) -> npt.NDArray[np.bool_]:
+    def _update_still(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
         """Update the poses; returns which drops did not move with some surface, or at all."""
         moved = states.position - self.position[which]
         carried = self._surface_velocities * CHECK_INTERVAL
         distance = np.abs(moved[:, None, :] - carried).max(axis=2).min(axis=1)
         turned = turned_by(states.orientation, self.orientation[which])
-        self.position[which] = states.position
-        self.orientation[which] = states.orientation
         creep = MAX_CREEP if self._scene.driven else REST_MOTION
-        still = (distance < creep) & (turned < REST_MOTION) & (not restart)
-        self._still[which] = np.where(still, self._still[which] + 1, 0)
-        return np.asarray(self._still[which] * CHECK_INTERVAL >= WINDOW)
+        return self._counted_still(which, states, (distance < creep) & (turned < REST_MOTION))
 
     def _relative_speed(self, velocity: Array) -> Array:
         """Return the speeds (n,) relative to the surface that moves most nearly alike."""
         apart = velocity[:, None, :] - self._surface_velocities
         return np.asarray(np.sqrt((apart**2).sum(axis=2)).min(axis=1))
 
-    def _slides(self, which: npt.NDArray[np.int64], states: BodyStates) -> npt.NDArray[np.bool_]:
+    def _slides(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
         """Return which drops slide or roll for ever."""
         speed = self._relative_speed(states.velocity)
         pointing = self._pointing(states.orientation)
@@ -374,8 +383,13 @@ class SceneSettling(Settling):
         turned: Array = rotate(orientation * [-1, -1, -1, 1], normal)
         return turned
 
-    def _lost(self, position: Array) -> npt.NDArray[np.bool_]:
+    def _left(self, position: Array) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have left the surroundings."""
         radius = self._job.radius
         inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]
         return np.asarray(np.any([np.zeros(len(position), dtype=np.bool_), *inside], axis=0))
+
+
+def settling_of(job: DropJob, states: InitialState) -> Settling:
+    """Return the drops of a world, before any check."""
+    return (Settling if job.scene.level else SceneSettling)(job, states)

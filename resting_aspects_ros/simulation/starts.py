@@ -1,70 +1,38 @@
-"""Where and how parts start that are not released: from given states, or at rest."""
+"""Where parts start that are not released: from given states, or at rest before an action."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array, Indices
-from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.hull import convex_hull
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.rotations import Random, canonical, product, rotate
-from resting_aspects_ros.simulation.conditions import check_quantities, quantity
-from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.rotations import (
+    Random,
+    angle_between,
+    canonical,
+    orientation_with_down,
+    product,
+    rotate,
+)
+from resting_aspects_ros.simulation.conditions import (
+    DropConditions,
+    check_quantities,
+    quantities_of,
+    quantity,
+)
+from resting_aspects_ros.simulation.scene import Scene, level_plane
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import Vibration
 
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of normal errors of given states, for each component in tray axes."""
-
-    orientation: float = quantity(
-        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
-    )
-    velocity: float = quantity(
-        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
-    )
-    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-
-# -- What happens after the start -----------------------------------------------------------------
-
-
-class Motion(Protocol):
-    """A motion of the surface that begins and ends at rest, with the surface in the plane z = 0.
-
-    Lengths are in m and times in s. Before it begins and after its end, the frame of the surface
-    is the tray frame.
-    """
-
-    @property
-    def duration(self) -> float:
-        """Time from the beginning to the end, s."""
-
-    @property
-    def time_step(self) -> float:
-        """Maximum time step that resolves the motion, s."""
-
-    def pose(self, time: Array) -> tuple[Array, Array]:
-        """Return positions (n, 3) and quaternions xyzw (n, 4), tray from surface, at times."""
-
-    def velocity(self, time: Array) -> tuple[Array, Array]:
-        """Return the derivatives: velocity (n, 3), m/s, and angular velocity (n, 3), rad/s.
-
-        The velocity is that of the origin of the surface; both are in tray axes.
-        """
-
-    def left(self, position: Array) -> npt.NDArray[np.bool_]:
-        """Return which parts (n,) have left the surface.
-
-        ``position`` (n, 3) are their centres of mass in the frame of the surface, m.
-        """
+# -- Starts ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,25 +65,28 @@ class Edge:
     pieces: tuple[Array, ...]
 
 
-# -- Starts ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class States:
-    """States of n parts, in SI units and tray axes.
+    """States of n parts: at the start in SI units and tray axes, in an engine in R and T.
 
     position, velocity : (n, 3)
-        Of the centre of mass, m and m/s. A part that would be below the surface is lifted onto it.
+        Of the centre of mass. A part that starts below a level plane is lifted onto it.
     orientation : (n, 4)
-        Unit quaternions xyzw, tray from part.
+        Unit quaternions xyzw, from part, or in an engine from body.
     spin : (n, 3)
-        Angular velocity, rad/s.
+        Angular velocity.
     """
 
     position: Array
     orientation: Array
     velocity: Array
     spin: Array
+
+    def select(self, which: npt.NDArray[Any]) -> 'States':
+        """Return the states of some of the parts."""
+        return States(
+            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
+        )
 
 
 class Starts(Protocol):
@@ -130,7 +101,7 @@ class Starts(Protocol):
         """Speed at which the fastest point of a part can hit the surface first, m/s."""
 
     @property
-    def motion(self) -> Motion | None:
+    def motion(self) -> 'Vibration | None':
         """Motion of the surface, on which the positions then are; None: it stays at rest."""
 
     @property
@@ -139,6 +110,25 @@ class Starts(Protocol):
 
     def states(self, index: Indices, random: Random) -> States:
         """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
+
+
+# -- Given states ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of normal errors of given states, for each component in tray axes."""
+
+    orientation: float = quantity(
+        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
+    )
+    velocity: float = quantity(
+        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
+    )
+    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +192,7 @@ class GivenStates:
 class GivenStarts:
     """Given states with noise. Every replicate of a state has its own noise."""
 
-    motion: Motion | None = None
+    motion: 'Vibration | None' = None
     edge: Edge | None = None
 
     def __init__(self, given: GivenStates, noise: Noise, gravity: float, radius: float) -> None:
@@ -221,9 +211,7 @@ class GivenStarts:
 
     def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
-        row, s = index % self.rows, self._states
-        chosen = States(s.position[row], s.orientation[row], s.velocity[row], s.spin[row])
-        return _with_noise(chosen, self._noise, random)
+        return _with_noise(self._states.select(index % self.rows), self._noise, random)
 
 
 def _with_noise(states: States, noise: Noise, random: Random) -> States:
@@ -237,6 +225,59 @@ def _with_noise(states: States, noise: Noise, random: Random) -> States:
     vector = turn / 2 * np.sinc(angle / 2 / np.pi)
     orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
     return States(states.position, orientation, velocity, spin)
+
+
+# -- Actions on parts at rest ---------------------------------------------------------------------
+
+
+class Action:
+    """What a feeder does to parts at rest.
+
+    A kind of action is a frozen dataclass whose fields are declared by `quantity`. Flags, keys of
+    files, documents and texts follow from them. All randomness comes from the generator that
+    ``applied`` receives.
+    """
+
+    kind: ClassVar[str] = ''
+    # Whether parts fall from an edge, which only Bullet simulates.
+    has_edge: ClassVar[bool] = False
+    # Whether it can leave a part untouched, of which the user is warned.
+    can_miss: ClassVar[bool] = False
+
+    @property
+    def has_effect(self) -> bool:
+        """Whether the action can move a part at all."""
+        return True
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Its values by name, SI units."""
+        return {name: getattr(self, name) for name in quantities_of(self)}
+
+    @property
+    def motion(self) -> 'Vibration | None':
+        """Motion of the surface after the start; None: it stays at rest."""
+        return None
+
+    def edge(self, part: Part) -> Edge | None:
+        """Return the edge that a part passes before it is on the surface; None: there is none."""
+        del part
+        return None
+
+    def check(self, name: str, scene: Scene) -> None:
+        """Raise InvalidValueError if the action of this name is not possible in surroundings."""
+
+    def max_speed(self, at: 'RestStarts') -> float:
+        """Return the speed that the fastest point of the part can have after it, m/s."""
+        raise NotImplementedError
+
+    def applied(self, states: States, row: Indices, at: 'RestStarts', random: Random) -> States:
+        """Return the states after the action; ``row`` (n,) are the rows of the starts.
+
+        Before it, the part is at rest on a surface, which can carry it, or on a level plane, where
+        the horizontal place is arbitrary.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,94 +310,35 @@ class Body:
     compliance: Array
 
 
-class Impulse(Protocol):
-    """A disturbance that changes velocity and spin at once, or where the surface moves, places."""
-
-    def max_speed(self, body: Body) -> float:
-        """Return the speed that the fastest point of the part can have after it, m/s."""
-
-    def applied(self, states: States, row: Indices, body: Body, random: Random, /) -> States:
-        """Return the states after the disturbance; ``row`` (n,) are the rows of the starts."""
-
-
 @dataclass(frozen=True, eq=False)
 class RestStarts:
-    """Parts at rest in aspects, with a uniform yaw, to which an impulse is applied.
-
-    orientations : tuple of (m, 4) float
-        For each row the orientations, tray from part, in which a part can rest: one, or for a
-        rolling part one for each direction of its sweep.
-    weights : tuple of (m,) float
-        Their probabilities.
-    impulse : Impulse
-    body : Body
-    motion : Motion or None
-    edge : Edge or None
-    """
-
-    orientations: tuple[Array, ...]
-    weights: tuple[Array, ...]
-    impulse: Impulse
-    body: Body
-    motion: Motion | None = None
-    edge: Edge | None = None
-
-    @property
-    def rows(self) -> int:
-        """Number of different starts."""
-        return len(self.orientations)
-
-    @property
-    def max_speed(self) -> float:
-        """See Starts."""
-        return self.impulse.max_speed(self.body)
-
-    def states(self, index: Indices, random: Random) -> States:
-        """Return the states of some drops; see Starts."""
-        row = index % self.rows
-        n = len(index)
-        share, half_yaw = random.random(n), random.random(n) * np.pi
-        orientation = np.empty((n, 4))
-        for r in np.unique(row).tolist():
-            here = row == r
-            # The last interval is open, so that rounding in the sum leaves no gap.
-            chosen = np.searchsorted(np.cumsum(self.weights[r])[:-1], share[here], side='right')
-            orientation[here] = self.orientations[r][chosen]
-        zero = np.zeros(n)
-        yaw = np.stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)], axis=-1)
-        none = np.zeros((n, 3))
-        states = States(none, product(yaw, orientation), none, none)
-        return self.impulse.applied(states, row, self.body, random)
-
-
-# -- Parts at rest in surroundings ----------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class FoundStarts:
-    """Parts at rest in each aspect, in poses that drops ended in, to which an impulse is applied.
+    """Parts at rest to which an action is applied; implements Starts.
 
     positions, orientations : tuple of (m, 3) and (m, 4) float
-        For each row the poses of the centre of mass, tray frame, m and unit quaternions.
-    carried : (3,) float
-        Velocity of the parts, with the first body, tray axes, m/s.
-    impulse : Impulse or None
-        None: only the surroundings move, or the parts move over an edge.
+        For each row the poses in which a part can rest: centre of mass in the tray frame, m, and
+        unit quaternions, tray from part. On a level plane, a part has a uniform yaw in addition.
+    weights : tuple of (m,) float
+        Their probabilities.
     ids : tuple of int
         The aspect of each row, if each row is one.
-    fall_speed : float
-        Speed that a part can have after the edge, m/s.
+    action : Action
+    body : Body
+    scene : Scene
+        Where the parts rest; at an edge, the upper floor.
+    gravity : float
+        m/s2.
+    edge : Edge or None
     """
 
     positions: tuple[Array, ...]
     orientations: tuple[Array, ...]
-    carried: Array
-    impulse: Impulse | None
+    weights: tuple[Array, ...]
+    ids: tuple[int, ...]
+    action: Action
     body: Body
-    ids: tuple[int, ...] = ()
-    motion: Motion | None = None
-    edge: Edge | None = None
-    fall_speed: float = 0.0
+    scene: Scene
+    gravity: float
+    edge: Edge | None
 
     @property
     def rows(self) -> int:
@@ -364,10 +346,21 @@ class FoundStarts:
         return len(self.positions)
 
     @property
+    def motion(self) -> 'Vibration | None':
+        """See Starts."""
+        return self.action.motion
+
+    @property
+    def carried(self) -> Array:
+        """(3,) velocity of the parts before the action, with the first body, tray axes, m/s."""
+        scene = self.scene
+        carried = scene.bodies[0].velocity[None] if scene.free else np.zeros((1, 3))
+        return np.asarray(scene.in_tray(carried)[0])
+
+    @property
     def max_speed(self) -> float:
         """See Starts."""
-        speed = 0.0 if self.impulse is None else self.impulse.max_speed(self.body)
-        return max(self.fall_speed, speed + float(np.linalg.norm(self.carried)))
+        return self.action.max_speed(self) + float(np.linalg.norm(self.carried))
 
     def states(self, index: Indices, random: Random) -> States:
         """Return the states of some drops; see Starts."""
@@ -376,56 +369,150 @@ class FoundStarts:
         position, orientation = np.empty((n, 3)), np.empty((n, 4))
         for r in np.unique(row).tolist():
             here = row == r
-            chosen = (share[here] * len(self.positions[r])).astype(np.int64)
+            # The last interval is open, so that rounding in the sum leaves no gap.
+            chosen = np.searchsorted(np.cumsum(self.weights[r])[:-1], share[here], side='right')
             position[here] = self.positions[r][chosen]
             orientation[here] = self.orientations[r][chosen]
-        none = np.zeros((n, 3))
-        states = States(position, orientation, none, none)
-        if self.impulse is not None:
-            states = self.impulse.applied(states, row, self.body, random)
-        return States(position, orientation, states.velocity + self.carried, states.spin)
+        if self.scene.level:
+            half_yaw, zero = random.random(n) * np.pi, np.zeros(n)
+            yaw = np.stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)], axis=-1)
+            orientation = product(yaw, orientation)
+        states = States(position, orientation, np.tile(self.carried, (n, 1)), np.zeros((n, 3)))
+        return self.action.applied(states, row, self, random)
 
 
-def found_starts(
+def starts_of(
     part: Part,
     aspects: AspectSet,
+    action: Action,
     scene: Scene,
-    poses: RestingPoses,
-    body: Body,
-    impulse: Impulse | None,
-    motion: Motion | None,
-) -> FoundStarts:
-    """Return parts at rest in each aspect that occurs in drops in the surroundings.
+    conditions: DropConditions,
+    rests: RestingPoses | None = None,
+    ids: Sequence[int] = (),
+) -> RestStarts:
+    """Return a part at rest in aspects, a row for each, to which an action is applied.
 
-    Raises InvalidValueError if no drop ended in an aspect.
+    In surroundings, a part rests in the poses in which drops ended; an aspect that does not occur
+    in them has no row.
+
+    Parameters
+    ----------
+    rests : RestingPoses, optional
+        Drops in the surroundings; a level plane needs none.
+    ids : sequence of int, optional
+        Ids of the aspects; by default all.
+
+    Raises
+    ------
+    InvalidValueError
+        If no drop ended in an aspect.
     """
-    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
-    occurring = tuple(a.id for a in aspects.aspects if (ids == a.id).any())
-    if not occurring:
+    wanted = [a for a in aspects.aspects if not ids or a.id in ids]
+    if scene.level:
+        return rest_starts(part, wanted, action, conditions)
+    if rests is None:
+        raise InvalidValueError('invalid surroundings: expected resting poses in them')
+    centre, orientation, found = _at_rest(part, aspects, scene, rests)
+    if not found.any():
         raise InvalidValueError(
-            f'invalid surroundings: no part came to rest in an aspect in {len(poses)} drops, so '
+            f'invalid surroundings: no part came to rest in an aspect in {len(rests)} drops, so '
             'that no action can start; expected surroundings in which an aspect occurs, or more '
             'drops'
         )
-    found = [ids == each for each in occurring]
-    rows = _each(centre, found), _each(orientation, found)
-    return FoundStarts(*rows, _carried(scene), impulse, body, occurring, motion)
+    occurring = [a.id for a in wanted if (found == a.id).any()]
+    rows = [_row(centre[found == k], orientation[found == k]) for k in occurring]
+    return _starts(part, action, scene, conditions, rows, occurring)
 
 
 def pose_starts(
     part: Part,
     aspects: AspectSet,
+    action: Action,
     scene: Scene,
-    poses: RestingPoses,
-    body: Body,
-    impulse: Impulse | None,
-    motion: Motion | None,
-) -> FoundStarts:
+    conditions: DropConditions,
+    rests: RestingPoses,
+) -> RestStarts:
     """Return the parts at rest in an aspect, each with a row of its own, in the order of drops."""
-    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
-    which = ids > 0
-    rows = tuple(centre[which][:, None]), tuple(orientation[which][:, None])
-    return FoundStarts(*rows, _carried(scene), impulse, body, motion=motion)
+    centre, orientation, ids = _at_rest(part, aspects, scene, rests)
+    rows = [_row(centre[k : k + 1], orientation[k : k + 1]) for k in np.flatnonzero(ids)]
+    return _starts(part, action, scene, conditions, rows)
+
+
+def rest_starts(
+    part: Part, aspects: Sequence[Aspect], action: Action, conditions: DropConditions
+) -> RestStarts:
+    """Return a part at rest on a level plane in these aspects, a row for each; see starts_of."""
+    known = {aspect.id: _rests(aspect) for aspect in {each.id: each for each in aspects}.values()}
+    ids = [aspect.id for aspect in aspects]
+    return _starts(part, action, level_plane(conditions), conditions, [known[k] for k in ids], ids)
+
+
+# Positions (m, 3), orientations (m, 4) and weights (m,) of a row of RestStarts.
+Row = tuple[Array, Array, Array]
+
+
+def _starts(
+    part: Part,
+    action: Action,
+    scene: Scene,
+    conditions: DropConditions,
+    rows: Sequence[Row],
+    ids: Sequence[int] = (),
+) -> RestStarts:
+    return RestStarts(
+        positions=tuple(position for position, _, _ in rows),
+        orientations=tuple(orientation for _, orientation, _ in rows),
+        weights=tuple(weights for _, _, weights in rows),
+        ids=tuple(ids),
+        action=action,
+        body=body_of(part),
+        scene=scene,
+        gravity=conditions.gravity,
+        edge=action.edge(part),
+    )
+
+
+def _row(position: Array, orientation: Array) -> Row:
+    """Return equally probable poses as a row."""
+    return position, orientation, np.full(len(position), 1 / len(position))
+
+
+def body_of(part: Part) -> Body:
+    """Return what impulses need to know of a part."""
+    corners = part.hull_vertices - part.centre_of_mass
+    triangles, normals = convex_hull(corners, part.name)[1:]
+    moments, axes = np.linalg.eigh(part.inertia)
+    return Body(
+        mass=part.mass,
+        inertia=part.inertia,
+        corners=corners,
+        normals=normals,
+        offsets=(corners[triangles[:, 0]] * normals).sum(axis=1),
+        radius=part.hull_radius,
+        # Once for all workers, because the bits depend on the machine.
+        moments=moments,
+        axes=axes,
+        compliance=np.asarray(np.linalg.inv(part.inertia)),
+    )
+
+
+def _rests(aspect: Aspect) -> Row:
+    """Return how a part rests in an aspect on a level plane.
+
+    On a curved side, a direction has the weight of the links of the mesh that lead to it, so that
+    all directions of the sweep are about equally probable for an irregular mesh, too.
+    """
+    down = aspect.directions[: aspect.level]
+    weights = np.ones(len(down))
+    links = aspect.links[(aspect.links < aspect.level).all(axis=1)]
+    if len(links):
+        one, other = links.T
+        angle = angle_between(down[one], down[other])
+        weights = np.zeros(len(down))
+        for end in (one, other):
+            np.add.at(weights, end, angle)
+    orientation = np.array([orientation_with_down(d) for d in down])
+    return np.zeros((len(down), 3)), orientation, weights / weights.sum()
 
 
 def _at_rest(
@@ -442,13 +529,3 @@ def _at_rest(
     free = np.arange(3) < scene.free
     centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
     return centre, orientation, aspects.at_rest().classify(orientation)
-
-
-def _carried(scene: Scene) -> Array:
-    """Return the velocity (3,) of parts that lie on the first body, tray axes, m/s."""
-    carried = scene.bodies[0].velocity[None] if scene.free else np.zeros((1, 3))
-    return np.asarray(scene.in_tray(carried)[0])
-
-
-def _each(rows: Array, found: Sequence[Array]) -> tuple[Array, ...]:
-    return tuple(rows[which] for which in found)

@@ -1,5 +1,6 @@
 """Surroundings of drops: how they are described, named and changed."""
 
+import copy
 import dataclasses
 import json
 import math
@@ -25,17 +26,10 @@ from resting_aspects_ros.simulation.conditions import (
 )
 from resting_aspects_ros.simulation.scene import MeshBody, PairValues, Scene, check_release
 from resting_aspects_ros.simulation.surroundings_kinds import (
-    BowlTrack,
-    Chute,
-    Corner,
+    KINDS,
     Kind,
     MeshFile,
     MeshSurface,
-    Plane,
-    Slope,
-    Tray,
-    VGroove,
-    Wall,
     ground_of,
     read_mesh,
     tray_from_scene,
@@ -73,10 +67,6 @@ def value_text(value: float, unit: str) -> str:
 # -- Description ----------------------------------------------------------------------------------
 
 
-KINDS: dict[str, type[Any]] = {
-    each.kind: each
-    for each in (Plane, Slope, Wall, VGroove, Chute, Corner, BowlTrack, Tray, MeshSurface)
-}
 # Values of a body; those of the pair are taken from the conditions unless they are given.
 BODY_VALUES: dict[str, Quantity] = {
     **{name: QUANTITIES[name] for name in ('friction', 'restitution', 'rolling_friction')},
@@ -156,10 +146,7 @@ class Surroundings:
     @property
     def level(self) -> bool:
         """Whether these are the infinite level plane, with the values of the conditions."""
-        flat = isinstance(self.shape, Plane) or (
-            isinstance(self.shape, Slope) and self.shape.angle == 0
-        )
-        return flat and not self.bodies and self.orientation is None
+        return self.shape.level and not self.bodies and self.orientation is None
 
     @property
     def document(self) -> dict[str, Any]:
@@ -176,13 +163,12 @@ class Surroundings:
     @property
     def shape_values(self) -> dict[str, Any]:
         """Dimensions of the kind, SI units."""
-        values = {name: getattr(self.shape, name) for name in quantities_of(self.shape)}
-        return {**values, **getattr(self.shape, 'texts', {})}
+        return {**self.shape.numbers, **self.shape.texts}
 
     @property
     def known(self) -> bool:
-        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
-        return not isinstance(self.shape, MeshSurface) or self.shape.file is not None
+        """Whether parts can be dropped in them; see Kind."""
+        return self.shape.known
 
     @cached_property
     def key(self) -> str:
@@ -194,12 +180,11 @@ class Surroundings:
     @property
     def text(self) -> str:
         """The surroundings in words: 'chute (roll 45 deg), belt (friction 0.4)'."""
-        shape = quantities_of(self.shape)
-        texts = [Path(text).name for key, text in self.shape_values.items() if key == 'mesh']
-        values = {name: getattr(self.shape, name) for name in shape}
-        if isinstance(self.shape, MeshSurface):  # its pose, if it is not that of the file
+        shape, values = self.shape, self.shape.numbers
+        texts = [Path(text).name for key, text in shape.texts.items() if key == 'mesh']
+        if texts:  # the pose of the mesh, if it is not that of the file
             values = {name: value for name, value in values.items() if value}
-        parts = [group_text(self.name or self.shape.kind, values, shape, texts)]
+        parts = [group_text(self.name or shape.kind, values, quantities_of(shape), texts)]
         parts += [group_text(body, each, BODY_VALUES) for body, each in self.bodies.items()]
         if self.release:
             parts.append(group_text('release', self.release, RELEASE_VALUES))
@@ -227,14 +212,7 @@ class Surroundings:
             orientation=None if self.orientation is None else np.array(self.orientation),
         )
         check_release(scene, radius)
-        return self._merged(scene, radius)
-
-    def _merged(self, scene: Scene, radius: float) -> Scene:
-        shape = self.shape
-        if not isinstance(shape, MeshSurface):
-            return scene
-        merged = [shape.merged(b, radius) for b in scene.bodies if isinstance(b, MeshBody)]
-        return dataclasses.replace(scene, bodies=tuple(merged))
+        return dataclasses.replace(scene, bodies=self.shape.simplified(bodies, radius))
 
     def _contact(self, name: str, conditions: DropConditions) -> PairValues:
         pair = {k: getattr(conditions, k) for k in BODY_VALUES if k != 'speed'}
@@ -242,7 +220,7 @@ class Surroundings:
 
     def _region(self, radius: float) -> tuple[Any, Any]:
         low, high = (radius * r for r in self.shape.across)
-        centre = getattr(self.shape, 'centre', (0.0, 0.0))
+        centre = self.shape.centre
         found = []
         for axis, middle, ends in (('x', centre[0], (0.0, 0.0)), ('y', centre[1], (low, high))):
             given = self.release.get(f'{axis}_min'), self.release.get(f'{axis}_max')
@@ -332,9 +310,7 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
     try:
         described_kind('surroundings', document, KINDS)
         _resolve_mesh(document, file.parent)
-        values = _plain(document)
-        for key, value in (changes or {}).items():
-            _change(values, key, value)
+        values = _changed(document, changes or {})
         title = file.stem if is_file or not changes else text
         return make_surroundings(values, title, _mesh_of(values))
     except InvalidValueError as error:
@@ -343,10 +319,8 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
 
 def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surroundings:
     """Return surroundings with changes; see named_surroundings. Raises InvalidValueError."""
-    values: dict[str, Any] = json.loads(json.dumps(base.document))
-    for key, value in changes.items():
-        _change(values, key, value)
-    mesh = base.shape.file if isinstance(base.shape, MeshSurface) else None
+    values = _changed(copy.deepcopy(base.document), changes)
+    mesh = base.shape.file
     if 'mesh' in changes:
         del values['mesh_sha256']
         mesh = _mesh_of(values)
@@ -386,14 +360,17 @@ def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = Non
     if mesh is not None:
         values.setdefault('mesh_sha256', mesh.sha256)
     shape = made_from(KINDS, 'surroundings', kind, values, others)
-    if mesh is not None:
+    if isinstance(shape, MeshSurface) and mesh is not None:
         shape = dataclasses.replace(shape, file=mesh)
     return Surroundings(shape, name=name, **common)
 
 
 def _mesh_of(values: Mapping[str, Any]) -> MeshFile | None:
     """Return the mesh that a description names by its path, if it is a mesh surface."""
-    if values['kind'] != MeshSurface.kind or not isinstance(values.get('mesh'), str | Path):
+    texts = [values.get(name, '') for name in ('mesh', 'unit', 'mesh_sha256')]
+    if values['kind'] != MeshSurface.kind or not all(isinstance(t, str | Path) for t in texts):
+        return None  # which make_surroundings refuses, or it is another kind
+    if 'mesh' not in values:
         return None
     return read_mesh(Path(values['mesh']))
 
@@ -405,50 +382,44 @@ def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:
         document['mesh'] = str(folder / mesh)
 
 
-def _plain(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a description with numbers instead of texts with units."""
+def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a description with changed values, and numbers instead of texts with units.
+
+    A body or the release is named before a dot in the name of a change.
+    """
     values = dict(document)
-    shape = quantities_of(KINDS[values['kind']])
-    for name, value in values.items():
-        if name in shape:
-            values[name] = _number(name, value, shape[name])
-    if isinstance(values.get('release'), dict):
-        values['release'] = _numbers('release', values['release'], RELEASE_VALUES)
+    for key, value in changes.items():
+        if key == 'kind':
+            raise InvalidValueError(
+                'invalid name kind of a value: expected another value; a kind is chosen instead '
+                'of the name of the surroundings'
+            )
+        group, dot, name = key.partition('.')
+        path = [] if not dot else [group] if group == 'release' else ['bodies', group]
+        target: Any = values
+        for each in path:
+            target = target.setdefault(each, {})
+            if not isinstance(target, dict):
+                raise InvalidValueError(f'invalid {each} {shown(target)}: expected a mapping')
+        target[name if dot else key] = value
+    values = dict(_numbers('', values, quantities_of(KINDS[values['kind']])))
+    if 'release' in values:
+        values['release'] = _numbers('release ', values['release'], RELEASE_VALUES)
     if isinstance(values.get('bodies'), dict):
         values['bodies'] = {
-            body: _numbers(str(body), each, BODY_VALUES) if isinstance(each, dict) else each
+            body: _numbers(f'{body} ', each, BODY_VALUES)
             for body, each in values['bodies'].items()
         }
     return values
 
 
-def _numbers(name: str, given: dict[str, Any], known: Mapping[str, Quantity]) -> dict[str, Any]:
+def _numbers(group: str, given: Any, known: Mapping[str, Quantity]) -> Any:
+    """Return a mapping with numbers instead of texts with units; anything else unchanged."""
+    if not isinstance(given, dict):
+        return given
     return {
-        key: _number(f'{name} {key}', value, known[key]) if key in known else value
+        key: parse_quantity(f'{group}{key}', value, known[key].unit)
+        if key in known and isinstance(value, str)
+        else value
         for key, value in given.items()
     }
-
-
-def _number(name: str, value: Any, quantity: Quantity) -> Any:
-    return parse_quantity(name, value, quantity.unit) if isinstance(value, str) else value
-
-
-def _change(values: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value of a description; a body or the release is named before a dot."""
-    group, dot, name = key.partition('.')
-    if key == 'kind':
-        raise InvalidValueError(
-            'invalid name kind of a value: expected another value; a kind is chosen instead of '
-            'the name of the surroundings'
-        )
-    if not dot:
-        shape = quantities_of(KINDS[values['kind']])
-        values[key] = _number(key, value, shape[key]) if key in shape else value
-        return
-    if group == 'release':
-        target, known = values.setdefault('release', {}), RELEASE_VALUES
-    else:
-        target, known = values.setdefault('bodies', {}).setdefault(group, {}), BODY_VALUES
-    if not isinstance(target, dict):
-        raise InvalidValueError(f'invalid {group} {shown(target)}: expected a mapping')
-    target[name] = _number(key, value, known[name]) if name in known else value

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,13 +24,16 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import named, read_input
 from resting_aspects_ros.part.mesh_files import read_triangles
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, check_size
-from resting_aspects_ros.simulation.conditions import check_quantities, quantity
+from resting_aspects_ros.simulation.conditions import check_quantities, quantities_of, quantity
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
     MeshBody,
     PairValues,
     SceneBody,
+    X,
+    Y,
+    Z,
     ground_below,
 )
 
@@ -40,7 +43,6 @@ if TYPE_CHECKING:
 
 # Maximum inclination, rad: 85 degrees.
 MAX_TILT = math.radians(85)
-X, Y, Z = np.eye(3)
 # Depth of blocks below the surface on which parts rest, m.
 DEPTH = 1.0
 # Length of a track along x in both directions, m, as it is drawn; parts meet no end of it.
@@ -49,24 +51,82 @@ LENGTH = 10.0
 Contacts = Mapping[str, PairValues]
 
 
-class Kind(Protocol):
-    """A kind of surroundings with its dimensions."""
+class Kind:
+    """A kind of surroundings: bodies in the scene frame, level unless they have a roll or a pitch.
+
+    It is a frozen dataclass whose dimensions are declared by `quantity`. Keys of files, documents
+    and texts follow from them.
+
+    Attributes
+    ----------
+    body_names : tuple of str
+        The first is the body on which aspects are counted.
+    free : int
+        In how many directions the surroundings are the same everywhere: 2 (x and y), 1 (x) or 0.
+    across : (float, float)
+        Lowest and highest place of release across x, in hull radii from ``centre``.
+    place : str
+        Where parts are, such as 'on a'.
+    loss : str
+        How parts leave the surroundings, if they can.
+    file : MeshFile or None
+        The mesh, if there is one and it is known.
+    """
 
     kind: ClassVar[str]
-    body_names: ClassVar[tuple[str, ...]]
-    free: ClassVar[int]
-    # Lowest and highest place of release across x, in hull radii from the origin of the tray.
-    across: ClassVar[tuple[float, float]]
+    body_names: ClassVar[tuple[str, ...]] = ('floor',)
+    free: ClassVar[int] = 0
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+    place: ClassVar[str] = 'on a'
+    loss: ClassVar[str] = 'they left the surroundings'
+    file: 'MeshFile | None' = None
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Dimensions by name, SI units."""
+        return {name: getattr(self, name) for name in quantities_of(self)}
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Values of the description that are not numbers."""
+        return {}
+
+    @property
+    def level(self) -> bool:
+        """Whether these are the infinite level plane."""
+        return False
+
+    @property
+    def known(self) -> bool:
+        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
+        return True
 
     @property
     def tilt(self) -> tuple[float, float]:
         """Roll about x, and then pitch about y, of the scene in the tray frame, rad."""
+        return getattr(self, 'roll', 0.0), getattr(self, 'pitch', 0.0)
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Place of release, m, unless it is given; see ``across``."""
+        return 0.0, 0.0
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """Return the bodies; ``contacts`` by their names."""
+        raise NotImplementedError
+
+    def simplified(self, bodies: tuple[SceneBody, ...], radius: float) -> tuple[SceneBody, ...]:
+        """Return the bodies in the shapes that are simulated, for a part of a hull radius, m."""
+        del radius
+        return bodies
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:
         """Return where a part of a hull radius, m, has left the surroundings."""
+        del radius
+        return ()
 
 
 def _angle(label: str, text: str, *, low: float = -MAX_TILT, **more: Any) -> Any:
@@ -77,31 +137,17 @@ _ROLL_TEXT = 'rotation about the direction along it, towards the wall'
 _PITCH_TEXT = 'inclination along it; positive: downhill in the direction x'
 
 
-class _Unbounded:
-    """Surroundings that a part cannot leave; level unless they have a roll or a pitch."""
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return getattr(self, 'roll', 0.0), getattr(self, 'pitch', 0.0)
-
-    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
-        """See Kind."""
-        del radius
-        return ()
-
-
 @dataclass(frozen=True)
-class Plane(_Unbounded):
+class Plane(Kind):
     """An infinite level plane."""
 
     kind: ClassVar[str] = 'plane'
-    body_names: ClassVar[tuple[str, ...]] = ('floor',)
     free: ClassVar[int] = 2
-    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    @property
+    def level(self) -> bool:
+        """See Kind."""
+        return True
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
@@ -109,15 +155,18 @@ class Plane(_Unbounded):
 
 
 @dataclass(frozen=True)
-class Slope(_Unbounded):
+class Slope(Kind):
     """An infinite inclined plane; x is downhill."""
 
     kind: ClassVar[str] = 'slope'
-    body_names: ClassVar[tuple[str, ...]] = ('floor',)
     free: ClassVar[int] = 2
-    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
 
     angle: float = _angle('angle', 'inclination', low=0.0)
+
+    @property
+    def level(self) -> bool:
+        """See Kind."""
+        return self.angle == 0
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -130,10 +179,11 @@ class Slope(_Unbounded):
 
 
 @dataclass(frozen=True)
-class Wall(_Unbounded):
+class Wall(Kind):
     """A level plane with a vertical wall along x, on the side of negative y."""
 
     kind: ClassVar[str] = 'wall'
+    place: ClassVar[str] = 'at a'
     body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall')
     free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (1.0, 3.0)
@@ -144,10 +194,11 @@ class Wall(_Unbounded):
 
 
 @dataclass(frozen=True)
-class VGroove(_Unbounded):
+class VGroove(Kind):
     """Two planes that meet along x; without roll, both are equally steep."""
 
     kind: ClassVar[str] = 'v_groove'
+    place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('right', 'left')
     free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
@@ -169,10 +220,11 @@ class VGroove(_Unbounded):
 
 
 @dataclass(frozen=True)
-class Chute(_Unbounded):
+class Chute(Kind):
     """A belt and a wall at a right angle, an L, rolled towards the wall and pitched along x."""
 
     kind: ClassVar[str] = 'chute'
+    place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('belt', 'wall')
     free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
@@ -186,12 +238,12 @@ class Chute(_Unbounded):
 
 
 @dataclass(frozen=True)
-class Corner(_Unbounded):
+class Corner(Kind):
     """A plane, a wall along x and a wall across x, tilted towards both walls."""
 
     kind: ClassVar[str] = 'corner'
+    place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall', 'end_wall')
-    free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(20))
@@ -207,13 +259,12 @@ class Corner(_Unbounded):
 
 
 @dataclass(frozen=True)
-class Tray(_Unbounded):
+class Tray(Kind):
     """A level plane with four walls."""
 
     kind: ClassVar[str] = 'tray'
+    place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall')
-    free: ClassVar[int] = 0
-    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
 
     length: float = quantity('length', 'm', 'inner length, along x', high=10.0, above=True)
     width: float = quantity('width', 'm', 'inner width, along y', high=10.0, above=True)
@@ -229,10 +280,11 @@ class Tray(_Unbounded):
 
 
 @dataclass(frozen=True)
-class BowlTrack(_Unbounded):
+class BowlTrack(Kind):
     """A track that is rolled towards a wall, with an edge over which parts fall off."""
 
     kind: ClassVar[str] = 'bowl_track'
+    loss: ClassVar[str] = 'they fell over the edge of the track'
     body_names: ClassVar[tuple[str, ...]] = ('track', 'wall')
     free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (0.0, 1.0)
@@ -402,7 +454,7 @@ def _position(axis: str) -> Any:
     )
 
 
-def _angle_mesh_surface(axis: str) -> Any:
+def _rotation(axis: str) -> Any:
     return quantity(
         f'rotation about {axis}',
         'rad',
@@ -414,7 +466,7 @@ def _angle_mesh_surface(axis: str) -> Any:
 
 
 @dataclass(frozen=True)
-class MeshSurface:
+class MeshSurface(Kind):
     """A mesh whose triangles point outward, with its pose in the tray frame.
 
     mesh : str
@@ -436,18 +488,17 @@ class MeshSurface:
     """
 
     kind: ClassVar[str] = 'mesh'
+    loss: ClassVar[str] = 'they are beside the mesh or below it'
     body_names: ClassVar[tuple[str, ...]] = ('surface',)
-    free: ClassVar[int] = 0
-    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
 
     mesh: str
     unit: str = DEFAULT_UNIT
     x: float = _position('x')
     y: float = _position('y')
     z: float = _position('z')
-    rx: float = _angle_mesh_surface('x')
-    ry: float = _angle_mesh_surface('y')
-    rz: float = _angle_mesh_surface('z')
+    rx: float = _rotation('x')
+    ry: float = _rotation('y')
+    rz: float = _rotation('z')
     mesh_sha256: str = ''
     file: MeshFile | None = field(default=None, repr=False, compare=False)
 
@@ -505,14 +556,14 @@ class MeshSurface:
         return np.asarray(points + np.array([self.x, self.y, self.z]))
 
     @property
-    def texts(self) -> dict[str, str]:
-        """Values of the description that are not numbers."""
-        return {'mesh': self.mesh, 'unit': self.unit, 'mesh_sha256': self.mesh_sha256}
+    def known(self) -> bool:
+        """See Kind."""
+        return self.file is not None
 
     @property
-    def tilt(self) -> tuple[float, float]:
+    def texts(self) -> dict[str, str]:
         """See Kind."""
-        return 0.0, 0.0
+        return {'mesh': self.mesh, 'unit': self.unit, 'mesh_sha256': self.mesh_sha256}
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -525,16 +576,19 @@ class MeshSurface:
         """See Kind."""
         return (MeshBody('surface', contacts['surface'], X, self.vertices, self.triangles),)
 
-    def merged(self, body: MeshBody, radius: float) -> MeshBody:
-        """Return the body in the shapes that are simulated, for a part of a hull radius, m."""
+    def simplified(self, bodies: tuple[SceneBody, ...], radius: float) -> tuple[SceneBody, ...]:
+        """See Kind: wide flat sides are prisms, and curved sides have fewer triangles."""
+        (body,) = bodies
+        assert isinstance(body, MeshBody)
         found = _merged(self, radius)
-        return dataclasses.replace(
+        whole = dataclasses.replace(
             body,
             prisms=found.prisms,
             remaining=found.vertices[found.triangles],
             sides=found.sides,
             distance=found.distance,
         )
+        return (whole,)
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:
         """See Kind: a part that is below the mesh or beside it has left it."""
@@ -548,3 +602,9 @@ class MeshSurface:
                 for sign, end in ((1.0, low), (-1.0, high))
             ),
         )
+
+
+KINDS: dict[str, type[Kind]] = {
+    each.kind: each
+    for each in (Plane, Slope, Wall, VGroove, Chute, Corner, BowlTrack, Tray, MeshSurface)
+}

@@ -11,7 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
 from importlib import import_module
 from importlib.metadata import version
 from itertools import islice
@@ -22,7 +22,6 @@ from typing import Any, Protocol, TypeVar
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import EngineError, InvalidValueError
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription
 from resting_aspects_ros.statistics.intervals import checkpoints
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -30,8 +29,12 @@ from resting_aspects_ros.statistics.poses import RestingPoses
 # -- Chunks ---------------------------------------------------------------------------------------
 
 
-# A run fails when this many workers died without a chunk being returned in between.
+# A run fails when this many workers died with the same chunk.
 MAX_DEATHS = 3
+
+
+class WorkerDiedError(EngineError):
+    """The process that simulated a chunk has ended; the chunk can be repeated."""
 
 
 class Workers(Protocol):
@@ -40,43 +43,26 @@ class Workers(Protocol):
     def lookahead(self) -> int:
         """Return how many chunks should be pending, so that no worker is idle."""
 
-    def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Start the simulation of the drops ``first`` to ``end - 1``."""
 
-    def result(self, future: 'Future[Any]') -> RestingPoses:
-        """Return the poses of a submitted chunk, or raise the error of its worker."""
 
-    def deaths(self, error: Exception) -> int:
-        """Return how many workers died if the error reports it, otherwise 0."""
+def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
+    """Simulate the drops ``first`` to ``end - 1`` until they end, in the engine of the job.
 
+    The pose of a drop depends only on the job and its index. Several threads can make drops of the
+    kernel at the same time.
+    """
+    if not 0 <= first < end:
+        raise ValueError(f'invalid drops {first} to {end - 1}: expected one or more from 0')
+    # An engine is imported only if it is needed.
+    if job.engine == BULLET:
+        from resting_aspects_ros.simulation import bullet_engine
 
-class DeathCount:
-    """Deaths of workers in a row: what died is repeated, until there are too many of them."""
+        return bullet_engine.drop_range(job, first, end)
+    from resting_aspects_ros.simulation import kernel_engine
 
-    def __init__(self) -> None:
-        self._count = 0
-
-    def reset(self) -> None:
-        """A chunk was returned."""
-        self._count = 0
-
-    def repeat(self, workers: Workers, error: Exception, where: str) -> str:
-        """Return a warning if the error means that a worker died, so that a chunk is repeated.
-
-        Raises EngineError if the error has another reason, or if MAX_DEATHS workers died in a
-        row. ``where`` completes the messages, such as 'near drop 250 of l_bracket'.
-        """
-        if isinstance(error, CancelledError):
-            raise EngineError(f'the workers became unavailable {where}') from None
-        died = workers.deaths(error)
-        self._count += died
-        if died == 0:
-            if isinstance(error, EngineError):
-                raise error
-            raise EngineError(f'a worker failed {where}: {error!r}') from error
-        if self._count >= MAX_DEATHS:
-            raise EngineError(f'{self._count} worker processes died in a row {where}') from None
-        return f'a worker died {where}: its drops are repeated'
+    return kernel_engine.drop_range(job, first, end)
 
 
 def chunk_bounds(
@@ -95,13 +81,13 @@ def chunk_bounds(
 
 def submit_drops(
     job: DropJob, first_drop: int, drops: int, workers: Workers, cuts: Sequence[int] = ()
-) -> Generator['Future[Any]', None, None]:
+) -> Generator['Future[RestingPoses]', None, None]:
     """Yield futures of consecutive chunks in order, with ``lookahead()`` chunks pending.
 
     Memory does not grow with the number of drops: a chunk is submitted only after an earlier one
     was yielded. Closing the iterator cancels the chunks that were not started.
     """
-    pending: deque[Future[Any]] = deque()
+    pending: deque[Future[RestingPoses]] = deque()
     chunks = chunk_bounds(job, first_drop, first_drop + drops, cuts)
     try:
         while True:
@@ -121,42 +107,55 @@ def drop_chunks(
     """Yield the chunks of a run in ascending order, each after its future.
 
     The caller can wait for the future in its own way, for example in the event loop of a node. A
-    caller that does not wait is blocked until the chunk is done. When a worker dies, the chunks
-    that were not yielded are simulated again and ``warn`` is called with a message. The result is
-    the same as without the failure, because poses depend only on the job and the index.
+    caller that does not wait is blocked until the chunk is done. A chunk whose worker dies is
+    simulated again and ``warn`` is called with a message. The result is the same as without the
+    failure, because poses depend only on the job and the index.
 
     Raises
     ------
     EngineError
-        If a worker fails, or if MAX_DEATHS workers die in a row, which indicates a problem with
-        the drops or the machine. The chunks yielded before remain valid.
+        If a worker fails, or if MAX_DEATHS workers die with the same chunk, which indicates a
+        problem with the drops or the machine. The chunks yielded before remain valid.
     """
-    first, deaths = run.first_drop, DeathCount()
     # A run ends at one of them, so no drop is made in vain.
     cuts = checkpoints(run.drops) if run.precision else []
-    while first < run.end:
-        futures = submit_drops(job, first, run.end - first, workers, cuts)
-        try:
-            for future in futures:
+    bounds = chunk_bounds(job, run.first_drop, run.end, cuts)
+    futures = submit_drops(job, run.first_drop, run.drops, workers, cuts)
+    with closing(futures):
+        for (first, end), submitted in zip(bounds, futures, strict=True):
+            where, future = f'near drop {first} of {run.part}', submitted
+            for death in range(1, MAX_DEATHS + 1):
                 yield future
-                chunk = workers.result(future)
-                first = chunk.end
-                deaths.reset()
-                yield chunk
-        except Exception as error:  # noqa: BLE001 - raised again unless a worker died
-            warn(deaths.repeat(workers, error, _near(first, run)))
-        finally:
-            futures.close()
+                try:
+                    yield _poses(future, where)
+                    break
+                except WorkerDiedError:
+                    if death == MAX_DEATHS:
+                        raise EngineError(
+                            f'{death} worker processes died in a row {where}'
+                        ) from None
+                warn(f'a worker died {where}: its drops are repeated')
+                future = workers.submit(job, first, end)
 
 
-def _near(drop: int, run: RunDescription) -> str:
-    return f'near drop {drop} of {run.part}'
+def _poses(future: 'Future[RestingPoses]', where: str) -> RestingPoses:
+    """Return the poses of a chunk; raises EngineError."""
+    try:
+        return future.result()
+    except CancelledError:
+        raise EngineError(f'the workers became unavailable {where}') from None
+    except EngineError:
+        raise
+    except Exception as error:
+        raise EngineError(f'a worker failed {where}: {error!r}') from error
 
 
-# -- Processes ------------------------------------------------------------------------------------
+# -- This machine ---------------------------------------------------------------------------------
 
 
-# A worker uses its parent's import path, independent of the content of the working directory.
+MAX_WORKERS = 1024
+# A worker process uses its parent's import path, independent of the content of the working
+# directory.
 _PROGRAM = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from resting_aspects_ros.simulation.workers import serve; serve(int(sys.argv[1]))'
@@ -171,97 +170,102 @@ _PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _END_TIMEOUT = 5.0
 
 
-class WorkerDiedError(EngineError):
-    """The process that simulated a chunk has ended."""
+def default_workers() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
-class ProcessWorkers:
-    """Worker processes, each with its own connection.
+class LocalWorkers:
+    """Threads that make drops in the kernel, or let a process of their own make them in Bullet.
 
-    When a worker dies, its chunk fails and the worker is replaced; one that died while it was idle
-    is replaced before its next chunk. The other workers are not affected, because they share no
-    lock and no pipe with it.
+    Implements Workers for any number of runs at the same time. When a process dies, its chunk
+    fails, and the next chunk starts another process. The other processes are not affected, because
+    they share no lock and no pipe with it.
 
     count : int
-        Number of processes.
+        Number of threads, and maximum number of processes.
     replaced : int
-        Number of processes that died and were replaced.
+        Number of processes that died.
 
     Raises
     ------
-    EngineError
-        If the system cannot start a process.
+    InvalidValueError
+        If the count is out of bounds.
     """
 
     def __init__(self, count: int) -> None:
+        if not 1 <= count <= MAX_WORKERS:
+            raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
         self.count = count
         self.replaced = 0
         self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
-        self._idle: SimpleQueue[_Worker] = SimpleQueue()
-        self._workers: set[_Worker] = set()
+        self._processes: set[_Process] = set()
+        self._idle: list[_Process] = []
         self._lock = threading.Lock()
         self._stopped = False
-        try:
-            for _ in range(count):
-                self._idle.put(self._start())
-        except BaseException:
-            self.stop()
-            raise
+
+    def lookahead(self) -> int:
+        """Return two chunks per worker: one that is simulated and one that is waiting."""
+        return 2 * self.count
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
-        """Submit a chunk, which is simulated as soon as a process is idle."""
-        return self._threads.submit(self._drop, job, first, end)
+        """Submit a chunk, which is simulated as soon as a thread is idle."""
+        made = self._in_process if job.engine == BULLET else drop_range
+        return self._threads.submit(made, job, first, end)
 
     def stop(self) -> None:
-        """End the processes; unfinished chunks are discarded."""
+        """End the workers; chunks that were not started are discarded."""
         with self._lock:
             self._stopped = True
-            workers, self._workers = self._workers, set()
-        for worker in workers:
-            worker.kill()
+            processes = list(self._processes)
+        for process in processes:
+            process.kill()
         # No thread waits for a process any more, because the connections are shut down.
         self._threads.shutdown(cancel_futures=True)
-        for worker in workers:
-            worker.wait()
+        for process in processes:
+            process.wait()
 
-    def _drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        worker = self._idle.get()
+    def _in_process(self, job: DropJob, first: int, end: int) -> RestingPoses:
+        process = self._taken()
         try:
-            if worker.has_ended():  # while it was idle, which says nothing about this chunk
-                worker = self._replaced(worker)
-            return worker.drop(job, first, end)
-        except WorkerDiedError:
-            worker = self._replaced(worker)
-            raise
+            return process.drop(job, first, end)
         finally:
-            self._idle.put(worker)
+            with self._lock:
+                if process.alive:
+                    self._idle.append(process)
+                else:
+                    self._remove(process)
 
-    def _replaced(self, worker: '_Worker') -> '_Worker':
-        """End a worker and return a new one."""
-        with self._lock:
-            self._workers.discard(worker)
-            self.replaced += 1
-        worker.kill()
-        worker.wait()
-        return self._start()
-
-    def _start(self) -> '_Worker':
+    def _taken(self) -> '_Process':
+        """Return an idle process, or start one; raises EngineError if that is impossible."""
         with self._lock:
             if self._stopped:
                 raise WorkerDiedError('the workers were stopped')
+            while self._idle:
+                process = self._idle.pop()
+                if process.alive:
+                    return process
+                self._remove(process)
             try:
-                worker = _Worker()
+                process = _Process()
             except OSError as error:
                 raise EngineError(f'cannot start a worker process: {error.strerror}') from None
-            self._workers.add(worker)
-            return worker
+            self._processes.add(process)
+            return process
+
+    def _remove(self, process: '_Process') -> None:
+        self._processes.discard(process)
+        self.replaced += 1
+        process.kill()
+        process.wait()
 
 
-class _Worker:
+class _Process:
     """A process that runs `serve`; it imports the engine before the first chunk arrives."""
 
     def __init__(self) -> None:
         self._job: DropJob | None = None
+        self._lost = False
         self._socket, theirs = socket.socketpair()
         self._connection = Connection(os.dup(self._socket.fileno()))
         # A process inherits the signal mask of its parent.
@@ -279,22 +283,24 @@ class _Worker:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        """Simulate a chunk; raises WorkerDiedError, or the exception of the worker."""
+        """Simulate a chunk; raises WorkerDiedError, or the exception of the process."""
         try:
             # The job is sent only once, because it may be large and the engine caches its shape.
             self._connection.send((None if job is self._job else job, first, end))
             self._job = job
             answer = self._connection.recv()
         except (EOFError, OSError):
+            self._lost = True
             raise WorkerDiedError('a worker process died') from None
         if isinstance(answer, Exception):
             raise answer
         poses: RestingPoses = answer
         return poses
 
-    def has_ended(self) -> bool:
-        """Return whether the process has ended."""
-        return self._process.poll() is not None
+    @property
+    def alive(self) -> bool:
+        """Whether the process can simulate another chunk."""
+        return not self._lost and self._process.poll() is None
 
     def kill(self) -> None:
         """Kill the process and shut down the connection, which ends all waiting for it."""
@@ -339,72 +345,6 @@ def _receive(connection: Connection, tasks: 'SimpleQueue[bytes]') -> None:
         os._exit(0)
 
 
-# -- This machine ---------------------------------------------------------------------------------
-
-
-MAX_WORKERS = 1024
-
-
-def default_workers() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-class LocalWorkers:
-    """Threads that make drops in the kernel, and as many processes as soon as Bullet is needed.
-
-    Implements Workers for any number of runs at the same time.
-
-    count : int
-        Number of threads, and of processes.
-
-    Raises
-    ------
-    InvalidValueError
-        If the count is out of bounds.
-    """
-
-    def __init__(self, count: int) -> None:
-        if not 1 <= count <= MAX_WORKERS:
-            raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
-        self.count = count
-        self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
-        self._processes: ProcessWorkers | None = None
-        self._lock = threading.Lock()
-
-    @property
-    def replaced(self) -> int:
-        """Number of processes that died and were replaced."""
-        return 0 if self._processes is None else self._processes.replaced
-
-    def lookahead(self) -> int:
-        """Return two chunks per worker: one that is simulated and one that is waiting."""
-        return 2 * self.count
-
-    def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
-        """Submit a chunk; raises EngineError if a process cannot be started."""
-        if job.engine != BULLET:
-            return self._threads.submit(drop_range, job, first, end)
-        with self._lock:
-            if self._processes is None:
-                self._processes = ProcessWorkers(self.count)
-        return self._processes.submit(job, first, end)
-
-    def result(self, future: 'Future[RestingPoses]') -> RestingPoses:
-        """Return the poses of a chunk."""
-        return future.result()
-
-    def deaths(self, error: Exception) -> int:
-        """Return 1 for the error of a process that died, otherwise 0."""
-        return int(isinstance(error, WorkerDiedError))
-
-    def stop(self) -> None:
-        """End the workers; chunks that were not started are discarded."""
-        if self._processes is not None:
-            self._processes.stop()
-        self._threads.shutdown(cancel_futures=True)
-
-
 # -- A cluster ------------------------------------------------------------------------------------
 
 
@@ -445,31 +385,16 @@ class ClusterWorkers:
         self._counted_for -= 1
         return 2 * self._count
 
-    def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
-        """Submit a chunk to the cluster."""
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
+        """Submit a chunk; it fails with EngineError if the worker has different versions."""
         if job is not self._job:
             # The job is a task of its own, so that each worker receives it once. Unlike scattered
             # data, Dask creates it again when the workers that hold it die.
             self._job, self._remote_job = job, self._client.submit(_identity, job, pure=False)
-        future: Future[Any] = self._executor.submit(_drop, self._remote_job, first, end)
+        future: Future[RestingPoses] = self._executor.submit(
+            _drop, self._remote_job, first, end, worker_versions()
+        )
         return future
-
-    def result(self, future: 'Future[Any]') -> RestingPoses:
-        """Return the poses of a chunk; EngineError if the worker has different versions."""
-        poses, worker, versions = future.result()
-        for name, here in worker_versions().items():
-            if versions[name] != here:
-                raise EngineError(
-                    f'invalid worker {worker}: expected {name} {here}, not {versions[name]}'
-                )
-        chunk: RestingPoses = poses
-        return chunk
-
-    def deaths(self, error: Exception) -> int:
-        """Return how many workers died with the same chunk before Dask gave up; otherwise 0."""
-        from distributed.scheduler import KilledWorker
-
-        return error.allowed_failures + 1 if isinstance(error, KilledWorker) else 0
 
     def stop(self) -> None:
         """Disconnect from the cluster, which cancels the chunks that were not started."""
@@ -480,13 +405,17 @@ def _identity(job: T) -> T:
     return job
 
 
-def _drop(job: DropJob, first: int, end: int) -> tuple[RestingPoses, str, dict[str, str]]:
-    """Return the poses of a chunk, the worker's address and its versions."""
+def _drop(job: DropJob, first: int, end: int, versions: dict[str, str]) -> RestingPoses:
+    """Return the poses of a chunk; EngineError if this worker has other versions."""
     from distributed import get_worker
 
-    from resting_aspects_ros.simulation.engine import drop_range
-
-    return drop_range(job, first, end), get_worker().address, worker_versions()
+    for name, here in worker_versions().items():
+        if versions[name] != here:
+            raise EngineError(
+                f'invalid worker {get_worker().address}: expected {name} {versions[name]}, not '
+                f'{here}'
+            )
+    return drop_range(job, first, end)
 
 
 def worker_versions() -> dict[str, str]:

@@ -514,9 +514,9 @@ def _folder(name: str, taken: Sequence[str]) -> str:
 
 
 def _write_index(batch: BatchResult, *, compare: bool = False) -> None:
-    # This import takes about a second.
+    # These imports take about a second.
+    from resting_aspects_ros.api.result import write_page
     from resting_aspects_ros.studies.pages import batch_page
 
     assert batch.folder is not None
-    with whole_file(batch.folder / INDEX) as part:
-        part.write_text(batch_page(batch, compare=compare), encoding='utf-8')
+    write_page(batch_page(batch, INDEX, compare=compare), batch.folder)

@@ -19,13 +19,7 @@ from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.actions import (
-    DEFAULT_TIME,
-    KINDS,
-    Action,
-    NamedAction,
-    make_action,
-)
+from resting_aspects_ros.simulation.actions import DEFAULT_TIME, KINDS, NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     DropConditions,
@@ -36,6 +30,7 @@ from resting_aspects_ros.simulation.conditions import (
     described_kind,
     quantities_of,
 )
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
     RELEASE_VALUES,
@@ -163,7 +158,7 @@ class Setting:
         if groups['action']:
             assert self.action is not None
             action = self.action.action
-            both: dict[str, Any] = {**dataclasses.asdict(action), **groups['action']}
+            both: dict[str, Any] = {**action.numbers, **groups['action']}
             other_action = make_action(action.kind, both)
             new = dataclasses.replace(
                 new, action=dataclasses.replace(self.action, action=other_action)

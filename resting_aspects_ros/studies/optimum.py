@@ -4,22 +4,24 @@ import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.surroundings import conditions_text, scene_of
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
-from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.simulation.actions import Step
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.objective import Objective, listed
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.report.page import Page
 
 PAGE = 'report.html'
 # A factor has no effect that can be shown if the p value of its test is larger.
@@ -146,7 +148,7 @@ class FactorFacts:
 
 
 @dataclass(frozen=True, eq=False)
-class OptimiseResult:
+class OptimiseResult(Result):
     """The best conditions within ranges, and how certain the answer is.
 
     Attributes
@@ -228,8 +230,8 @@ class OptimiseResult:
         """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
         setting = self.best.setting
         scene = scene_of(self.part, setting.drop_conditions)
-        edge = setting.action is not None and isinstance(setting.action.action, Step)
-        return BULLET if edge or not (scene is None or scene.flat) else KERNEL
+        edge = setting.action is not None and setting.action.action.has_edge
+        return BULLET if edge or not scene.flat else KERNEL
 
     def over(self, other: Candidate | None) -> Advantage | None:
         """Return by how much the best conditions are better than others; None if not known."""
@@ -241,9 +243,8 @@ class OptimiseResult:
         """Sentences that state how certain the answer is, and what limits it."""
         return [*_comparison_notes(self), *_factor_notes(self), *_limit_notes(self)]
 
-    @property
     def document(self) -> dict[str, Any]:
-        """The result as plain JSON types, in SI units."""
+        """Return the result as plain JSON types, in SI units."""
         facts = self.facts or [None] * len(self.factors)
         compared = {'best': self.best, 'second': self.second, 'start': self.start}
         return {
@@ -280,15 +281,6 @@ class OptimiseResult:
             'engine_version': engine_version(self.engine),
         }
 
-    def to_json(self) -> str:
-        """Return the result as a JSON document."""
-        return json_text(self.document)
-
-    def save_json(self, path: str | Path) -> None:
-        """Write the result as a JSON document."""
-        with whole_file(Path(path)) as file:
-            file.write_text(self.to_json(), encoding='utf-8')
-
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the search as CSV, in SI units."""
         outcomes = [
@@ -301,26 +293,26 @@ class OptimiseResult:
             for values, counts, number in self.points:
                 writer.writerow([*values.values(), number, *counts.tolist()])
 
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with the objective over each factor; returns its path. OutputError."""
+    def page(self) -> 'Page':
+        """Return a page with the objective over each factor."""
         # This import takes about a second.
         from resting_aspects_ros.studies.pages import optimise_page
 
-        with whole_file(Path(folder) / PAGE) as file:
-            file.write_text(optimise_page(self), encoding='utf-8')
-        return Path(folder) / PAGE
+        return optimise_page(self, PAGE)
 
     def candidate_table(self) -> Table:
         """Return the table of the conditions that are compared."""
         yours = self.start or self.best
         base = conditions_text(yours.setting.drop_conditions)
-        table = Table(title=f'{self.part.name}: {self.aim}\nyour conditions: {base}')
-        table.add_column('conditions')
-        for factor in self.factors:
-            table.add_column(factor.label or factor.name, justify='right')
-        table.add_column('entropy' if self.objective.is_entropy else 'share', justify='right')
-        table.add_column(f'{100 * self.confidence:g} % interval', justify='right')
-        table.add_column('drops', justify='right')
+        headings = (
+            'conditions',
+            *(factor.label or factor.name for factor in self.factors),
+            'entropy' if self.objective.is_entropy else 'share',
+            f'{100 * self.confidence:g} % interval',
+            'drops',
+        )
+        title = f'{self.part.name}: {self.aim}\nyour conditions: {base}'
+        table = Table(title, headings, texts={'conditions': None})
         rows = {'best': self.best, 'second': self.second, 'yours': self.start}
         for name, candidate in rows.items():
             if candidate is None:
@@ -343,10 +335,9 @@ class OptimiseResult:
         """Return the table of the factors: range, flat range and effect."""
         difference = self.objective.difference
         within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
-        table = Table(title='what the factors do at the best conditions')
-        table.add_column('factor')
-        for heading in ('searched', f'within {within}', 'effect, at most'):
-            table.add_column(heading, justify='right')
+        headings = ('factor', 'searched', f'within {within}', 'effect, at most')
+        title = 'what the factors do at the best conditions'
+        table = Table(title, headings, texts={'factor': None})
         for factor, facts in zip(self.factors, self.facts, strict=False):
             low, high = factor.values(np.array(facts.flat)).tolist()
             table.add_row(

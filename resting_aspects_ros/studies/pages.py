@@ -1,30 +1,49 @@
 """The pages of studies, optima, propagated surfaces and batches, and their figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour, rgb
-from resting_aspects_ros.report.figure_style import (
+from resting_aspects_ros.report.drop_page import PAGE
+from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
+    WIDE,
+    RowAxes,
     new_figure,
     percent_axis,
     plain_axes,
 )
-from resting_aspects_ros.report.page import PAGE
-from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
-from resting_aspects_ros.report.page_template import chart, picture_uri, render_page
-from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
-from resting_aspects_ros.report.rounding import shown_difference
-from resting_aspects_ros.report.row_axes import WIDE, RowAxes
-from resting_aspects_ros.report.rows import Row, class_rows
+from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
+    Row,
+    aspect_colour,
+    class_rows,
+    rgb,
+    shown_difference,
+)
+from resting_aspects_ros.report.page import (
+    Chart,
+    Findings,
+    Fold,
+    Gallery,
+    Item,
+    Page,
+    Section,
+    Text,
+    Tile,
+    picture_uri,
+    reading,
+)
+from resting_aspects_ros.report.picture import draw_parts, picture_part, pose_parts
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.studies.design import Factor
@@ -73,83 +92,98 @@ def case_pictures(case: Case) -> list[str]:
     return found
 
 
-def study_page(result: 'StudyResult') -> str:
-    """Return the page of a study as HTML."""
+def study_page(result: 'StudyResult', file: str) -> Page:
+    """Return the page of a study."""
     spec = result.spec
     pictures = {id(case): case_pictures(case) for case in result.cases}
     drops = sum(int(case.drops.sum()) for case in result.cases)
-    notes = list(_study_notes(result))
-    cases = [
-        _study_case(result, k, case, effects, pictures[id(case)], notes)
-        for k, (case, effects) in enumerate(zip(result.cases, result.effects, strict=True))
+    several = len(result.cases) > 1
+    findings = [
+        (
+            {WORTH: 'yes', NOT_WORTH: 'no'}.get(finding.verdict, 'open'),
+            f'{finding.case}: {finding.sentence}' if several else finding.sentence,
+            finding.details,
+        )
+        for finding in result.findings
     ]
-    return render_page(
-        'study.html',
-        report={
-            'title': ', '.join(part.name for part in spec.parts),
-            'subtitle': f'{len(result.design.points)} points, {drops} drops, seed {spec.seed}',
-            'notes': notes,
-            'facts': _study_facts(result),
-        },
-        findings=[
-            {
-                'case': finding.case if len(result.cases) > 1 else '',
-                'sentence': finding.sentence,
-                'details': finding.details,
-                'mark': {WORTH: 'yes', NOT_WORTH: 'no'}.get(finding.verdict, 'open'),
-            }
-            for finding in result.findings
+    cases = zip(result.cases, result.effects, strict=True)
+    return Page(
+        file=file,
+        title=', '.join(part.name for part in spec.parts),
+        topic='study',
+        lead='What the probability of each aspect depends on',
+        subtitle=f'{len(result.design.points)} points, {drops} drops, seed {spec.seed}',
+        sections=[
+            Section('Findings', 'findings', [Findings(findings)]),
+            *(
+                Section(
+                    case.name,
+                    f'case-{k}',
+                    list(_case_items(result, k, case, effects, pictures[id(case)])),
+                )
+                for k, (case, effects) in enumerate(cases, start=1)
+            ),
+            *_comparison_sections(result.comparisons, pictures, spec.confidence),
         ],
-        cases=cases,
-        comparisons=[comparison_texts(each, pictures) for each in result.comparisons],
-        confidence=f'{100 * spec.confidence:g}',
-        tolerance=points_text(spec.tolerance),
+        reading=reading('study', tolerance=points_text(spec.tolerance)),
+        facts=_study_facts(result),
+        notes=list(_study_notes(result)),
     )
 
 
-def _study_case(
-    result: 'StudyResult',
-    k: int,
-    case: Case,
-    effects: Effects | None,
-    pictures: list[str],
-    notes: list[str],
-) -> dict[str, Any]:
-    """Return the section of a case."""
+def _case_items(
+    result: 'StudyResult', k: int, case: Case, effects: Effects | None, pictures: list[str]
+) -> Iterator[Item]:
+    """Yield the items of the section of a case."""
     made = case.drops > 0
     shares = case.table[made] / case.drops[made][:, None]
-    classes = [
-        {
-            'name': name,
-            'colour': colour,
-            'picture': picture,
-            'range': f'{100 * own.min():.1f} to {100 * own.max():.1f} %' if len(own) else '',
-        }
-        for name, colour, picture, own in zip(
-            case.columns, case_colours(case), [*pictures, ''], shares.T, strict=False
-        )
-    ]
-    found: dict[str, Any] = {'name': case.name, 'classes': classes, 'figures': [], 'numbers': None}
+    ranges = (f'{100 * own.min():.1f} to {100 * own.max():.1f} %' for own in shares.T if len(own))
+    yield _gallery(case.columns, case_colours(case), [*pictures, ''], ranges)
     if effects is None or not any(effects.factors):
-        return found
-    factors = result.spec.factors
-    curves = partial(curves_figure, case, effects, factors)
-    label = 'Line charts of the probability of each aspect class over each factor'
-    found['figures'].append(chart(curves, f'curves-{k}', label, notes=notes))
+        yield Text(
+            'The shares do not vary, or there are too few points with drops: there are no curves '
+            'and indices.',
+            'note',
+        )
+        return
+    factors, confidence = result.spec.factors, f'{100 * result.spec.confidence:g}'
+    yield Text('Probability over each factor', 'part')
+    yield Chart(
+        f'curves-{k}',
+        'Line charts of the probability of each aspect class over each factor',
+        partial(curves_figure, case, effects, factors),
+        f'Thick: average over the other factors, with its {confidence} % interval. Thin: the '
+        'other factors have fixed values. Between the points, which are simulated, the lines are '
+        'straight.',
+    )
     if effects.indices is not None:
-        bars = partial(indices_figure, case, effects.indices, factors)
-        label = 'Bar charts of the first and total Sobol indices'
-        found['figures'].append(chart(bars, f'indices-{k}', label, notes=notes))
-        found['numbers'] = _indices_table(case, effects.indices, factors)
-    return found
+        yield Text('Sobol indices', 'part')
+        yield Chart(
+            f'indices-{k}',
+            'Bar charts of the first and total Sobol indices',
+            partial(indices_figure, case, effects.indices, factors),
+            f'Dark: first index. Light: total index. Whiskers: {confidence} % intervals. There is '
+            'no bar where a probability is not shown to vary.',
+        )
+        yield Fold('numbers', [_indices_table(case, effects.indices, factors)])
 
 
-def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> PageTable:
+def _gallery(
+    names: Iterable[str], colours: Iterable[str], pictures: Iterable[str], texts: Iterable[str]
+) -> Gallery:
+    """Return a gallery of classes, each with a text."""
+    zipped = zip_longest(names, colours, pictures, texts, fillvalue='')
+    return Gallery(
+        [Tile(name, colour, picture, (text,)) for name, colour, picture, text in zipped if name]
+    )
+
+
+def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> Table:
     """Return the table of the indices; empty cells for shares that do not vary."""
     headings = ['share of']
     for factor in factors:
         headings += [f'{factor.label or factor.name}: {kind}' for kind in ('first', 'total')]
-    rows = []
+    table = Table('', headings)
     for j, name in enumerate([*case.columns, 'all shares']):
         cells = [
             _with_interval(values[j, k], *bounds[:, j, k])
@@ -159,8 +193,8 @@ def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -
                 (found.total, found.total_bounds),
             )
         ]
-        rows.append([name, *cells])
-    return text_table(headings, rows)
+        table.add_row(name, *cells)
+    return table
 
 
 def _with_interval(value: float, lower: float, upper: float) -> str:
@@ -289,41 +323,48 @@ def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> 
     getattr(axes, f'set_{name}label')(factor.title, size=8.5, color=TEXT, labelpad=4)
 
 
-def optimise_page(result: 'OptimiseResult') -> str:
-    """Return the page of a search for the best conditions as HTML."""
+def optimise_page(result: 'OptimiseResult', file: str) -> Page:
+    """Return the page of a search for the best conditions."""
+    confidence = f'{100 * result.confidence:g}'
+    first, *others = result.notes
+    answer: list[Item] = [result.candidate_table()]
+    answer.append(Findings([('open', first, ''), *(('open', '', note) for note in others)]))
     notes: list[str] = []
-    label = 'Charts of the objective over each factor'
-    figures = [chart(partial(facts_figure, result), 'curves', label, notes=notes)]
-    pictures: list[dict[str, str]] = []
     with analysis('the pictures of the wanted aspects', notes):
-        wanted = [a for a in result.aspects.aspects if a.id in result.objective.wanted]
-        colours = [aspect_colour(aspect) for aspect in wanted]
-        if wanted:
+        if wanted := [a for a in result.aspects.aspects if a.id in result.objective.wanted]:
+            colours = [aspect_colour(aspect) for aspect in wanted]
             part = picture_part(result.part, result.aspects.aspects)
             images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
-            pictures = [
-                {'name': f'aspect {a.id}', 'colour': colour, 'picture': picture_uri(image)}
-                for a, colour, image in zip(wanted, colours, images, strict=True)
-            ]
-    return render_page(
-        'optimise.html',
-        report={
-            'title': result.part.name,
-            'subtitle': f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
-            'notes': notes,
-            'facts': {
-                'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
-                'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
-                'Search': [('maximum number of drops', str(result.budget))],
-            },
+            names = [f'aspect {aspect.id}' for aspect in wanted]
+            pictures = map(picture_uri, images)
+            answer.insert(0, _gallery(names, colours, pictures, ['wanted'] * len(names)))
+    factors: list[Item] = [result.factor_table()]
+    if result.facts:
+        chart = Chart(
+            'curves',
+            'Charts of the objective over each factor',
+            partial(facts_figure, result),
+            f'Points: drops, with {confidence} % intervals, while the other factors have their '
+            'best values. Dashed: the best value. Shaded: the range in which little is lost.',
+        )
+        factors.insert(0, chart)
+    return Page(
+        file=file,
+        title=result.part.name,
+        topic='best conditions',
+        lead=f'Conditions with the {result.aim}',
+        subtitle=f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
+        sections=[
+            Section('Answer', 'answer', answer),
+            Section('What the factors do', 'factors', factors),
+        ],
+        reading=reading('optimise', chance=f'{100 - 100 * result.confidence:g}'),
+        facts={
+            'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
+            'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
+            'Search': [('maximum number of drops', str(result.budget))],
         },
-        aim=result.aim,
-        notes=result.notes,
-        pictures=pictures,
-        candidates=page_table(result.candidate_table()),
-        factors=page_table(result.factor_table()),
-        figures=figures if result.facts else [],
-        confidence=f'{100 * result.confidence:g}',
+        notes=notes,
     )
 
 
@@ -356,54 +397,54 @@ def facts_figure(result: 'OptimiseResult') -> 'Figure':
     return figure
 
 
-def propagated_page(result: 'PropagatedResult') -> str:
-    """Return the page of a distribution on a surface that is not known exactly as HTML."""
+def propagated_page(result: 'PropagatedResult', file: str) -> Page:
+    """Return the page of a distribution on a surface that is not known exactly."""
     found, names = result.by_class, result.case.class_names
     notes = [] if result.complete else ['The run was interrupted: some samples are missing.']
     ends = {name: count for name, count in result.other_ends().items() if count}
     if ends:
         text = ', '.join(f'{count} {name}' for name, count in ends.items())
         notes.append(f'{sum(ends.values())} of {result.drops} drops ended in no aspect: {text}.')
-    label = 'Bars of the probability of each aspect class with two intervals'
-    legend = (
-        'bar: mean probability; black: sampling interval; grey, wide: interval with the unknown '
-        'surface; dots: samples of the surface'
+    headings = (
+        'class',
+        'probability',
+        'by sampling alone',
+        'with the surface',
+        'part of the surface in the variance',
     )
-    headings = ['class', 'probability', 'by sampling alone', 'with the surface']
-    rows = zip(names, found.sampling, found.total, found.part_of_surface.tolist(), strict=True)
-    numbers = [
-        [
+    table = Table('', headings)
+    for name, one, both, part in zip(
+        names, found.sampling, found.total, found.part_of_surface.tolist(), strict=True
+    ):
+        table.add_row(
             name,
             f'{100 * one.probability:.2f} %',
             f'{_percent(one)} %',
             f'{_percent(both)} %',
             f'{100 * part:.0f} %',
-        ]
-        for name, one, both, part in rows
-    ]
-    return render_page(
-        'propagated.html',
-        report={
-            'title': result.part.name,
-            'subtitle': f'{result.drops} drops, {result.drops_per_sample} at each of '
-            f'{len(result.counts)} samples of the surface, seed {result.seed}',
-            'notes': notes,
-            'facts': {'Conditions': _surface_facts(result)},
-        },
-        sentence=result.sentence(),
-        classes=[
-            {'name': name, 'colour': colour, 'picture': picture, 'share': f'{100 * p:.1f} %'}
-            for name, colour, picture, p in zip(
-                names,
-                case_colours(result.case),
-                case_pictures(result.case),
-                found.means.tolist(),
-                strict=False,
-            )
-        ],
-        chart=chart(partial(propagated_figure, result), 'shares', label, legend, notes),
-        numbers=text_table([*headings, 'part of the surface in the variance'], numbers),
-        confidence=f'{100 * result.confidence:g}',
+        )
+    chart = Chart(
+        'shares',
+        'Bars of the probability of each aspect class with two intervals',
+        partial(propagated_figure, result),
+        'bar: mean probability; black: sampling interval; grey, wide: interval with the unknown '
+        'surface; dots: samples of the surface',
+    )
+    shares = (f'{100 * p:.1f} %' for p in found.means.tolist())
+    gallery = _gallery(names, case_colours(result.case), case_pictures(result.case), shares)
+    confidence = f'{100 * result.confidence:g}'
+    items: list[Item] = [Text(result.sentence(), 'verdict'), gallery, chart, table]
+    return Page(
+        file=file,
+        title=result.part.name,
+        topic='unknown surface',
+        lead='Probabilities on a surface that is not known exactly',
+        subtitle=f'{result.drops} drops, {result.drops_per_sample} at each of '
+        f'{len(result.counts)} samples of the surface, seed {result.seed}',
+        sections=[Section('Probabilities', 'shares', items)],
+        reading=reading('surface', confidence=confidence),
+        facts={'Conditions': _surface_facts(result)},
+        notes=notes,
     )
 
 
@@ -447,9 +488,46 @@ def _surface_facts(result: 'PropagatedResult') -> list[tuple[str, str]]:
     ]
 
 
-def comparison_texts(found: 'CaseComparison', pictures: dict[int, list[str]]) -> dict[str, Any]:
-    """Return the texts of two designs side by side; pictures by id(case)."""
+def _comparison_sections(
+    comparisons: 'Sequence[CaseComparison]', pictures: dict[int, list[str]], confidence: float
+) -> Iterator[Section]:
+    """Yield a section for each pair of designs side by side; pictures by id(case)."""
+    for number, found in enumerate(comparisons, start=1):
+        heading = f'{found.first.name} and {found.second.name} side by side'
+        items = list(_comparison_items(found, pictures, confidence))
+        yield Section(heading, f'comparison-{number}', items)
+
+
+def _comparison_items(
+    found: 'CaseComparison', pictures: dict[int, list[str]], confidence: float
+) -> Iterator[Item]:
     first, second = found.first, found.second
+    if not found.shared:
+        yield Text(
+            f'The parts share no aspects: their shapes differ by {found.apart:.2g} of the part '
+            'radius on average.',
+            'note',
+        )
+        return
+    headings = (first.name, f'{second.name} ', first.name, second.name, 'difference')
+    table = Table('', headings, texts={headings[1]: None})
+    for k, each in enumerate(found.shared):
+        one, other = each.first - 1, each.second - 1
+        difference = 100 * shown_difference(each.second_share, each.first_share, 1)
+        table.pictures |= {(k, 0): pictures[id(first)][one], (k, 1): pictures[id(second)][other]}
+        table.add_row(
+            first.class_names[one],
+            second.class_names[other],
+            f'{100 * each.first_share:.1f} %',
+            f'{100 * each.second_share:.1f} %',
+            f'{difference:+.1f} points\n{100 * each.lower:+.1f} to {100 * each.upper:+.1f}',
+        )
+    yield table
+    yield (
+        'Shares and differences are means over the points that both have; small: '
+        f'{100 * confidence:g} % intervals. The designs are {found.apart:.2g} of the part radius '
+        'apart on average.'
+    )
     alone = [
         f'{case.name}: {", ".join(names)}'
         for case, shared in (
@@ -458,35 +536,15 @@ def comparison_texts(found: 'CaseComparison', pictures: dict[int, list[str]]) ->
         )
         if (names := [n for k, n in enumerate(case.class_names, 1) if k not in shared])
     ]
-    return {
-        'first': first.name,
-        'second': second.name,
-        'apart': f'{found.apart:.2g}',
-        'rows': [
-            {
-                'names': (first.class_names[e.first - 1], second.class_names[e.second - 1]),
-                'pictures': (
-                    pictures[id(first)][e.first - 1],
-                    pictures[id(second)][e.second - 1],
-                ),
-                'shares': (f'{100 * e.first_share:.1f} %', f'{100 * e.second_share:.1f} %'),
-                'difference': (
-                    f'{100 * shown_difference(e.second_share, e.first_share, 1):+.1f} points'
-                ),
-                'interval': f'{100 * e.lower:+.1f} to {100 * e.upper:+.1f}',
-            }
-            for e in found.shared
-        ],
-        'alone': alone,
-    }
+    if alone:
+        yield f'Only in one of them: {"; ".join(alone)}.'
 
 
-def batch_page(batch: 'BatchResult', *, compare: bool) -> str:
+def batch_page(batch: 'BatchResult', file: str, *, compare: bool) -> Page:
     """Return the index page of a batch; without comparisons while the batch is running."""
     done = [entry for entry in batch.entries if entry.result is not None]
-    pictures = {id(entry.case): entry.pictures for entry in done}
     failed = [entry for entry in batch.entries if entry.error]
-    notes = [f'{len(failed)} of {len(batch.entries)} parts failed; see below.'] if failed else []
+    pictures = {id(entry.case): entry.pictures for entry in done}
     facts: dict[str, list[tuple[str, str]]] = {}
     if done and done[0].result is not None:
         run = done[0].result.run
@@ -495,48 +553,58 @@ def batch_page(batch: 'BatchResult', *, compare: bool) -> str:
             ('seed of the batch', str(batch.seed)),
             ('engine', f'{run.engine} {run.engine_version}'),
         ]
+    items: list[Item] = [_batch_entry(entry) for entry in done]
+    if failed:
+        items.append(Text('Parts that failed', 'part'))
+        items.append(Findings([('yes', f'{each.source}:', each.error) for each in failed]))
     drops = sum(e.result.distribution.drops for e in done if e.result is not None)
-    return render_page(
-        'batch.html',
-        report={
-            'title': f'{len(done)} parts',
-            'subtitle': f'{drops} drops',
-            'notes': notes,
-            'facts': facts,
-        },
-        rows=[_batch_row(entry) for entry in done],
-        failed=[(entry.source, entry.error) for entry in failed],
-        comparisons=[
-            comparison_texts(each, pictures) for each in (batch.comparisons if compare else [])
+    confidence = f'{100 * batch.confidence:g}'
+    return Page(
+        file=file,
+        title=f'{len(done)} parts',
+        topic='batch',
+        lead='Parts under the same conditions',
+        subtitle=f'{drops} drops',
+        sections=[
+            Section('Parts', 'parts', items),
+            *_comparison_sections(
+                batch.comparisons if compare else [], pictures, batch.confidence
+            ),
         ],
-        confidence=f'{100 * batch.confidence:g}',
+        reading=reading('batch', confidence=confidence),
+        facts=facts,
+        notes=[f'{len(failed)} of {len(batch.entries)} parts failed; see below.']
+        if failed
+        else [],
     )
 
 
-def _batch_row(entry: 'BatchEntry') -> dict[str, Any]:
+def _batch_entry(entry: 'BatchEntry') -> Gallery:
+    """Return the most probable classes of a part."""
     assert entry.result is not None
     found = entry.result.distribution
     rows = class_rows(found)
     order = np.argsort([-row.count for row in rows], kind='stable')[:TOP].tolist()
     shares = np.array([row.count for row in rows]) / max(found.drops, 1)
-    return {
-        'name': entry.case.part.name,
-        'source': entry.source,
-        'link': f'{entry.folder}/{PAGE}',
-        'drops': found.drops,
-        'aspects': len(found.aspects),
-        'entropy': f'{float(entropy(shares)):.2f}',
-        'top': [
-            {
-                'name': rows[k].name,
-                'picture': entry.pictures[k],
-                'colour': rows[k].colour,
-                'share': f'{100 * rows[k].interval.probability:.1f} %',
-                'interval': _percent(rows[k].interval),
-            }
+    name = entry.case.part.name
+    numbers = (
+        f'{found.drops} drops, {len(found.aspects)} aspects, entropy '
+        f'{float(entropy(shares)):.2f} bit'
+    )
+    return Gallery(
+        [
+            Tile(
+                rows[k].name,
+                rows[k].colour,
+                entry.pictures[k],
+                (f'{100 * rows[k].interval.probability:.1f} %', _percent(rows[k].interval)),
+            )
             for k in order
         ],
-    }
+        heading=name,
+        link=f'{entry.folder}/{PAGE}',
+        texts=[*([entry.source] if entry.source != name else []), numbers],
+    )
 
 
 def _percent(found: Interval) -> str:

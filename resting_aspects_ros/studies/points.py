@@ -1,6 +1,5 @@
 """Drops and actions of a part at many points, each reproducible by itself, and their store."""
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -17,7 +16,7 @@ from pydantic import BaseModel, StrictStr
 
 from resting_aspects_ros.api.chunk_loop import PROGRESS_PERIOD, given_workers
 from resting_aspects_ros.api.drop_counter import Consumer, DropCounter
-from resting_aspects_ros.api.plan_actions import check_speed, find_starts
+from resting_aspects_ros.api.plan_actions import check_speed
 from resting_aspects_ros.api.surroundings import aspects_in, scene_of
 from resting_aspects_ros.api.transition_counter import TransitionCounter
 from resting_aspects_ros.arrays import Counts
@@ -27,14 +26,7 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line, shown
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.rows import ids_text
-from resting_aspects_ros.simulation.action_starts import (
-    action_starts,
-    body_of,
-    check_step,
-    step_starts,
-)
-from resting_aspects_ros.simulation.actions import Step, Vibration
+from resting_aspects_ros.report.format import aspects_text
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
@@ -45,7 +37,7 @@ from resting_aspects_ros.simulation.job import (
     plan_run,
 )
 from resting_aspects_ros.simulation.scene import Scene
-from resting_aspects_ros.simulation.starts import FoundStarts, Starts, pose_starts
+from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -138,26 +130,18 @@ class Simulation:
         assert action is not None
         scene = self._scene(setting)
         aspects, k = aspects_in(scene, self.aspects), len(self.aspects)
-        wanted = [a for a in aspects.aspects if a.id in (ids or range(1, k + 1))]
-        starts: Starts
-        if scene is None:
-            starts = action_starts(self.part, wanted, action.action, conditions.gravity)
-            rows = tuple(a.id for a in wanted)
-        else:
-            rests: list[RestingPoses] = []
+        rests: list[RestingPoses] = []
+        if not scene.level:
             quiet = Monitor(stopped=monitor.stopped)
             self.dropped(
                 setting, DEFAULT_DROPS, seed, quiet, [lambda poses, _: rests.append(poses)]
             )
-            joined = RestingPoses.join(rests)
-            starts = find_starts(self.part, aspects, scene, action.action, conditions, joined)
-            assert isinstance(starts, FoundStarts)
-            rows = tuple(k for k in starts.ids if k in {a.id for a in wanted})
-            if not rows:
-                return np.zeros((k, k + len(OUTSIDE)), dtype=np.int64)
-            starts = _only(starts, rows)
-        job, run = self._plan(setting, per_aspect * len(rows), seed, starts)
-        counter = TransitionCounter(no_actions(aspects), run, 0.0, rows)
+        joined = RestingPoses.join(rests) if rests else None
+        starts = starts_of(self.part, aspects, action.action, scene, conditions, joined, ids)
+        if not starts.rows:
+            return np.zeros((k, k + len(OUTSIDE)), dtype=np.int64)
+        job, run = self._plan(setting, per_aspect * starts.rows, seed, starts)
+        counter = TransitionCounter(no_actions(aspects), run, 0.0, starts.ids)
         counter.make(job, self.workers, monitor.update, monitor.stopped)
         if not counter.complete:
             raise Stopped
@@ -180,15 +164,16 @@ class Simulation:
             return Monitor(lambda made: monitor.update((done + made) // 2), monitor.stopped)
 
         found = self.dropped(setting, drops, seed, half(0), [lambda chunk, _: poses.append(chunk)])
-        starts: list[tuple[Starts, int]]
-        if scene is None:
-            action, gravity = setting.action.action, setting.conditions.gravity
+        aspects = aspects_in(scene, self.aspects)
+        given = self.part, aspects, setting.action.action, scene, setting.drop_conditions
+        starts: list[tuple[RestStarts, int]]
+        if scene.level:
             starts = [
-                (action_starts(self.part, [aspect], action, gravity), count)
-                for aspect, count in zip(self.aspects.aspects, found.tolist(), strict=False)
+                (starts_of(*given, ids=(aspect.id,)), count)
+                for aspect, count in zip(aspects.aspects, found.tolist(), strict=False)
             ]
         else:
-            at_rest = self._starts_at_rest(setting, scene, RestingPoses.join(poses))
+            at_rest = pose_starts(*given, RestingPoses.join(poses))
             starts = [(at_rest, at_rest.rows)]
         found[:k] = 0
         for number, (each, count) in enumerate(starts):
@@ -201,23 +186,11 @@ class Simulation:
         found[k] += drops - found.sum()
         return found
 
-    def _starts_at_rest(self, setting: Setting, scene: Scene, poses: RestingPoses) -> FoundStarts:
-        """Return each part at rest in surroundings as the start of an action."""
-        assert setting.action is not None
-        action, body = setting.action.action, body_of(self.part)
-        motion = action if isinstance(action, Vibration) else None
-        impulse = None if isinstance(action, Vibration | Step) else action
-        aspects = aspects_in(scene, self.aspects)
-        starts = pose_starts(self.part, aspects, scene, poses, body, impulse, motion)
-        if isinstance(action, Step) and starts.rows:
-            return step_starts(self.part, action, scene, starts, setting.conditions.gravity)
-        return starts
-
-    def _scene(self, setting: Setting) -> Scene | None:
+    def _scene(self, setting: Setting) -> Scene:
         """Return the surroundings; raises InvalidValueError if the action is impossible there."""
         scene, action = scene_of(self.part, setting.drop_conditions), setting.action
-        if scene is not None and action is not None and isinstance(action.action, Step):
-            check_step(action.name, action.action, scene)
+        if action is not None:
+            action.action.check(action.name, scene)
         return scene
 
     def _plan(
@@ -236,17 +209,6 @@ class Simulation:
         if starts is not None and setting.action is not None:
             check_speed(self.part, setting.action, job)
         return job, run
-
-
-def _only(starts: FoundStarts, ids: Sequence[int]) -> FoundStarts:
-    """Return the rows of some aspects."""
-    kept = [starts.ids.index(each) for each in ids]
-    return dataclasses.replace(
-        starts,
-        positions=tuple(starts.positions[k] for k in kept),
-        orientations=tuple(starts.orientations[k] for k in kept),
-        ids=tuple(ids),
-    )
 
 
 def run_tasks(
@@ -436,7 +398,7 @@ class Case:
     def class_names(self) -> list[str]:
         """Names of the symmetry classes, such as 'aspects 1 and 2'."""
         members = self.aspects.classes()
-        return [f'aspect{"s" * (len(alike) > 1)} {ids_text(alike)}' for alike in members]
+        return [aspects_text(alike) for alike in members]
 
     @property
     def drops(self) -> Counts:

@@ -1,19 +1,18 @@
 """Carry the uncertainty of a calibrated surface through to the distribution of a part."""
 
-import json
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, StrictStr, create_model
 from scipy.stats import chi2, norm
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -38,6 +37,9 @@ from resting_aspects_ros.statistics.intervals import (
 )
 from resting_aspects_ros.studies.effects import homogeneity
 from resting_aspects_ros.studies.points import Case, counts_by_class, drop_points
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.report.page import Page
 
 SCHEMA_VERSION, PAGE, WIDTH = 1, 'report.html', 80
 SAMPLES, DROPS = 32, 10_000
@@ -107,7 +109,7 @@ def sampled_shares(counts: Counts, drops: int, confidence: float) -> SampledShar
 
 
 @dataclass(frozen=True, eq=False)
-class PropagatedResult:
+class PropagatedResult(Result):
     """Drops under several conditions that a calibration leaves possible.
 
     conditions : DropConditions
@@ -218,23 +220,12 @@ class PropagatedResult:
             }
         return document
 
-    def to_json(self) -> str:
-        """Return the document as JSON."""
-        return json.dumps(self.document(), indent=2) + '\n'
-
-    def save_json(self, path: str | Path) -> None:
-        """Write the document into a file."""
-        with whole_file(Path(path)) as file:
-            file.write_text(self.to_json(), encoding='utf-8')
-
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with both intervals of each class; returns its path. OutputError."""
+    def page(self) -> 'Page':
+        """Return a page with both intervals of each class."""
         # This import takes about a second.
         from resting_aspects_ros.studies.pages import propagated_page
 
-        with whole_file(Path(folder) / PAGE) as file:
-            file.write_text(propagated_page(self), encoding='utf-8')
-        return Path(folder) / PAGE
+        return propagated_page(self, PAGE)
 
     def __str__(self) -> str:
         found, names = self.by_class, self.case.class_names

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import yaml
@@ -17,20 +17,19 @@ from pydantic import StrictInt, StrictStr
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.output_files import make_folder, whole_file
 from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.actions import (
-    Action,
-    NamedAction,
-)
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
 )
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers, worker_versions
 from resting_aspects_ros.statistics.distribution import OUTSIDE
@@ -74,6 +73,9 @@ from resting_aspects_ros.studies.points import (
     reasons,
     run_tasks,
 )
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.report.page import Page
 
 SPEC, CSV, PARQUET, PAGE = 'study.yaml', 'results.csv', 'results.parquet', 'page.html'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
@@ -220,7 +222,7 @@ def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> No
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Result):
     """The counts of a study, and what they depend on.
 
     Attributes
@@ -349,16 +351,12 @@ class StudyResult:
             parquet.write_table(table, part)
         return [folder / CSV, folder / PARQUET]
 
-    def report(self, folder: str | Path) -> Path:
-        """Write a page with curves, indices and findings; returns its path. OutputError."""
+    def page(self) -> 'Page':
+        """Return a page with curves, indices and findings."""
         # This import takes about a second.
         from resting_aspects_ros.studies.pages import study_page
 
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(folder / PAGE) as part:
-            part.write_text(study_page(self), encoding='utf-8')
-        return folder / PAGE
+        return study_page(self, PAGE)
 
 
 def study(

@@ -15,8 +15,8 @@ import trimesh
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.drop_counter import DropCounter
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 
 PACKAGE = Path(ra.__file__).parent
 # Every module of the interface with an example; those of the client need nodes.

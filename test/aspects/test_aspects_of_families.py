@@ -1,10 +1,10 @@
 """The aspects of convex parts of many families are those of an independent landscape."""
 
-import fuzz_aspects
 import numpy as np
-import part_families
 import pytest
 import trimesh
+from fuzz import aspects as fuzz_aspects
+from fuzz import part_families
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import orientation_with_down

@@ -19,8 +19,8 @@ from resting_aspects_ros.aspects.clusters import (
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import angle_between, down_in_part, random_orientations
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)

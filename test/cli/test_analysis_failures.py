@@ -18,14 +18,18 @@ COMMANDS = {
     'studies.effects:indices_of': (STUDY + FEW, 'depend on', ['results.csv', 'page.html']),
     'studies.pages:curves_figure': (STUDY + FEW, 'figure', ['results.csv', 'page.html']),
     'studies.pages:draw_parts': (STUDY + FEW, 'pictures', ['results.csv', 'page.html']),
-    'studies.pages:render_page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
-    'report.page:convergence_figure': (DROP + FEW, 'figure', [*DROPPED, 'report.html', 'pie.png']),
+    'studies.pages:Page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
+    'report.drop_page:convergence_figure': (
+        DROP + FEW,
+        'figure',
+        [*DROPPED, 'report.html', 'pie.png'],
+    ),
     'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
-    'api.report_files:report_files': (DROP + FEW, 'report', DROPPED),
-    'report.reorientation_page:flow_figure': (
+    'api.report_files:drop_page': (DROP + FEW, 'report', DROPPED),
+    'api.reorientation_files:transition_figure': (
         (*REORIENT, *FEW),
         'figure',
-        ['transitions.json', 'reorientation.html', 'transitions.png'],
+        ['transitions.json', 'reorientation.html'],
     ),
     'api.reorient_result:long_run': (
         (*REORIENT, *FEW),

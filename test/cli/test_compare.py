@@ -14,8 +14,8 @@ from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import RunDescription
@@ -58,7 +58,7 @@ def write_json(aspects, described, tmp_path):
 
     def write(name, counts=COUNTS, rest=(0, 0, 0), fields=None, complete=True, **changes):
         run = described(**changes)
-        given = dataclasses.asdict(run) | {
+        given = run.document() | {
             'method': 'drops', 'complete': complete, 'drops_asked': run.drops
         }  # fmt: skip
         document = distribution_document(Distribution(aspects, np.array(counts), *rest), given)

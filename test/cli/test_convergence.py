@@ -11,8 +11,8 @@ import pytest
 from resting_aspects_ros.api.drop_counter import check_convergence
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import Distribution, count_poses, no_drops
 
 DROPS = 2000

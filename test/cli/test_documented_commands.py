@@ -40,7 +40,7 @@ LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 # With a file that each of them makes.
 TUTORIALS = {
     'docs/tutorials/first_part.md': 'out/bracket/report.html',
-    'docs/tutorials/reorientation.md': 'out/actions/flow_tap.png',
+    'docs/tutorials/reorientation.md': 'out/actions/transitions_tap.png',
 }
 REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.

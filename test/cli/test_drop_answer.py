@@ -14,8 +14,8 @@ from PIL import Image
 from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 

@@ -6,8 +6,8 @@ import shutil
 import pytest
 from rclpy.serialization import serialize_message
 
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topics import PART_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.simulation.conditions import parts_folder
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 import pytest
 import trimesh
 
-from resting_aspects_ros.api import report_files
 from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.report.page import Page
 from resting_aspects_ros.simulation.workers import MAX_DEATHS
 
 QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
@@ -105,13 +105,13 @@ def test_repeated_ctrl_c(begin, ended, read_until):
 
 
 def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
-    draw = report_files.report_files
+    draw = Page.files
 
-    def interrupted(report):
+    def interrupted(page):
         signal.raise_signal(signal.SIGINT)
-        yield from draw(report)
+        yield from draw(page)
 
-    monkeypatch.setattr(report_files, 'report_files', interrupted)
+    monkeypatch.setattr(Page, 'files', interrupted)
     found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
     assert found.stdout.splitlines()[-1].startswith('Written: ')
@@ -164,7 +164,7 @@ def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
 
 def workers_of(process, session):
     processes = session(process.pid).items()
-    return [pid for pid, words in processes if 'simulation.process_workers ' in ' '.join(words)]
+    return [pid for pid, words in processes if 'simulation.workers ' in ' '.join(words)]
 
 
 @pytest.mark.slow

@@ -13,23 +13,22 @@ from rclpy.serialization import serialize_message
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
-from resting_aspects_ros.logs.mcap_format import lock_file
-from resting_aspects_ros.logs.record_reader import LogFile
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import (
+from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
+from resting_aspects_ros.logs.mcap_file import McapFile
+from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
     Qos,
     Topic,
 )
+from resting_aspects_ros.logs.writer import RunLog, lock_file
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.run_logs.logged_result import logged_result
+from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
@@ -167,7 +166,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
     ],
 )
 def test_log_of_another_version_is_refused_with_one_line(run, log, monkeypatch, words):
-    run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
+    run_log = importlib.import_module('resting_aspects_ros.logs.writer')
     load = run_log.load_schema
     older = 'RIHS01_' + 64 * '0'
     with monkeypatch.context() as patch:
@@ -203,7 +202,7 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
 
 
 def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
-    run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
+    run_log = importlib.import_module('resting_aspects_ros.logs.writer')
     load = run_log.load_schema
     with monkeypatch.context() as patch:
         patch.setattr(
@@ -217,13 +216,13 @@ def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
 
 
 @pytest.mark.quick_cases(5)
-@pytest.mark.parametrize('words', ['info', 'recover', 'answer', 'drop --from-log'])
+@pytest.mark.parametrize('words', ['info', 'answer', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
 def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     folder = log(batches=None if closed else 2)
     passes = []
-    records = LogFile.records
-    monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
+    records = McapFile.records
+    monkeypatch.setattr(McapFile, 'records', lambda file: passes.append(1) or records(file))
     if words == 'answer':  # shown by report and demo
         with nullcontext() if closed else pytest.warns(match='was not closed'):
             assert logged_result(folder).distribution.drops == (DROPS if closed else 200)

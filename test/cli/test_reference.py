@@ -24,7 +24,7 @@ from resting_aspects_ros.simulation.surroundings import (
     RELEASE_VALUES,
     surroundings_names,
 )
-from resting_aspects_ros.simulation.surroundings import KINDS as SURROUNDINGS
+from resting_aspects_ros.simulation.surroundings_kinds import KINDS as SURROUNDINGS
 
 COMMANDS = 'docs/reference/commands.md'
 FILES = 'docs/reference/files.md'
@@ -156,7 +156,7 @@ def test_every_dimension_of_surroundings_is_listed(kind):
     assert tuple(re.findall(r'`(\w+)`', bodies)) == SURROUNDINGS[kind].body_names
     table = text.partition('\n\n')[0] if text.startswith('|') else ''
     rows = re.findall(r'^\| `(\w+)` \| (.*?) \| (.*?) \|', table, re.MULTILINE)
-    declared = {each.name: each for each in dataclasses.fields(SURROUNDINGS[kind]) if each.init}
+    declared = {each.name: each for each in dataclasses.fields(SURROUNDINGS[kind]) if each.repr}
     assert {name for name, *_ in rows} == set(declared)
     for name, allowed, default in rows:
         if (quantity := quantities_of(SURROUNDINGS[kind]).get(name)) is not None:

@@ -38,8 +38,7 @@ def test_files_have_the_same_counts(saved):
     assert len(roadmap['poses']) == 4
     assert all(each['experimental']['status'] == 'untested' for each in roadmap['transitions'])
     assert document['plan']['action'][0] is None
-    for name in ('transitions.png', 'flow.png'):
-        assert (folder / name).read_bytes().startswith(b'\x89PNG')
+    assert (folder / 'transitions.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_document_is_that_of_the_python_interface(run_in, tmp_path):

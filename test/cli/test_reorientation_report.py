@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from resting_aspects_ros.api import reorientation_files
+from resting_aspects_ros.report.page import Page
 
 QUICK = ('--workers', 2)
 REORIENT = ('reorient', 'tetrahedron', *QUICK, '--per-aspect', 5, '--drops', 20)
@@ -30,9 +30,7 @@ def compared(run_in, tmp_path_factory):
 def test_default_folder_has_page_figures_and_documents(compared):
     path, _ = compared
     assert path.parts[-3:] == ('out', 'tetrahedron', 'reorientation.html')
-    figures = [
-        f'{name}_{action}' for name in ('transitions', 'flow') for action in ('tap', 'toss')
-    ]
+    figures = [f'transitions_{action}' for action in ('tap', 'toss')]
     expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
     expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
     assert {file.name for file in path.parent.iterdir()} == set(expected)
@@ -111,13 +109,13 @@ def test_retention_writes_a_page(run, tmp_path):
     ],
 )
 def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path, words, kept):
-    draw = reorientation_files.reorientation_files
+    draw = Page.files
 
-    def interrupted(report):
+    def interrupted(page):
         signal.raise_signal(signal.SIGINT)
-        yield from draw(report)
+        yield from draw(page)
 
-    monkeypatch.setattr(reorientation_files, 'reorientation_files', interrupted)
+    monkeypatch.setattr(Page, 'files', interrupted)
     found = run(*words, '--report', '--out', 'o')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
     assert found.stdout.splitlines()[-1].startswith('Written: ')

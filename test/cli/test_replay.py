@@ -9,11 +9,11 @@ import threading
 import pytest
 from rclpy.serialization import serialize_message
 
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import poses_msg, time_msg
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 
 DROPS, BATCH = 100, 20
 # A log line of the node.

@@ -11,8 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.message_reader import not_closed_warning
-from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.recovery import recover_log
 
 INFORMATION = 'rosbag2_bagfile_information'
@@ -104,7 +103,7 @@ def test_split_bag_is_read_as_one_log(log, split, run, mode, name):
     document = json.loads(run('info', path, '--json').stdout)
     assert document['log']['messages'] == len(messages)
     assert (document['log']['finished'], document['drops']) == (True, DROPS)
-    assert not_closed_warning(path) == ''
+    assert Recording(path).warning == ''
 
 
 def test_messages_of_files_that_overlap_are_in_time_order(log, split):
@@ -163,7 +162,7 @@ def test_truncated_compressed_file_is_read_to_its_end(log, tmp_path):
     found = replayed(packed)
     assert 0 < len(found) < len(read(log))
     assert found == replayed(original)[: len(found)]
-    assert 'not closed' in not_closed_warning(packed)
+    assert 'not closed' in Recording(packed).warning
 
 
 def test_messages_compressed_one_by_one_are_refused(log, tmp_path):

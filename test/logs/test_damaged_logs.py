@@ -1,34 +1,35 @@
-"""Damaged logs: every reader returns what was written, or rejects the log."""
+"""Damaged logs: every reader returns what was written, or rejects the log in one line."""
 
-import os
 import random
 import struct
 import subprocess
 import sys
+import tracemalloc
 import zlib
 from itertools import count
 
 import lz4.frame
 import pytest
 import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, Footer, Statistics
 from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs import recovery
-from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.playback_reader import Recording
-from resting_aspects_ros.logs.record_format import MAX_RECORD
-from resting_aspects_ros.logs.record_reader import LogFile
-from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.mcap_file import MAX_RECORD
+from resting_aspects_ros.logs.reader import Recording, messages, open_log
+from resting_aspects_ros.logs.recovery import recover_log
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 
+START = 1_700_000_000_123_456_789  # ns
+PART_TIME = START - 50
 POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/parts/nut', PART_TYPE, Qos(1))
+CHATTER = Topic('/chatter', 'std_msgs/msg/String', Qos(1))
 MESH = random.Random(3).randbytes(2000)
 MESSAGE, CHUNK, CHUNK_INDEX, ATTACHMENT = 5, 6, 8, 9
 STATISTICS, METADATA, DATA_END = 11, 12, 15
@@ -63,16 +64,18 @@ class Sample:
         self._numbers = count()
         with RunLog(folder, 'run') as log:
             log.add_metadata('run', {'note': 'café'})
-            log.write(PART, b'\0\1\0\0part', 50)
-            log.attach('nut.stl', 'model/stl', MESH, 51)
+            log.add_metadata('outcome', {'whole': 'true', 'drops': '6'})
+            log.write(PART, b'\0\1\0\0part', PART_TIME)
+            log.attach('nut.stl', 'model/stl', MESH, START)
             log.flush()
             for k in range(6):
-                log.write(POSES, random.Random(k).randbytes(200 + k), 100 + k)
+                log.write(POSES, random.Random(k).randbytes(200 + k), START + k)
                 log.flush()
             self.unfinished = log.path.read_bytes()
         self.content = log.path.read_bytes()
         self.metadata = (log.path.parent / 'metadata.yaml').read_text()
         self.messages = messages_of(log.path.parent)
+        self.by_index = by_index(log.path.parent)
 
     def copy(self, content, metadata=None):
         folder = self._folder / str(next(self._numbers)) / 'run'
@@ -89,14 +92,9 @@ def sample(tmp_path_factory):
 
 
 def recovered(folder):
-    """What is in a log after it was recovered, and what was counted on the way."""
-    counted = []
-    account = RecoveryCounter(
-        [PART_TYPE, POSES_TYPE], lambda *message: counted.append(message), dict
-    )
-    found = recover_log(folder, account)
-    assert (found.messages, account.error) == (len(counted), '')
-    assert [data for _, data in counted] == [data for *_, data in messages_of(folder)]
+    """What rosbags reads of a log after it was recovered."""
+    found = recover_log(folder)
+    assert found.messages == len(messages_of(folder))
     assert recover_log(folder).closed
     return messages_of(folder)
 
@@ -108,67 +106,50 @@ def replayed(folder):
         if 'at least one message' in str(error):
             return []
         raise
-    topics = recording.topics
-    return [(each.topic, each.time, each.data) for each in recording.messages(topics)]
+    return [(each.topic, each.time, each.data) for each in recording.messages(recording.topics)]
 
 
 def in_order(folder):
     found = {name: list(messages(folder, name)) for name in (PART_TYPE, POSES_TYPE)}
-    times = {PART_TYPE: 50, POSES_TYPE: 100}
-    topics = {PART_TYPE: PART.name, POSES_TYPE: POSES.name}
     return [
-        (topics[name], times[name] + k, data)
-        for name in found
-        for k, data in enumerate(found[name])
+        *((PART.name, PART_TIME + k, data) for k, data in enumerate(found[PART_TYPE])),
+        *((POSES.name, START + k, data) for k, data in enumerate(found[POSES_TYPE])),
     ]
 
 
 def by_index(folder):
-    """First and last of each type, and texts; all messages of a log without an index."""
-    try:
-        with IndexedLog(folder) as log:
-            ends = [[log.first(name), log.last(name)] for name in (PART_TYPE, POSES_TYPE)]
-            return [ends, log.message_count, log.read_metadata()['run']]
-    except NoIndexError:
-        return in_order(folder)
-
-
-def result(read, folder):
-    """What is read; LogError if it is refused, in one line."""
-    try:
-        return read(folder)
-    except LogError as error:
-        line = str(error)
-    assert line.isprintable()
-    return LogError
+    """First and last of each type, and their number; all messages of a log without an index."""
+    with open_log(folder) as log:
+        if not log.has_index:
+            return in_order(folder)
+        ends = [[log.first(name), log.last(name)] for name in (PART_TYPE, POSES_TYPE)]
+        return [ends, log.message_count, log.outcome]
 
 
 READERS = {'messages': in_order, 'replay': replayed, 'index': by_index, 'recover': recovered}
 
 
+def check_all(sample, content):
+    """Read a damaged copy of a sample with every reader; it may have lost messages at its end."""
+    whole = sample.messages
+    for name, read in READERS.items():
+        folder = sample.copy(content, sample.metadata)
+        try:
+            found = read(folder)
+        except LogError:
+            assert (folder / 'run_0.mcap').read_bytes() == content
+            continue
+        if name == 'index' and found == sample.by_index:
+            continue
+        assert found == whole[: len(found)]
+        assert len(found) == len(whole) or not content.endswith(MAGIC)
+
+
 # -- what is damaged before its end --------------------------------------------------------------
 
-# Where a byte of a closed log is another one.
-PLACES = {
-    'header': lambda content: 20,
-    'chunk': lambda content: record(content, CHUNK, 3)[1] - 30,
-    'opcode of a chunk': lambda content: record(content, CHUNK, 3)[0],
-    'length of a chunk': lambda content: record(content, CHUNK, 3)[0] + 2,
-    'times of a chunk': lambda content: record(content, CHUNK, 3)[0] + 10,
-    'attachment': lambda content: sum(record(content, ATTACHMENT)) // 2,
-    'metadata': lambda content: record(content, METADATA)[1] - 1,
-    'end of the data': lambda content: record(content, DATA_END)[0] + 10,
-    'chunk index': lambda content: record(content, CHUNK_INDEX, 2)[0] + 25,
-    'statistics': lambda content: record(content, STATISTICS)[0] + 9,
-    'footer': lambda content: len(content) - 25,
-    'last byte': lambda content: len(content) - 1,
-}
 
-
-@pytest.mark.parametrize('place', PLACES)
-def test_log_with_a_wrong_byte_is_rejected_unchanged(sample, place):
-    content = bytearray(sample.content)
-    content[PLACES[place](content)] ^= 1
+def test_log_with_a_wrong_byte_is_rejected_unchanged(sample):
+    content = damaged(sample.content, 'flip', record(sample.content, CHUNK, 3)[1] - 30, 0, 1)
     folder = sample.copy(content, sample.metadata)
     for read in (in_order, replayed, recover_log):
         with pytest.raises(LogError) as caught:
@@ -176,49 +157,68 @@ def test_log_with_a_wrong_byte_is_rejected_unchanged(sample, place):
         line = str(caught.value)
         assert line.startswith(f"log '{folder / 'run_0.mcap'}' is damaged: found ")
         assert '"mcap recover"' in line
-        assert line.isprintable()
     assert (folder / 'run_0.mcap').read_bytes() == content
     assert sorted(path.name for path in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
 
 
-def harm(content, rng):
+def damaged(content, kind, at, bit, length):
     """Flip a bit, cut, take out, put in, or set to zero."""
-    at = rng.randrange(len(content))
-    length = rng.choice([1, 30, 1000])
-    kind = rng.choice(['flip', 'flip', 'flip', 'cut', 'less', 'more', 'zeros'])
+    content, at = bytearray(content), at % len(content)
     if kind == 'flip':
-        content[at] ^= 1 << rng.randrange(8)
+        content[at] ^= 1 << bit
     elif kind == 'cut':
         del content[at:]
-    elif kind == 'less':
+    elif kind == 'take out':
         del content[at : at + length]
-    elif kind == 'more':
-        content[at:at] = rng.randbytes(length)
+    elif kind == 'put in':
+        content[at:at] = random.Random(at).randbytes(length)
     else:
         content[at : at + length] = bytes(len(content[at : at + length]))
+    return bytes(content)
 
 
-def seeds(quick, slow):
-    return [
-        pytest.param(seed, marks=[pytest.mark.slow] if seed >= quick else [])
-        for seed in range(slow)
-    ]
+@given(
+    closed=st.booleans(),
+    kind=st.sampled_from(['flip', 'cut', 'take out', 'put in', 'zeros']),
+    at=st.integers(0, 2**16),
+    bit=st.integers(0, 7),
+    length=st.sampled_from([1, 30, 1000]),
+)
+def test_damaged_logs_are_read_correctly_or_rejected(sample, closed, kind, at, bit, length):
+    content = sample.content if closed else sample.unfinished
+    check_all(sample, damaged(content, kind, at, bit, length))
 
 
-@pytest.mark.parametrize('reader', READERS)
-@pytest.mark.parametrize('seed', seeds(10, 60))
-def test_damaged_logs_are_read_correctly_or_rejected(sample, seed, reader):
-    whole = READERS[reader](sample.copy(sample.content, sample.metadata))
-    rng = random.Random(seed)
-    for _ in range(8):
-        content = bytearray(rng.choice([sample.content, sample.unfinished]))
-        for _ in range(rng.choice([1, 1, 2])):
-            harm(content, rng)
-        folder = sample.copy(content, sample.metadata)
-        found = result(READERS[reader], folder)
-        if found not in (LogError, whole):  # it was cut
-            assert found == sample.messages[: len(found)]
-            assert not content.endswith(MAGIC)
+STRIDES = [257, pytest.param(41, marks=[pytest.mark.slow])]
+
+
+@pytest.mark.parametrize('stride', STRIDES)
+def test_log_with_any_flipped_byte_is_rejected(sample, stride):
+    """Checksums cover all but the magic bytes; a reader of the index may not read the place."""
+    for at in range(0, len(sample.content), stride):
+        content = damaged(sample.content, 'flip', at, at % 8, 1)
+        check_all(sample, content)
+        if content.startswith(MAGIC) and content.endswith(MAGIC):
+            with pytest.raises(LogError, match='is damaged: found'):
+                in_order(sample.copy(content))
+
+
+@pytest.mark.parametrize('stride', [29, pytest.param(1, marks=[pytest.mark.slow])])
+def test_log_that_is_truncated_anywhere_is_read_up_to_its_end(tmp_path, stride):
+    with RunLog(tmp_path, 'run') as log:
+        for k in range(3):
+            log.write(CHATTER, bytes([0, 1, 0, 0, k]) * 9, START + k)
+            log.flush()
+    content = log.path.read_bytes()
+    whole = replayed(log.path)
+    assert len(whole) == 3
+    ends = [end for kind, _, end in records_of(content) if kind == CHUNK]
+    near_ends = {end + near for end in ends for near in (-1, 0, 1)}
+    for size in sorted(near_ends | set(range(0, len(content), stride))):
+        log.path.write_bytes(content[:size])
+        complete = sum(end <= size for end in ends)
+        assert replayed(log.path) == whole[:complete]
+        assert list(messages(log.path, CHATTER.type)) == [data for *_, data in whole[:complete]]
 
 
 # -- what contradicts itself ---------------------------------------------------------------------
@@ -273,11 +273,9 @@ SUMMARIES = {
 def test_inconsistent_summary_is_not_used(sample, summary):
     content = rebuilt(sample.content, SUMMARIES[summary])
     assert content != sample.content
-    folder = sample.copy(content, sample.metadata)
-    whole = by_index(sample.copy(sample.content, sample.metadata))
-    results = [result(read, folder) for read in (by_index, in_order)]
-    assert LogError in results
-    assert all(found in (LogError, whole, sample.messages) for found in results)
+    with pytest.raises(LogError, match='is damaged: found'):
+        by_index(sample.copy(content, sample.metadata))
+    check_all(sample, content)
 
 
 def test_message_of_unknown_channel_is_rejected(tmp_path):
@@ -330,11 +328,9 @@ READ_WITHIN = """
 import sys
 from pathlib import Path
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.indexed_reader import IndexedLog
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.reader import Recording, messages
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.logs.topic_metadata import POSES_TYPE
+from resting_aspects_ros.logs.topics import POSES_TYPE
 for read in (Recording, recover_log, lambda log: list(messages(log, POSES_TYPE))):
     try:
         read(Path(sys.argv[1]))
@@ -367,7 +363,7 @@ def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):
 def test_chunk_of_zeros_is_rejected(tmp_path):
     file = tmp_path / 'zeros.mcap'
     file.write_bytes(mcap_of(Chunk('zstd', zeros_zstd(1 << 27), 1, 0, 0, 1 << 27)))
-    with pytest.raises(LogError, match='a record with the opcode 0 in a chunk'):
+    with pytest.raises(LogError, match='an unexpected record with the opcode 0'):
         Recording(file)
 
 
@@ -380,6 +376,39 @@ def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
             Recording(file)
         assert len(str(caught.value)) < 700
         assert 'Error' not in str(caught.value)  # no name of a class
+
+
+def record_of(opcode, content, size=None):
+    """A record whose length may be another one than that of its content."""
+    return bytes([opcode]) + struct.pack('<Q', len(content) if size is None else size) + content
+
+
+FORGED = {
+    'record': record_of(CHUNK, b'x', 2**60),
+    'record in a closed file': record_of(METADATA, b'x', 2**40),
+    'data of a chunk': record_of(CHUNK, struct.pack('<QQQII', 0, 0, 9, 0, 0) + bytes([255] * 7)),
+    'unpacked chunk': record_of(
+        CHUNK, struct.pack('<QQQII', 0, 0, 2**60, 0, 4) + b'zstd' + struct.pack('<Q', 1) + b'x'
+    ),
+    'data of an attachment': record_of(ATTACHMENT, struct.pack('<QQIIQI', 0, 0, 0, 0, 2**60, 0)),
+    'name of a schema': record_of(3, struct.pack('<HI', 1, 2**32 - 1) + b'x'),
+    'metadata of a channel': record_of(4, struct.pack('<HHIII', 1, 0, 0, 0, 2**32 - 1)),
+}
+
+
+@pytest.mark.parametrize('forged', FORGED)
+@pytest.mark.parametrize('end', [b'', MAGIC])
+def test_forged_size_needs_little_memory(tmp_path, forged, end):
+    file = tmp_path / 'forged.mcap'
+    file.write_bytes(MAGIC + record_of(1, struct.pack('<II', 0, 0)) + FORGED[forged] + end)
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogError, match=r'forged\.mcap'):
+            Recording(file)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 10**7
 
 
 # -- metadata.yaml -------------------------------------------------------------------------------
@@ -395,13 +424,8 @@ def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
         lambda text: text + 'a: [',
         lambda text: '- 1',
         lambda text: 'rosbag2_bagfile_information: null',
-        lambda text: 'a: !!timestamp abc',
-        lambda text: 'a: !!int ""',
-        lambda text: 'a: !!bool maybe',
         lambda text: f'a: 0x{"f" * 4000}',
         lambda text: '[' * 2000,
-        lambda text: '{a: ' * 500 + '}' * 500,
-        lambda text: '? ' * 3000,
         lambda text: 'rosbag2_bagfile_information: &a [*a]',
         lambda text: 'x' * (2 << 20),
     ],
@@ -413,54 +437,3 @@ def test_wrong_metadata_yaml_is_replaced(sample, damage):
     assert (folder / 'metadata.yaml').read_text() == sample.metadata
     assert (folder / 'run_0.mcap').read_bytes() == sample.content
     assert recover_log(folder).closed
-
-
-# -- what happens meanwhile ----------------------------------------------------------------------
-
-
-def test_concurrent_recovery_is_rejected(sample, monkeypatch):
-    folder = sample.copy(sample.unfinished)
-    finish, others = recovery.finish_file, []
-
-    def meanwhile(*arguments):
-        others.append(recover_log(folder).being_written)
-        finish(*arguments)
-
-    monkeypatch.setattr(recovery, 'finish_file', meanwhile)
-    recover_log(folder)
-    assert others == [True]
-    assert messages_of(folder) == sample.messages
-    assert sorted(file.name for file in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
-
-
-def test_second_recovery_writes_missing_metadata_yaml(sample):
-    folder = sample.copy(sample.unfinished)
-    (folder / 'metadata.yaml').mkdir()
-    with pytest.raises(LogError, match='cannot be written: Is a directory'):
-        recover_log(folder)
-    (folder / 'metadata.yaml').rmdir()
-    assert not recover_log(folder).closed
-    assert messages_of(folder) == sample.messages
-    assert recover_log(folder).closed
-
-
-def test_pipe_is_rejected_without_waiting(sample):
-    folder = sample.copy(sample.content)
-    os.mkfifo(folder / 'a.mcap')
-    assert in_order(folder) == sample.messages  # of the file beside it
-    with pytest.raises(LogError, match='is neither a file nor a folder'):
-        recover_log(folder / 'a.mcap')
-    os.mkfifo(folder / 'metadata.yaml')
-    assert not recover_log(folder).closed  # it is replaced
-    (folder / 'run_0.mcap').unlink()
-    with pytest.raises(LogError, match=r'it has no \.mcap file'):
-        recover_log(folder)
-
-
-def test_recovery_reads_the_file_once(sample, monkeypatch):
-    passes = []
-    records = LogFile.records
-    monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
-    for content in (sample.content, sample.unfinished):
-        recover_log(sample.copy(content, sample.metadata))
-    assert passes == [1, 1]

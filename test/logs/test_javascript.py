@@ -12,8 +12,8 @@ import yaml
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic, qos_profiles
+from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
+from resting_aspects_ros.logs.writer import RunLog
 
 JS = Path(__file__).parents[1] / 'js'
 OLDEST = json.loads((JS / 'package.json').read_text())['engines']['node'].removeprefix('>=')

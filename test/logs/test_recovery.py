@@ -1,5 +1,6 @@
 """Recovery of logs that were not closed, verified with rosbags, an independent reader."""
 
+import os
 import random
 import signal
 import subprocess
@@ -12,9 +13,10 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs import recovery
+from resting_aspects_ros.logs.recovery import recover_log
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
 PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
@@ -65,15 +67,13 @@ def test_truncated_log_keeps_all_flushed_messages(tmp_path):
     content = log.path.read_bytes()
     start = ends[0]
     cuts = {end + near for end in ends for near in (-1, 0, 1)} | set(
-        range(start, len(content), 499)
+        range(start, len(content), 999)
     )
     for size in sorted(cuts):
         folder = tmp_path / f'cut_{size}' / 'run'
         folder.mkdir(parents=True)
         (folder / 'run_0.mcap').write_bytes(content[:size])
-        assert not recover_log(
-            folder, RecoveryCounter((), lambda *_: None, lambda: OUTCOME)
-        ).closed
+        assert not recover_log(folder, OUTCOME).closed
         found = messages_of(folder)
         flushed = sum(end <= size for end in ends)
         # A chunk is whole a few bytes before its index is.
@@ -170,6 +170,52 @@ def test_folder_with_two_files_is_rejected(tmp_path):
         recover_log(tmp_path)
 
 
+def test_pipe_is_rejected_without_waiting(tmp_path):
+    log, _ = write(tmp_path)
+    log.close()
+    os.mkfifo(log.path.parent / 'a.mcap')
+    assert recover_log(log.path.parent).closed  # of the file beside it
+    with pytest.raises(LogError, match='is neither a file nor a folder'):
+        recover_log(log.path.parent / 'a.mcap')
+    log.path.unlink()
+    with pytest.raises(LogError, match=r'it has no \.mcap file'):
+        recover_log(log.path.parent)
+
+
+def test_concurrent_recovery_is_rejected(tmp_path, monkeypatch):
+    log, ends = write(tmp_path / 'made')
+    log.close()
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    (folder / 'run_0.mcap').write_bytes(log.path.read_bytes()[: ends[-1]])
+    finish, others = recovery.finish_file, []
+
+    def meanwhile(*arguments):
+        others.append(recover_log(folder).being_written)
+        finish(*arguments)
+
+    monkeypatch.setattr(recovery, 'finish_file', meanwhile)
+    recover_log(folder)
+    assert others == [True]
+    assert messages_of(folder) == expected(8)
+    assert sorted(file.name for file in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
+
+
+def test_second_recovery_writes_missing_metadata_yaml(tmp_path):
+    log, ends = write(tmp_path)
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content[: ends[-1]])
+    (log.path.parent / 'metadata.yaml').unlink()
+    (log.path.parent / 'metadata.yaml').mkdir()
+    with pytest.raises(LogError, match='cannot be written: Is a directory'):
+        recover_log(log.path.parent)
+    (log.path.parent / 'metadata.yaml').rmdir()
+    assert not recover_log(log.path.parent).closed
+    assert messages_of(log.path.parent) == expected(8)
+    assert recover_log(log.path.parent).closed
+
+
 def test_full_disk_leaves_the_log_unchanged(tmp_path, no_space_after):
     log, ends = write(tmp_path)
     log.path.with_name('cut.mcap').write_bytes(log.path.read_bytes()[: ends[5]])
@@ -185,8 +231,8 @@ def test_full_disk_leaves_the_log_unchanged(tmp_path, no_space_after):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 log = RunLog(Path(sys.argv[1]), 'run')
 for i in range(10**9):
     log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), i.to_bytes(8, 'little') * 2000, i)

@@ -37,8 +37,8 @@ from resting_aspects_interfaces.msg import FeederAction, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.client import pending_request
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -48,8 +48,8 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
@@ -187,7 +187,7 @@ class Process:
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
-                if 'simulation.process_workers ' in Path(f'/proc/{pid}/cmdline').read_text():
+                if 'simulation.workers ' in Path(f'/proc/{pid}/cmdline').read_text():
                     os.kill(pid, number)
                     workers += 1
         return workers

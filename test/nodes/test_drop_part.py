@@ -9,8 +9,8 @@ from resting_aspects_interfaces.msg import RestingPose, Status
 
 from resting_aspects_ros.ros.conversions import nanoseconds, poses_from
 from resting_aspects_ros.ros.interface import FRAME, MIN_BATCH, POSES_DEPTH, batch_size
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 DROPS = 2 * MIN_BATCH + 30

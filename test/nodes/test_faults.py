@@ -19,7 +19,7 @@ QUICK = {
     'drop_recorder': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
         'ros.goal_client.RETRY_PERIOD': 1.0,
-        'run_logs.run_recorder.END_TIMEOUT': 2.0,
+        'run_logs.recorder.END_TIMEOUT': 2.0,
     },
 }
 

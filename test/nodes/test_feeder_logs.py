@@ -21,8 +21,7 @@ from rosbags.highlevel import AnyReader
 from resting_aspects_ros.api.count_files import read_observed
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.reader import Recording, messages
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED

@@ -34,7 +34,7 @@ from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.forecast_client import forecast_request
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart
 from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
@@ -43,7 +43,7 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics import counted_parts
 from resting_aspects_ros.statistics.counted_parts import LiveCounts

@@ -12,20 +12,20 @@ from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.errors import LogError, RestingAspectsError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import (
+from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
+from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
     Qos,
     Topic,
 )
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 SEED = 5

@@ -22,8 +22,8 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, MIN_BATCH, POSES
 
 DROPS = 2 * MIN_BATCH + 200

@@ -20,8 +20,8 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
 from resting_aspects_ros.ros.liveliness import announce
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 40
@@ -29,7 +29,7 @@ QUICK = {
     'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
     'nodes.run_tracking.tracker.GRACE': 0.5,
     'nodes.run_tracking.tracker.REPLACED_GRACE': 1.0,
-    'run_logs.run_recorder.END_TIMEOUT': 2.0,
+    'run_logs.recorder.END_TIMEOUT': 2.0,
 }
 QUIET = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
 

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED, MIN_BATCH
 from resting_aspects_ros.simulation.conditions import parts_folder
@@ -49,7 +49,7 @@ def plain(message):
 @pytest.fixture(scope='module')
 def suite(fresh_suite):
     # One whose last distribution was replaced before it was read is closed after this.
-    return fresh_suite({'drop_recorder': {'run_logs.run_recorder.END_TIMEOUT': 2.0}})
+    return fresh_suite({'drop_recorder': {'run_logs.recorder.END_TIMEOUT': 2.0}})
 
 
 @pytest.fixture(scope='module')

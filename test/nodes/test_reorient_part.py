@@ -23,9 +23,9 @@ from resting_aspects_ros.client import (
     RestingAspectsClient,
     transition_matrix_from,
 )
-from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.reader import messages
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 from resting_aspects_ros.ros.interface import LATCHED

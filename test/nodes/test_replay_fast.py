@@ -8,8 +8,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution, RestingPoses, Status
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.interface import MIN_BATCH, POSES
 from resting_aspects_ros.statistics.distribution import count_poses

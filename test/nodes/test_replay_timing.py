@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.logs.playback_reader import Recording
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.logs.reader import Recording
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.log_replayer.player import (
     ACK_PERIOD,
     ACK_TIMEOUT,

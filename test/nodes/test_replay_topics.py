@@ -9,9 +9,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.message_definitions import load_schema
-from resting_aspects_ros.logs.playback_reader import Recording
-from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles, yaml_text
+from resting_aspects_ros.logs.reader import Recording
+from resting_aspects_ros.logs.topics import Qos, load_schema, qos_profiles, yaml_text
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 from resting_aspects_ros.ros.interface import LATCHED, POSES
 
@@ -152,7 +151,7 @@ def test_type_that_is_not_installed_is_an_error(recording):
 
 def test_type_without_a_python_class_is_an_error(recording, tmp_path, monkeypatch):
     """Its definition is there, as in a workspace of C++ alone."""
-    known = importlib.import_module('resting_aspects_ros.logs.message_definitions')
+    known = importlib.import_module('resting_aspects_ros.logs.topics')
     folder = tmp_path / 'prefix' / 'share' / 'only_cpp' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Thing.msg').write_text('int32 a\n')

@@ -16,8 +16,8 @@ from resting_aspects_ros.client import pending_request
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES, RESTING_POSES
 from resting_aspects_ros.simulation.conditions import parts_folder
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.simulation.workers import drop_range
 
 SEED = 5
 

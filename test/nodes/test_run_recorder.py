@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.drop_recorder.log_folder import absolute_folder
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
 
 TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))

@@ -6,7 +6,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
-from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.ros.interface import DIAGNOSTICS, LATCHED
 
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')

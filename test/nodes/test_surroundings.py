@@ -8,9 +8,9 @@ from resting_aspects_interfaces.msg import Status, SurroundingsDescription
 from visualization_msgs.msg import MarkerArray
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.logs.bag_metadata import recorded_outcome
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.topic_metadata import SURROUNDINGS_TYPE
+from resting_aspects_ros.logs.bag import recorded_outcome
+from resting_aspects_ros.logs.reader import messages
+from resting_aspects_ros.logs.topics import SURROUNDINGS_TYPE
 from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import BODIES
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import LATCHED, SURROUNDINGS_MARKERS, SURROUNDINGS_QOS

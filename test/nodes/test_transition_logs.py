@@ -11,14 +11,14 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError, LogError
-from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, TRANSITIONS_TYPE, Topic
+from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.reader import messages
+from resting_aspects_ros.logs.topics import PART_TYPE, TRANSITIONS_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, offered_qos
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 
 TOPIC = 'transitions/tetrahedron'
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from step_text import StepFile, box_faces, step_text
+from fuzz.step_text import StepFile, box_faces, step_text
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError, PartError

@@ -1,6 +1,8 @@
 """Reports of parts, without a drop: counts are given."""
 
+import dataclasses
 from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +10,26 @@ import trimesh
 from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.comparison_text import ReferenceCounts
-from resting_aspects_ros.report.page import Report, report_files
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.comparison import ComparedResults
+from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.statistics.distribution import Distribution
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Report:
+    """What a page of a distribution shows, and the page."""
+
+    title: str
+    subtitle: str
+    distribution: Distribution
+    part: Part | None
+    more: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def page(self):
+        return drop_page(self.distribution, self.part, self.title, self.subtitle, **self.more)
 
 
 @pytest.fixture(scope='session')
@@ -43,10 +61,15 @@ def make_report():
             )
             other = DropCounts(own.counts // 2 + 3)
             found = compare(own, other, np.random.default_rng(1))
-            more['measured'] = ReferenceCounts('by hand', own, other, found)
+            ids = tuple(range(1, len(own.counts) + 1))
+            labels = ('simulated', 'by hand')
+            more['measured'] = (
+                found,
+                ComparedResults(ids, None, own, other, 'class', labels=labels),
+            )
         looks = np.array([10, 30, 100, 300, distribution.drops])
         more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
-        return Report(part.name, f'{drops} drops on a tray', distribution, part, **more)
+        return Report(part.name, f'{drops} drops on a tray', distribution, part, more)
 
     return make
 
@@ -71,7 +94,7 @@ def written(tmp_path_factory):
 
     def write(report):
         folder = tmp_path_factory.mktemp(f'report{next(numbers)}')
-        for name, data in report_files(report):
+        for name, data in report.page.files():
             (folder / name).write_bytes(data)
         return folder
 

@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.aspect_pose import (
+from resting_aspects_ros.report.picture import (
     MAX_TRIANGLES,
     PITCH,
     ROW,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from resting_aspects_ros.report.coarse_mesh import coarse_faces
+from resting_aspects_ros.report.picture import coarse_faces
 
 NOTHING = np.zeros(0, dtype=np.int64)
 

@@ -8,13 +8,13 @@ from PIL import Image
 from rich.console import Console
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.report.feeder_table import (
+from resting_aspects_ros.report.forecast import (
     FeederView,
     feeder_line,
     feeder_sentence,
     feeder_table,
 )
-from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
+from resting_aspects_ros.report.scene_picture import DrawnPart, save_tray_picture
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 

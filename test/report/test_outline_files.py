@@ -14,12 +14,13 @@ from shapely import Polygon, affinity, intersects_xy
 from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
-from resting_aspects_ros.report.outline_images import (
+from resting_aspects_ros.report.outlines import (
     coco_document,
     described_image,
+    dxf_drawing,
     outline_image,
     png_file,
+    svg_drawing,
 )
 from resting_aspects_ros.vision.outline import covered_share
 

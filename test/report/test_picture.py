@@ -12,10 +12,16 @@ from PIL import Image
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.colours import COLOURS, GREY
-from resting_aspects_ros.report.figure_style import png_bytes
-from resting_aspects_ros.report.picture import MARGIN, MAX_SHOWN, ROW, _rows, distribution_figure
-from resting_aspects_ros.report.posed_part import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
+from resting_aspects_ros.report.drop_figures import (
+    MARGIN,
+    MAX_SHOWN,
+    ROW,
+    _rows,
+    distribution_figure,
+)
+from resting_aspects_ros.report.figure import png_bytes
+from resting_aspects_ros.report.format import COLOURS, GREY
+from resting_aspects_ros.report.picture import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 
@@ -242,9 +248,9 @@ import sys
 import numpy as np
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.report.figure_style import png_bytes
-from resting_aspects_ros.report.page import report_files
-from resting_aspects_ros.report.picture import distribution_figure
+from resting_aspects_ros.report.figure import png_bytes
+from resting_aspects_ros.report.drop_page import drop_page
+from resting_aspects_ros.report.drop_figures import distribution_figure
 assert 'matplotlib' not in sys.modules
 assert 'jinja2' not in sys.modules
 png_bytes(distribution_figure(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0),

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.report.pie import DISTANCE, MAX_PICTURES, SIDE, pie_figure, spread
-from resting_aspects_ros.report.rows import Row
+from resting_aspects_ros.report.drop_figures import (
+    DISTANCE,
+    MAX_PICTURES,
+    SIDE,
+    pie_figure,
+    spread,
+)
+from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.statistics.intervals import Interval
 
 IMAGE = np.ones((4, 4, 4), dtype=np.float32)

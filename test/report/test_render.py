@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.report.render import NOTHING, edges, rasterise
+from resting_aspects_ros.report.picture import NOTHING, edges, rasterise
 
 SIZE = 200
 

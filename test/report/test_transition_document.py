@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.transition_document import (
+from resting_aspects_ros.report.transitions import (
     long_run_fields,
     matrix_fields,
     retention_fields,

@@ -11,7 +11,7 @@ from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part, locate_part
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
-from resting_aspects_ros.report.outline_document import outlines_document
+from resting_aspects_ros.report.outlines import outlines_document
 from resting_aspects_ros.ros.outline_conversions import (
     candidate_msg,
     outlines_msg,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 
 
 @pytest.fixture(scope='module')

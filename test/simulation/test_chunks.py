@@ -1,7 +1,7 @@
 """Chunks: bounds, order, number of pending chunks, and workers that die."""
 
 import dataclasses
-from concurrent.futures import BrokenExecutor, CancelledError, Future
+from concurrent.futures import CancelledError, Future
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, MAX_SEED, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
+    WorkerDiedError,
     chunk_bounds,
     drop_chunks,
     submit_drops,
@@ -49,8 +50,6 @@ class Mortal:
 
     def submit(self, job, first, stop):
         end = self.ends.pop(0) if self.ends else None
-        if isinstance(end, BrokenOnSubmit):
-            raise end
         self.asked.append(first)
         future = Future()
         if end is None:
@@ -61,25 +60,11 @@ class Mortal:
             future.set_exception(end)
         return future
 
-    def result(self, future):
-        return future.result()
-
     def lookahead(self):
         return 1
 
-    def deaths(self, error):
-        return getattr(error, 'deaths', int(isinstance(error, BrokenExecutor)))
 
-
-class BrokenOnSubmit(BrokenExecutor):
-    """As a pool does, whose worker died while it had nothing to do."""
-
-
-class ManyDeathsError(Exception):
-    deaths = MAX_DEATHS + 1
-
-
-DEATH = BrokenExecutor('a child process terminated abruptly')
+DEATH = WorkerDiedError('a worker process died')
 
 
 def some_poses(first, stop):
@@ -206,17 +191,6 @@ def test_closing_cancels_only_chunks_not_started(job):
     assert len(workers.asked) == 4
 
 
-def test_the_lookahead_may_grow_and_shrink(job):
-    lookahead = [1]
-    workers = Recorder(lambda: lookahead[0])
-    under_way = []
-    chunks = submit_drops(job, 0, 6 * CHUNK, workers)
-    for taken, _ in enumerate(chunks):
-        under_way.append(len(workers.futures) - taken)
-        lookahead[0] = [3, 2, 2, 2, 2, 2][taken]
-    assert under_way == [1, 3, 2, 2, 2, 1]
-
-
 def test_chunks_are_ordered_and_follow_their_futures(campaign):
     workers = Mortal()
     chunks, warnings, error = campaign(workers)
@@ -225,9 +199,8 @@ def test_chunks_are_ordered_and_follow_their_futures(campaign):
     assert (warnings, error) == ([], None)
 
 
-@pytest.mark.parametrize('death', [DEATH, BrokenOnSubmit()], ids=['result', 'submit'])
-def test_chunks_of_dead_workers_are_repeated(campaign, death):
-    workers = Mortal(None, death)
+def test_chunks_of_dead_workers_are_repeated(campaign):
+    workers = Mortal(None, DEATH)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
     assert warnings == [f'a worker died near drop {CHUNK} of tetrahedron: its drops are repeated']
@@ -247,12 +220,6 @@ def test_a_returned_chunk_resets_the_death_count(campaign):
     deaths = [DEATH] * (MAX_DEATHS - 1)
     workers = Mortal(*deaths, None, *deaths, None, *deaths)
     assert campaign(workers)[2] is None
-
-
-def test_one_error_can_report_several_deaths(campaign):
-    _, warnings, error = campaign(Mortal(ManyDeathsError()))
-    assert error == f'{MAX_DEATHS + 1} worker processes died in a row near drop 10 of tetrahedron'
-    assert warnings == []
 
 
 @pytest.mark.parametrize(

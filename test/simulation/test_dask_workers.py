@@ -14,12 +14,11 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.errors import EngineError, InvalidValueError
-from resting_aspects_ros.simulation import dask_workers as drops_cluster
 from resting_aspects_ros.simulation import workers as chunks
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation import workers as drops_cluster
 from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, plan_run
 from resting_aspects_ros.simulation.surroundings import named_surroundings
-from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers
+from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers, drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 CHUNK = CHUNKS[KERNEL]
@@ -81,7 +80,7 @@ def test_chunk_that_kills_its_workers_is_an_error(cluster, planned, workers, mon
     monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
     monkeypatch.setattr(drops_cluster, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     job, asked = planned
-    expected = r'^3 worker processes died in a row near drop 0 of tetrahedron$'
+    expected = r'^a worker failed near drop 0 of tetrahedron: KilledWorker'
     with pytest.raises(EngineError, match=expected):
         chunks_of(job, dataclasses.replace(asked, drops=1), workers)
 

@@ -9,22 +9,24 @@ from scipy.spatial.transform import Rotation
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.action_starts import action_starts
 from resting_aspects_ros.simulation.actions import Step
-from resting_aspects_ros.simulation.bullet_edge import EdgeWorld, SceneEdgeWorld, SceneWallWorld
-from resting_aspects_ros.simulation.bullet_world import SceneWorld, WallWorld, World
+from resting_aspects_ros.simulation.bullet_engine import EdgeWorld, WallWorld
+from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.job import STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState
+from resting_aspects_ros.simulation.starts import rest_starts
 
 RESTITUTION = 0.6
 Z = np.array([0.0, 0.0, 1.0])
+# Parts at an edge are all at the same place along it.
+ALONG = 0.0, 0.0
 
 
 def job_of(part, mat, surroundings=None, step=None):
     smooth = mat.changed(friction=0.0, rolling_friction=0.0, restitution=RESTITUTION)
     starts = None
     if step is not None:
-        starts = action_starts(part, find_aspects(part).aspects, step, smooth.gravity)
+        starts = rest_starts(part, find_aspects(part).aspects, step, smooth)
     if surroundings is not None:
         changes = {'wall.friction': 0.0} if surroundings == 'wall' else {}
         around = ra.surroundings(surroundings, **changes)
@@ -37,11 +39,11 @@ def on_plane(part, mat):
 
 
 def on_slope(part, mat):
-    return SceneWorld(job_of(part, mat, 'slope')), Z, np.zeros(3)
+    return World(job_of(part, mat, 'slope')), Z, np.zeros(3)
 
 
 def at_wall(part, mat):
-    return SceneWorld(job_of(part, mat, 'wall')), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0, 5])
+    return World(job_of(part, mat, 'wall')), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0, 5])
 
 
 def below_edge(part, mat):
@@ -52,18 +54,18 @@ def below_edge(part, mat):
 def on_upper_belt(part, mat):
     job = job_of(part, mat, step=Step(belt_speed=0.2, step_height=0.02))
     top = job.edge.height / job.radius
-    return EdgeWorld(job, STEPS_PER_T), Z, np.array([-4.0, 0, top])
+    return EdgeWorld(job, ALONG, STEPS_PER_T), Z, np.array([-4.0, 0, top])
 
 
 def below_edge_of_slope(part, mat):
     job = job_of(part, mat, 'slope', Step(belt_speed=0.2, step_height=0.02))
-    return SceneWallWorld(job), Z, np.array([4.0, 0, 0])
+    return WallWorld(job), Z, np.array([4.0, 0, 0])
 
 
 def on_upper_belt_of_slope(part, mat):
     job = job_of(part, mat, 'slope', Step(belt_speed=0.2, step_height=0.02))
     top = job.edge.height / job.radius
-    return SceneEdgeWorld(job, (0.0, 0.0), STEPS_PER_T), Z, np.array([-4.0, 0, top])
+    return EdgeWorld(job, ALONG, STEPS_PER_T), Z, np.array([-4.0, 0, top])
 
 
 WORLDS = [

@@ -13,9 +13,9 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part, random_orientations
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, MAX_IMPACT, make_job
 from resting_aspects_ros.simulation.release import NUMBERS, DropRandom, initial_states
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.

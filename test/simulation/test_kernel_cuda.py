@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from resting_aspects_ros.errors import EngineError
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.workers import drop_range
 
 # Both as Python: the simulator cannot call compiled functions.
 PROGRAM = """

@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel, kernel_data
-from resting_aspects_ros.simulation.compiled_kernel import simulate
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
-from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import depth_of
 
 UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])

@@ -7,12 +7,12 @@ from concurrent.futures import CancelledError
 import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.workers import (
     MAX_WORKERS,
     LocalWorkers,
     default_workers,
+    drop_range,
     submit_drops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -75,7 +75,7 @@ def test_runs_of_both_engines_share_the_workers(job_of, make_workers, assert_sam
     asked = [(job_of(engine), k, k + 3) for k in (0, 40) for engine in (KERNEL, BULLET)]
     futures = [workers.submit(*each) for each in asked]
     for future, each in zip(futures, asked, strict=True):
-        assert_same_poses(workers.result(future), drop_range(*each))
+        assert_same_poses(future.result(), drop_range(*each))
 
 
 def test_error_in_a_thread_reaches_the_caller(job_of, make_workers):

@@ -1,8 +1,8 @@
 """A pose belongs to an aspect if the direction that is down is one of the aspect's."""
 
 import numpy as np
-import part_families
 import pytest
+from fuzz import part_families
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 

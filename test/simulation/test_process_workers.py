@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import pickle
 import re
 import select
 import signal
@@ -17,15 +16,13 @@ import pytest
 
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import workers as process_workers
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, CHUNKS, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
-    NICENESS,
     LocalWorkers,
-    ProcessWorkers,
     WorkerDiedError,
     drop_chunks,
+    drop_range,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -60,27 +57,14 @@ def job(part, surfaces):
 
 
 @pytest.fixture
-def make_workers():
-    """Make worker processes that are stopped at the end of the test."""
-    made = []
-
-    def make(count):
-        made.append(ProcessWorkers(count))
-        return made[-1]
-
-    yield make
-    for workers in made:
-        stop(workers)
-
-
-@pytest.fixture
-def make_local(job):
-    """Make the workers of a run, which have started their processes."""
+def make_workers(job):
+    """Make workers, which have started their processes, and are stopped at the end of the test."""
     made = []
 
     def make(count):
         made.append(LocalWorkers(count))
-        made[-1].submit(job, 0, 1).result()
+        for future in [made[-1].submit(job, 0, 1) for _ in range(count)]:
+            future.result()
         return made[-1]
 
     yield make
@@ -133,11 +117,6 @@ def dropped_here(job):
     return drop_range(job, FIRST, FIRST + 30)
 
 
-def test_large_job_is_larger_than_a_pipe(planned):
-    job, asked = planned
-    assert (len(pickle.dumps(job)) > PIPE) == (asked.part == LARGE)
-
-
 def test_error_in_a_worker_reaches_the_caller(job, make_workers):
     workers = make_workers(1)
     with pytest.raises(ValueError, match='counter must be positive'):
@@ -161,14 +140,6 @@ def test_signals_for_the_parent_do_not_end_a_worker(number, job, make_workers, a
     assert number not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_workers_have_a_lower_priority(job, make_workers):
-    before = children()
-    workers = make_workers(1)
-    workers.submit(job, 0, 1).result()
-    (worker,) = processes(1, besides=before)
-    assert os.getpriority(os.PRIO_PROCESS, worker) == os.nice(0) + NICENESS
-
-
 def test_processes_start_with_the_first_job_of_bullet(part, surfaces, job):
     before = children()
     workers = LocalWorkers(2)
@@ -176,7 +147,7 @@ def test_processes_start_with_the_first_job_of_bullet(part, surfaces, job):
         workers.submit(make_job(part('tetrahedron'), surfaces.get(), 5), 0, 600).result()
         processes(0, besides=before)
         workers.submit(job, 0, 3).result()
-        processes(2, besides=before)
+        processes(1, besides=before)
     finally:
         stop(workers)
     processes(0, besides=before)
@@ -221,11 +192,11 @@ def test_stuck_workers_are_stopped(planned, make_workers, hold):
 
 
 @pytest.mark.quick_cases(1)
-def test_runs_are_complete_when_workers_are_killed(planned, make_local, assert_same_poses):
+def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert_same_poses):
     job, asked = planned
     here = dropped_here(job)
     before = children()
-    workers = make_local(2)
+    workers = make_workers(2)
     warnings = []
     runs = [drop_chunks(job, asked, workers, warnings.append) for _ in range(2)]
     for run in runs:
@@ -243,32 +214,34 @@ def test_runs_are_complete_when_workers_are_killed(planned, make_local, assert_s
 
 
 @pytest.mark.quick_cases(1)
-def test_idle_workers_that_died_do_not_end_a_run(planned, make_local, assert_same_poses):
+def test_idle_workers_that_died_do_not_end_a_run(planned, make_workers, assert_same_poses):
     job, asked = planned
     before = children()
-    workers = make_local(MAX_DEATHS + 1)
+    workers = make_workers(MAX_DEATHS + 1)
     for worker in processes(MAX_DEATHS + 1, besides=before):
         os.kill(worker, signal.SIGKILL)
         ended(worker)
     short = dataclasses.replace(asked, drops=CHUNK - FIRST)  # one chunk at a time
     poses = poses_of(drop_chunks(job, short, workers, pytest.fail))
     assert_same_poses(poses, drop_range(job, FIRST, CHUNK))
-    processes(MAX_DEATHS + 1, besides=before)
+    processes(1, besides=before)
+    assert workers.replaced == MAX_DEATHS + 1
 
 
 def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
-    planned, make_local, assert_same_poses
+    planned, make_workers, assert_same_poses, wait
 ):
     # As by drops of one chunk that always end the process that simulates them.
     job, asked = planned
     asked = dataclasses.replace(asked, first_drop=0, drops=2 * CHUNK)
     before = children()
-    workers = make_local(1)
+    workers = make_workers(1)
     steps = drop_chunks(job, asked, workers, lambda _: None)
     kept = [step for step in (next(steps), next(steps)) if not isinstance(step, Future)]
     for _ in range(MAX_DEATHS):
         assert isinstance(next(steps), Future)
-        os.kill(*processes(1, besides=before), signal.SIGKILL)
+        started = wait(lambda: children() - before, 'a process for the repeated chunk')
+        os.kill(*started, signal.SIGKILL)
     with pytest.raises(EngineError, match=f'^{MAX_DEATHS} worker processes died in a row'):
         next(steps)
     assert workers.replaced == MAX_DEATHS
@@ -276,29 +249,16 @@ def test_run_ends_after_repeated_deaths_and_keeps_its_chunks(
     assert len(workers.submit(job, 0, 3).result()) == 3
 
 
-def test_failure_to_start_a_process_is_an_error(monkeypatch):
-    before = children()
-    started = []
-
-    def popen(*args, **options):
-        if started:
-            raise BlockingIOError(11, 'Resource temporarily unavailable')
-        started.append(subprocess.Popen(*args, **options))
-        return started[-1]
+def test_failure_to_start_a_process_is_an_error(job, monkeypatch):
+    def popen(*_, **__):
+        raise BlockingIOError(11, 'Resource temporarily unavailable')
 
     monkeypatch.setattr(process_workers, 'Popen', popen)
+    workers = LocalWorkers(2)
     expected = '^cannot start a worker process: Resource temporarily unavailable$'
     with pytest.raises(EngineError, match=expected):
-        ProcessWorkers(2)
-    assert started
-    processes(0, besides=before)
-
-
-def test_worker_that_lacks_the_engine_is_an_error(job, make_workers, monkeypatch, tmp_path):
-    (tmp_path / 'pybullet.py').write_text('raise MemoryError\n', encoding='utf-8')
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(MemoryError):
-        make_workers(1).submit(job, 0, 1).result()
+        workers.submit(job, 0, 1).result()
+    stop(workers)
 
 
 def disc(solid):

@@ -11,16 +11,17 @@ from scipy.stats import kstest
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part
-from resting_aspects_ros.simulation.action_starts import (
-    body_of,
-    disturbance_starts,
-    rest_starts,
-)
-from resting_aspects_ros.simulation.actions import Kick, Nozzle
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.actions import Kick, Nozzle, disturbance_starts
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
-from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise, States
+from resting_aspects_ros.simulation.starts import (
+    GivenStarts,
+    GivenStates,
+    Noise,
+    States,
+    rest_starts,
+)
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 GRAVITY = 9.81
@@ -50,8 +51,8 @@ def rotation(states):
 # -- Parts at rest --------------------------------------------------------------------------------
 
 
-def test_parts_start_in_their_aspects_with_uniform_yaw(box, aspects):
-    states = rest_starts(box, aspects, Kick()).states(MANY, generator())
+def test_parts_start_in_their_aspects_with_uniform_yaw(box, aspects, mat):
+    states = rest_starts(box, aspects, Kick(), mat).states(MANY, generator())
     expected = np.array([a.down_in_part for a in aspects])[MANY % 6]
     np.testing.assert_allclose(down_in_part(states.orientation), expected, atol=1e-12)
     # The direction of an axis of the part that is horizontal in each aspect.
@@ -61,10 +62,10 @@ def test_parts_start_in_their_aspects_with_uniform_yaw(box, aspects):
         assert kstest((np.arctan2(y, x) + np.pi) / (2 * np.pi), 'uniform').pvalue > LEVEL
 
 
-def test_rolling_parts_start_at_all_directions_of_the_sweep(part):
+def test_rolling_parts_start_at_all_directions_of_the_sweep(part, mat):
     cylinder = part('cylinder_d20_h20')
     (rolling,) = [a for a in find_aspects(cylinder).aspects if a.rolls]
-    states = rest_starts(cylinder, [rolling], Kick()).states(MANY, generator())
+    states = rest_starts(cylinder, [rolling], Kick(), mat).states(MANY, generator())
     down = down_in_part(states.orientation)
     _, counts = np.unique(down.round(6), axis=0, return_counts=True)
     sides = len(rolling.directions)
@@ -76,7 +77,7 @@ def test_rolling_parts_start_at_all_directions_of_the_sweep(part):
 
 def test_parts_at_rest_start_on_the_surface(box, aspects, mat):
     heights = np.array([a.com_height for a in aspects])[np.arange(120) % 6] / box.hull_radius
-    starts = rest_starts(box, aspects, Kick(speed=0.3))
+    starts = rest_starts(box, aspects, Kick(speed=0.3), mat)
     for engine, margin in ((KERNEL, 0.0), (BULLET, REST_MARGIN)):
         states = initial_states(make_job(box, mat, 1, starts=starts, engine=engine), 0, 120)
         np.testing.assert_allclose(states.position[:, 2], heights + margin, atol=1e-7)
@@ -85,9 +86,9 @@ def test_parts_at_rest_start_on_the_surface(box, aspects, mat):
 # -- Kicks and disturbances -----------------------------------------------------------------------
 
 
-def test_kick_has_the_stated_means_and_deviations(box, aspects):
+def test_kick_has_the_stated_means_and_deviations(box, aspects, mat):
     kick = Kick(speed=0.5, speed_spread=0.05, horizontal_spread=0.02, spin=8.0)
-    states = rest_starts(box, aspects, kick).states(MANY, generator())
+    states = rest_starts(box, aspects, kick, mat).states(MANY, generator())
     n = len(MANY)
     for sample, mean, deviation in (
         (states.velocity[:, 2], 0.5, 0.05),
@@ -103,22 +104,22 @@ def test_spreads_of_a_kick_follow_from_its_speed():
     assert Kick(speed=0.5) == Kick(speed=0.5, speed_spread=0.1, horizontal_spread=0.05)
 
 
-def test_disturbances_have_the_energy_of_the_lift(box, aspects):
+def test_disturbances_have_the_energy_of_the_lift(box, aspects, mat):
     lift = np.array([[0.001, 0.004]] * 6)
-    states = disturbance_starts(box, aspects, lift, GRAVITY).states(MANY, generator())
+    states = disturbance_starts(box, aspects, lift, mat).states(MANY, generator())
     body_rates = rotation(states).inv().apply(states.spin)
     kinetic = box.mass * (states.velocity**2).sum(axis=1) / 2
     kinetic += np.einsum('ni,ij,nj->n', body_rates, box.inertia, body_rates) / 2
-    expected = box.mass * GRAVITY * lift.ravel()[MANY % 12]
+    expected = box.mass * mat.gravity * lift.ravel()[MANY % 12]
     np.testing.assert_allclose(kinetic, expected, rtol=1e-12)
     assert (states.velocity[:, 2] >= 0).all()
 
 
-def test_disturbances_share_the_energy_equally(box, aspects):
+def test_disturbances_share_the_energy_equally(box, aspects, mat):
     lift = np.full((6, 1), 0.01)
-    states = disturbance_starts(box, aspects, lift, GRAVITY).states(MANY, generator())
+    states = disturbance_starts(box, aspects, lift, mat).states(MANY, generator())
     body_rates = rotation(states).inv().apply(states.spin)
-    energy = box.mass * GRAVITY * 0.01
+    energy = box.mass * mat.gravity * 0.01
     parts = [box.mass * states.velocity[:, axis] ** 2 / 2 / energy for axis in range(3)]
     moments, axes = np.linalg.eigh(box.inertia)
     parts += list((moments * (body_rates @ axes) ** 2 / 2 / energy).T)
@@ -129,17 +130,17 @@ def test_disturbances_share_the_energy_equally(box, aspects):
 
 
 @pytest.mark.parametrize('lift', [0.0, -0.01, math.nan, 2.0])
-def test_impossible_lift_is_refused(box, aspects, lift):
+def test_impossible_lift_is_refused(box, aspects, lift, mat):
     with pytest.raises(InvalidValueError, match='invalid lift height'):
-        disturbance_starts(box, aspects, np.full((6, 1), lift), GRAVITY)
+        disturbance_starts(box, aspects, np.full((6, 1), lift), mat)
 
 
-def test_declared_maximum_speed_is_not_exceeded(box, aspects):
+def test_declared_maximum_speed_is_not_exceeded(box, aspects, mat):
     lift = np.full((6, 1), 0.01)
     corners = box.hull_vertices - box.centre_of_mass
     for starts in (
-        disturbance_starts(box, aspects, lift, GRAVITY),
-        rest_starts(box, aspects, Nozzle(impulse=0.05, height=0.002)),
+        disturbance_starts(box, aspects, lift, mat),
+        rest_starts(box, aspects, Nozzle(impulse=0.05, height=0.002), mat),
     ):
         states = starts.states(MANY[:500], generator())
         arms = np.stack([rotation(states).apply(corner) for corner in corners], axis=1)
@@ -150,41 +151,46 @@ def test_declared_maximum_speed_is_not_exceeded(box, aspects):
 # -- Nozzles --------------------------------------------------------------------------------------
 
 
-def jet_on_box(box, **values):
+@pytest.fixture
+def jet_on_box(box, aspects, mat):
     """Return the states of a box after a jet along x, with its edges along the axes."""
-    body = body_of(box)
-    zero = np.zeros((1, 3))
-    states = States(zero, np.array([[0.0, 0.0, 0.0, 1.0]]), zero, zero)
-    return Nozzle(**values).applied(states, np.zeros(1, dtype=int), body, generator())
+
+    def after(**values):
+        jet, zero = Nozzle(**values), np.zeros((1, 3))
+        states = States(zero, np.array([[0.0, 0.0, 0.0, 1.0]]), zero, zero)
+        starts = rest_starts(box, aspects, jet, mat)
+        return jet.applied(states, np.zeros(1, dtype=int), starts, generator())
+
+    return after
 
 
-def test_jet_through_the_centre_of_mass_only_pushes(box):
+def test_jet_through_the_centre_of_mass_only_pushes(box, jet_on_box):
     height = float(np.ptp(box.hull_vertices[:, 2])) / 2
-    after = jet_on_box(box, impulse=0.01, height=height)
+    after = jet_on_box(impulse=0.01, height=height)
     np.testing.assert_allclose(after.velocity[0], [0.01 / box.mass, 0, 0], atol=1e-12)
     np.testing.assert_allclose(after.spin[0], 0, atol=1e-9)
 
 
-def test_jet_above_the_centre_of_mass_turns_the_part(box):
+def test_jet_above_the_centre_of_mass_turns_the_part(box, jet_on_box):
     sides = np.ptp(box.hull_vertices, axis=0)
-    after = jet_on_box(box, impulse=0.01, height=sides[2] * 0.75)
+    after = jet_on_box(impulse=0.01, height=sides[2] * 0.75)
     moment = box.mass * (sides[0] ** 2 + sides[2] ** 2) / 12
     np.testing.assert_allclose(after.velocity[0, 0], 0.01 / box.mass)
     np.testing.assert_allclose(after.spin[0], [0, 0.01 * sides[2] / 4 / moment, 0], atol=1e-9)
 
 
-def test_inclined_jet_hits_the_near_face(box):
+def test_inclined_jet_hits_the_near_face(box, jet_on_box):
     x, _, z = np.ptp(box.hull_vertices, axis=0) / 2
     angle = math.atan2(z / 2, x)
     # It passes the centre of mass at its height, so it enters through the near face, below.
-    after = jet_on_box(box, impulse=0.01, height=z, elevation=angle)
+    after = jet_on_box(impulse=0.01, height=z, elevation=angle)
     assert after.velocity[0, 2] == pytest.approx(0.01 / box.mass * math.sin(angle))
     np.testing.assert_allclose(after.spin[0], 0, atol=1e-9)
 
 
-def test_part_that_the_jet_misses_stays(box):
+def test_part_that_the_jet_misses_stays(box, jet_on_box):
     height = float(np.ptp(box.hull_vertices[:, 2]))
-    after = jet_on_box(box, impulse=0.01, height=1.01 * height)
+    after = jet_on_box(impulse=0.01, height=1.01 * height)
     assert not after.velocity.any()
     assert not after.spin.any()
 
@@ -236,9 +242,9 @@ def test_impossible_states_are_refused(values, message):
 @pytest.mark.parametrize('kind', ['kick', 'disturbance', 'nozzle'])
 def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_poses, kind):
     starts = {
-        'kick': rest_starts(box, aspects, Kick(speed=0.4, spin=10.0)),
-        'disturbance': disturbance_starts(box, aspects, np.full((6, 2), 0.01), GRAVITY),
-        'nozzle': rest_starts(box, aspects, Nozzle(impulse=0.01, height=0.008)),
+        'kick': rest_starts(box, aspects, Kick(speed=0.4, spin=10.0), mat),
+        'disturbance': disturbance_starts(box, aspects, np.full((6, 2), 0.01), mat),
+        'nozzle': rest_starts(box, aspects, Nozzle(impulse=0.01, height=0.008), mat),
     }[kind]
     job = make_job(box, mat, 3, starts=starts)
     assert_same_poses(drop_range(job, 2, 14).between(5, 9), drop_range(job, 5, 9))
@@ -250,7 +256,7 @@ def test_energy_below_the_barrier_keeps_every_part(part, mat):
     aspects = find_aspects(bracket).aspects
     margin = 2e-3 * bracket.hull_radius
     lift = np.array([[a.min_barrier - margin] for a in aspects])
-    starts = disturbance_starts(bracket, aspects, lift, GRAVITY)
+    starts = disturbance_starts(bracket, aspects, lift, mat)
     job = make_job(bracket, mat, 1, until_still=True, starts=starts)
     poses = drop_range(job, 0, each * len(aspects))
     down = np.tile([a.down_in_part for a in aspects], (each, 1))

@@ -7,12 +7,11 @@ import trimesh
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import down_in_part
-from resting_aspects_ros.simulation.action_starts import disturbance_starts, rest_starts
-from resting_aspects_ros.simulation.actions import Kick
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.actions import Kick, disturbance_starts
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.starts import rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 
-GRAVITY = 9.81
 # Depth of the flats of the coarsest round side, of 24 sides, as a share of its radius.
 FLATS = 1 - np.cos(np.pi / 24)
 EXAMPLES = (
@@ -98,11 +97,11 @@ MADE = {
 
 @pytest.mark.quick_cases(12)
 @pytest.mark.parametrize('name', [*EXAMPLES, *MADE])
-def test_every_start_has_the_height_of_its_aspect(part, solid, name):
+def test_every_start_has_the_height_of_its_aspect(part, solid, mat, name):
     shape = part(name) if name in EXAMPLES else solid(MADE[name]())
     corners = shape.hull_vertices - shape.centre_of_mass
     aspects = find_aspects(shape).aspects
-    starts = rest_starts(shape, aspects, Kick(speed=0.1))
+    starts = rest_starts(shape, aspects, Kick(speed=0.1), mat)
     noise = 1e-6 * shape.hull_radius
     for aspect, orientations, weights in zip(
         aspects, starts.orientations, starts.weights, strict=True
@@ -132,7 +131,7 @@ def test_both_faces_of_a_sheet_stay_after_a_tap(solid, mat, name):
     """The centre of mass would have to rise by 14 and 9 mm; a tap lifts it by 0.1 mm."""
     shape = solid(MADE[name]())
     aspects = find_aspects(shape)
-    starts = rest_starts(shape, aspects.aspects[:2], Kick(speed=0.05, spin=2.0))
+    starts = rest_starts(shape, aspects.aspects[:2], Kick(speed=0.05, spin=2.0), mat)
     job = make_job(shape, mat, 1, starts=starts)
     assert stays(job, 30, 2, aspects).tolist() == [30, 30]
 
@@ -145,7 +144,7 @@ def test_disturbance_below_the_barrier_leaves_no_aspect(part, solid, mat, name):
     kept = [a for a in aspects.aspects if a.min_barrier > 0.1 * shape.hull_radius]
     assert kept
     lift = np.array([[0.98 * a.min_barrier] for a in kept])
-    starts = disturbance_starts(shape, kept, lift, GRAVITY)
+    starts = disturbance_starts(shape, kept, lift, mat)
     job = make_job(shape, mat, 1, until_still=True, starts=starts)
     poses = drop_range(job, 0, each * len(kept))
     ids = aspects.classify(poses.orientation).reshape(each, len(kept))

@@ -13,20 +13,15 @@ from scipy.integrate import solve_ivp
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.action_starts import action_starts
-from resting_aspects_ros.simulation.actions import Actions, Step, _supported, make_action
-from resting_aspects_ros.simulation.bullet_edge import (
+from resting_aspects_ros.simulation.actions import Step, _supported, make_action
+from resting_aspects_ros.simulation.bullet_engine import (
     CLEARANCE,
+    GROUP,
     MIN_RADIUS,
     EdgeWorld,
     over_edge,
 )
-from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.bullet_world import compound
-from resting_aspects_ros.simulation.conditions import actions_file
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
@@ -34,14 +29,18 @@ from resting_aspects_ros.simulation.release import (
     depth_of,
     initial_states,
 )
+from resting_aspects_ros.simulation.starts import rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 
+# All parts are at the same place along the edge.
+ALONG = 0.0, 0.0
 LOW = Step(belt_speed=0.2, step_height=0.02, lower_speed=0.3)
 
 
 def step_job(part, conditions, step, seed=1, **options):
     aspects = find_aspects(part).aspects
-    starts = action_starts(part, aspects, step, conditions.gravity)
+    starts = rest_starts(part, aspects, step, conditions)
     return make_job(part, conditions, seed, starts=starts, **options)
 
 
@@ -99,7 +98,7 @@ def plate(solid):
 
 def simulated_plate(job, overhang, belt):
     """The rows th, dth/dt, normal force and friction of a plate that moves over the edge."""
-    world, top = EdgeWorld(job, STEPS_PER_T), job.edge.height / job.radius
+    world, top = EdgeWorld(job, ALONG, STEPS_PER_T), job.edge.height / job.radius
     centre = [overhang, 0, top + job.min_height + REST_MARGIN]
     state = (centre, (0, 0, 0, 1), (belt, 0, 0), (0, 0, 0))
     start = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
@@ -222,10 +221,9 @@ def test_support_needs_contacts_all_around_the_middle():
 def hooked(part, mat):
     """A job of an L bracket that stands on its long leg: it can hook over a low step."""
     shape = part('l_bracket')
-    job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=0.0))
-    standing = job.starts.orientations[3:4], job.starts.weights[3:4]
-    starts = dataclasses.replace(job.starts, orientations=standing[0], weights=standing[1])
-    return dataclasses.replace(job, starts=starts)
+    step = dataclasses.replace(LOW, lower_speed=0.0)
+    starts = rest_starts(shape, find_aspects(shape).aspects[3:4], step, mat)
+    return make_job(shape, mat, 1, starts=starts)
 
 
 def stays_at_edge(job, poses):
@@ -251,7 +249,9 @@ def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat
     state = ([2.0, 0, top], (0, 0, 0, 1), (0, 0, 0), (0, 0, 0))
     at = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
     status = np.full(1, RestStatus.UNSETTLED, dtype=np.uint8)
-    assert not len(EdgeWorld(job, STEPS_PER_T).pass_over(at, status, np.arange(1), landed=False))
+    assert not len(
+        EdgeWorld(job, ALONG, STEPS_PER_T).pass_over(at, status, np.arange(1), landed=False)
+    )
     assert status[0] == RestStatus.SETTLED
     # Bullet's velocity is that half a time step earlier, here of the steps of first impacts.
     velocity = at.velocity[0] + job.down / job.steps_per_t / 2
@@ -267,13 +267,13 @@ def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat, heig
     at, which = initial_states(job, 0, GROUP), np.arange(GROUP)
     at.position[:, 2] += REST_MARGIN
     status = np.full(GROUP, RestStatus.UNSETTLED, dtype=np.uint8)
-    low = EdgeWorld(job, STEPS_PER_T).pass_over(at, status, which, landed=False)
+    low = EdgeWorld(job, ALONG, STEPS_PER_T).pass_over(at, status, which, landed=False)
     assert set(low) == set(which[status != RestStatus.SETTLED]) != set()
     # They have not touched the lower belt with the steps of the edge.
     unforeseen = 1 / EDGE_CHECKS_PER_T**2 / 2
     gap = (at.position[:, 2] - depth_of(at.orientation, job.hull)).min()
     assert gap > CLEARANCE - unforeseen
-    _, status = over_edge(job, partial(EdgeWorld, job), initial_states(job, 0, GROUP))
+    _, status = over_edge(job, partial(EdgeWorld, job, ALONG), initial_states(job, 0, GROUP))
     assert (status == RestStatus.SETTLED).all()
 
 
@@ -306,21 +306,6 @@ def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat)
     poses = drop_range(job, 0, 12)
     assert (poses.status == RestStatus.SETTLED).all()
     # The wall gives energy to the parts that it pushes, which is no error of the engine.
-
-
-def test_compound_has_all_pieces(mat, part):
-    # PyBullet ignores the shapes of a compound after the 16th, except in a file.
-    cube = trimesh.creation.box((0.1, 0.1, 0.1)).vertices
-    pieces = tuple(cube + np.array([k, 0, 0]) for k in range(40))
-    client = bullet_world.World(make_job(part('box_10x20x30'), mat, 1))._client
-    shape = compound(pieces, client)
-    body = pybullet.createMultiBody(0, shape, physicsClientId=client)
-    low, high = pybullet.getAABB(body, physicsClientId=client)
-    assert low[0] == pytest.approx(-0.05, abs=0.03)
-    assert high[0] == pytest.approx(39.05, abs=0.03)
-    ray = pybullet.rayTest([20, 0, 5], [20, 0, -5], physicsClientId=client)[0]
-    gap = pybullet.rayTest([20.5, 0, 5], [20.5, 0, -5], physicsClientId=client)[0]
-    assert (ray[0], gap[0]) == (body, -1)
 
 
 @pytest.mark.slow
@@ -373,22 +358,14 @@ def test_restitution_above_one_is_refused(part, mat):
         step_job(part('box_10x20x30'), mat, step)
 
 
-def test_named_step_is_read_from_the_file():
-    named = Actions.read(actions_file()).get('step_down')
-    assert isinstance(named.action, Step)
-    assert named.source
-    assert named.action.has_effect
-    assert 'step, belt speed' in named.text
-
-
 def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
     job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, friction_factor=0.5))
-    world = EdgeWorld(job, STEPS_PER_T)
+    world = EdgeWorld(job, ALONG, STEPS_PER_T)
     found = [
         pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
-        for body in (world._ground, world._belt, *world._rollers)
+        for body in (world._bodies[0][0], world._belt, *world._rollers)
     ]
-    assert found == [1, 0.5, 0.5]
+    assert found == [mat.friction, 0.5 * mat.friction, 0.5 * mat.friction]
     assert initial_states(job, 0, GROUP).velocity[:, 0] == pytest.approx(
         0.2 * job.time_unit / job.radius
     )

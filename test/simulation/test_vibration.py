@@ -17,7 +17,6 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation import settling
-from resting_aspects_ros.simulation.action_starts import action_starts
 from resting_aspects_ros.simulation.actions import (
     MAX_ACCELERATION,
     RAMP_PERIODS,
@@ -26,9 +25,10 @@ from resting_aspects_ros.simulation.actions import (
     Vibration,
 )
 from resting_aspects_ros.simulation.conditions import actions_file
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job, plan_run
-from resting_aspects_ros.simulation.release import BodyStates, initial_states
+from resting_aspects_ros.simulation.release import initial_states
+from resting_aspects_ros.simulation.starts import Action, States, rest_starts
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.statistics.transitions import no_actions
@@ -50,7 +50,7 @@ STRONG = Vibration(
 
 def vibration_job(part, conditions, vibration, seed=1, aspects=None, **options):
     chosen = find_aspects(part).aspects[:aspects]
-    starts = action_starts(part, chosen, vibration, conditions.gravity)
+    starts = rest_starts(part, chosen, vibration, conditions)
     return make_job(part, conditions, seed, starts=starts, **options)
 
 
@@ -121,27 +121,31 @@ def test_acceleration_of_ramps_hardly_exceeds_that_of_the_sine():
 
 
 @dataclasses.dataclass(frozen=True)
-class Push:
+class Push(Action):
     """Parts at places along x, which all start with the same velocity, m/s."""
 
     places: np.ndarray
+    plate: Vibration
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def max_speed(self, _body):
+    @property
+    def motion(self):
+        return self.plate
+
+    def max_speed(self, at):
         return 1.0
 
-    def applied(self, states, row, _body, _random):
+    def applied(self, states, row, at, random):
         at = np.zeros((len(row), 3))
         at[:, 0] = self.places
         return dataclasses.replace(states, position=at, velocity=at * 0 + self.velocity)
 
 
-def pushed(part, conditions, vibration, push):
+def pushed(part, conditions, push):
     """The job of parts in their first aspect, whose yaw is random, and their poses at the end."""
-    starts = action_starts(part, find_aspects(part).aspects[:1], vibration, GRAVITY)
-    starts = dataclasses.replace(starts, impulse=push)
     # With the steps of runs, the conveyed distance of a block is up to 8 % off.
     given = conditions.changed(gravity=GRAVITY)
+    starts = rest_starts(part, find_aspects(part).aspects[:1], push, given)
     job = make_job(part, given, 1, starts=starts, refinement=4)
     return job, drop_range(job, 0, len(push.places))
 
@@ -179,7 +183,7 @@ def test_block_hops_if_the_plate_accelerates_by_more_than_g(part, mat, ratio):
     )
     frictionless = mat.changed(restitution=0.0, friction=0.0, rolling_friction=0.0)
     places = np.linspace(-0.1, 0.19, 60)
-    job, poses = pushed(part('box_10x20x30'), frictionless, plate, Push(places, (speed, 0, 0)))
+    job, poses = pushed(part('box_10x20x30'), frictionless, Push(places, plate, (speed, 0, 0)))
     assert (poses.status == RestStatus.LOST).all()
     time = poses.time_to_rest
     assert time.max() > 0.45
@@ -215,7 +219,7 @@ def test_plate_conveys_a_block_as_far_as_a_point_mass(solid, mat, amplitude, pha
     # So low that friction does not tilt it.
     flat = solid(trimesh.creation.box((30, 30, 2)))
     inelastic = mat.changed(restitution=0.0, friction=friction, rolling_friction=0.0)
-    _, poses = pushed(flat, inelastic, plate, Push(np.zeros(n)))
+    _, poses = pushed(flat, inelastic, Push(np.zeros(n), plate))
     assert (poses.status == RestStatus.SETTLED).all()
     centre = poses.position + rotate(poses.orientation, flat.centre_of_mass)
     _, expected = point_mass(plate, friction, 0.8)
@@ -240,7 +244,7 @@ def test_part_rides_on_a_plate_that_moves_gently(part, mat):
         rocking_phase=0.5,
     )
     shape, places = part('box_10x20x30'), np.linspace(-0.05, 0.05, 9)
-    job, poses = pushed(shape, mat.changed(restitution=0.0, friction=0.4), gentle, Push(places))
+    job, poses = pushed(shape, mat.changed(restitution=0.0, friction=0.4), Push(places, gentle))
     assert (poses.status == RestStatus.SETTLED).all()
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     # The plate moves by 190 um along, by 370 um up and down, and by 50 um where it tilts.
@@ -324,7 +328,7 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     # While the plate moves along, its edge does, too.
     small = dataclasses.replace(STRONG, plate_size=0.05, horizontal_amplitude=0.0)
     aspects = find_aspects(shape)
-    starts = action_starts(shape, aspects.aspects, small, mat.gravity)
+    starts = rest_starts(shape, aspects.aspects, small, mat)
     job, run = plan_run(
         shape, mat, seed=1, drops=n, run_id='', started=0, starts=starts, engine=engine
     )
@@ -350,7 +354,7 @@ def resting(part, mat):
     """The ends of four parts on a plate, and their states at rest before any check."""
     job = vibration_job(part('l_bracket'), mat, STRONG, aspects=1, engine=BULLET)
     start = initial_states(job, 0, 4)
-    states = BodyStates(start.position, start.orientation, start.velocity, start.spin)
+    states = States(start.position, start.orientation, start.velocity, start.spin)
     return job, settling.Settling(job, start), states
 
 
@@ -389,7 +393,7 @@ def test_height_above_a_tilted_plate_decides_about_falling_through(part, mat):
     place = np.array([[0.9, 0.0, 0.01], [0.9, 0.0, -0.02]])
     position = (rotate(turned, place) + at) / job.radius
     assert position[0, 2] < -settling.MAX_DEPTH
-    states = BodyStates(position, start.orientation, start.velocity, start.spin)
+    states = States(position, start.orientation, start.velocity, start.spin)
     assert ends.check(5.25 / job.time_unit, states).tolist() == [1]
 
 

@@ -4,7 +4,7 @@ from concurrent.futures import Future
 
 import pytest
 
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.workers import WorkerDiedError, drop_range
 
 
 class Here:
@@ -22,18 +22,12 @@ class Here:
         number = len(self.submitted)
         self.submitted.append((job, first, end))
         if number in self.dying:
-            future.set_exception(ConnectionError())
+            future.set_exception(WorkerDiedError('a worker process died'))
         elif number in self.failing:
             future.set_exception(ValueError('broken'))
         else:
             future.set_result(drop_range(job, first, end))
         return future
-
-    def result(self, future):
-        return future.result()
-
-    def deaths(self, error):
-        return int(isinstance(error, ConnectionError))
 
 
 @pytest.fixture(scope='session')

@@ -70,7 +70,7 @@ def test_search_that_is_stopped_shows_what_is_known(here):
     assert np.isnan(found.certainty)
     assert not found.winner
     assert 'probably too good' in found.notes[-1]
-    assert found.document['certainty'] is None
+    assert found.document()['certainty'] is None
     with pytest.raises(ra.RestingAspectsError, match='too few points'):
         ra.optimise(
             'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], budget=2000, workers=here(),

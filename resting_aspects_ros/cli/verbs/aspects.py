@@ -12,8 +12,8 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
-from resting_aspects_ros.report.rounding import size_text
-from resting_aspects_ros.report.table import aspect_table, merged_text, symmetry_text
+from resting_aspects_ros.report.drops import aspect_table, merged_text, symmetry_text
+from resting_aspects_ros.report.format import size_text
 
 DESCRIPTION = """Show the aspects in which a part can rest, and which of them look the same
 because a rotation maps the part onto itself. The basin of an aspect is the

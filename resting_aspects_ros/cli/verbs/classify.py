@@ -17,7 +17,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.cluster_report import (
+from resting_aspects_ros.report.comparison import (
     agreement_line,
     agreement_table,
     cluster_table,

@@ -11,7 +11,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
 )
 from resting_aspects_ros.cli.values import parse_share
-from resting_aspects_ros.report.comparison_report import comparison_table, measures_text
+from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
 chance explains the difference. Each of A and B is a log (the folder of a run,

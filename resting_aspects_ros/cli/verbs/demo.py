@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_output('--out', out / f'{node}.log')
     # These imports take a second, and --help does not need them.
     from resting_aspects_ros.api.report_files import check_report, write_report
-    from resting_aspects_ros.run_logs.logged_result import logged_result
+    from resting_aspects_ros.run_logs.contents import logged_result
 
     check_report('--out', out)
     # A unique namespace separates the demo from other suites on this machine, and LOCALHOST from

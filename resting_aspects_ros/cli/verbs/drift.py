@@ -200,7 +200,7 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
 def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
     """Save and print the result, even if saving fails."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.drift_report import drift_notes, live_table, window_table
+    from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
 
     try:
         if arguments.out is not None:

@@ -9,7 +9,7 @@ from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.report.estimate_report import estimate_table, legend
+from resting_aspects_ros.report.drops import estimate_table, legend
 
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the

@@ -180,8 +180,7 @@ def _write(
 def _show(results: 'Sequence[ForecastResult]') -> None:
     """Print a sentence for each result, then the table, and notes."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.controlled_forecast import controlled_text
-    from resting_aspects_ros.report.forecast_table import cell_text, forecast_table
+    from resting_aspects_ros.report.forecast import cell_text, controlled_text, forecast_table
 
     console = make_console()
     several = len(results) > 1

@@ -116,7 +116,7 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
 
     from resting_aspects_ros.cli.console import make_console, show_table
     from resting_aspects_ros.errors import one_line
-    from resting_aspects_ros.report.table import plain_table
+    from resting_aspects_ros.report.table import Table
 
     headings = (
         'part',
@@ -127,7 +127,7 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
         'yaw (deg)',
         'residual\n(mm)',
     )
-    table = plain_table(f'{one_line(name)}: {_answer(found)}', *headings)
+    table = Table(f'{one_line(name)}: {_answer(found)}', headings)
     for each in found.candidates:
         table.add_row(
             each.part,

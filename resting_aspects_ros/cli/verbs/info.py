@@ -13,19 +13,23 @@ from resting_aspects_ros.cli.options import (
     add_output,
 )
 from resting_aspects_ros.errors import one_line
-from resting_aspects_ros.logs.bag_files import log_files
+from resting_aspects_ros.logs.bag import log_files
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.contact_report import contact_rows, contact_table
 from resting_aspects_ros.report.document import (
     SCHEMA_VERSION,
     distribution_document,
     to_json,
 )
+from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.transition_conversions import action_from
-from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
-from resting_aspects_ros.run_logs.feeder_contents import read_feeder_log
-from resting_aspects_ros.run_logs.logged_result import logged_result
+from resting_aspects_ros.run_logs.contents import (
+    LoggedRun,
+    logged_result,
+    read_feeder_log,
+    read_logged_run,
+    rest_of_run,
+)
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution

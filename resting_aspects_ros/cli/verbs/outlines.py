@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _px_per_mm(arguments: argparse.Namespace) -> float:
     """Return the requested scale of the images; raises InvalidValueError."""
     from resting_aspects_ros.errors import InvalidValueError, shown
-    from resting_aspects_ros.report.outline_images import PIXELS_PER_MM
+    from resting_aspects_ros.report.outlines import PIXELS_PER_MM
 
     given = arguments.px_per_mm
     if given is None:
@@ -113,12 +113,12 @@ def _write(
 def _show(result: 'OutlinesResult') -> None:
     """Print the table, and a sentence for each group of classes that look alike."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.outline_table import (
+    from resting_aspects_ros.report.format import size_text
+    from resting_aspects_ros.report.outlines import (
         confused_class_texts,
         family_texts,
         outline_table,
     )
-    from resting_aspects_ros.report.rounding import size_text
 
     console = make_console()
     number = len(result.outlines)

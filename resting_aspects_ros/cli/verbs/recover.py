@@ -4,10 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME
-from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
-from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run
+from resting_aspects_ros.errors import LogError, NoLogError, RestingAspectsError
+from resting_aspects_ros.logs.bag import OUTCOME
+from resting_aspects_ros.logs.recovery import recover_log
+from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
 Every complete message in the file is kept, and a classifier that starts later
@@ -47,20 +47,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _recover(log: Path) -> str:
     """Recover a log; returns a description of its contents."""
-    logged = LoggedRun(log)
-    counter = RecoveryCounter(TYPES, logged.add, lambda: _metadata(logged))
-    recovered = recover_log(log, counter)
+    records: dict[str, dict[str, str]] = {}
+    try:
+        logged = read_logged_run(log)
+        if logged.being_written:
+            return 'is being written, not changed'
+        words = _drops(logged)
+        if logged.run is not None or logged.transitions is not None:
+            records = {OUTCOME: logged.outcome.record()}
+    except NoLogError:
+        raise
+    except LogError as error:  # such as that of messages of another version
+        words = f'its drops were not counted: {error}'
+    recovered = recover_log(log, records)
     if recovered.being_written:
         return 'is being written, not changed'
-    words = _drops(logged) if not counter.error else f'its drops were not counted: {counter.error}'
     if recovered.closed:
         return f'is already closed, {recovered.messages} messages, {words}'
     return f'{recovered.messages} messages recovered, {words}'
-
-
-def _metadata(logged: LoggedRun) -> dict[str, dict[str, str]]:
-    empty = logged.run is None and logged.transitions is None
-    return {} if empty else {OUTCOME: logged.outcome.record()}
 
 
 def _drops(logged: LoggedRun) -> str:

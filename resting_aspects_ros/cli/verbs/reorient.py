@@ -98,8 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='write transitions.json, pictures of the matrix and of the flow, and roadmap.json '
-        'into this folder',
+        help='write transitions.json, transitions.png and roadmap.json into this folder',
     )
     parser.add_argument(
         '--report',

@@ -12,7 +12,7 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
 )
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.message_reader import is_log
+from resting_aspects_ros.logs.bag import is_log
 
 DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a
 picture and the probability of each aspect, charts, and all conditions. The
@@ -84,6 +84,6 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
                 'contains its part'
             )
     # This imports ROS, which a JSON document does not need.
-    from resting_aspects_ros.run_logs.logged_result import logged_result
+    from resting_aspects_ros.run_logs.contents import logged_result
 
     return logged_result(path)

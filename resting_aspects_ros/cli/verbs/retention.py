@@ -126,7 +126,7 @@ def _write(result: 'RetentionResult', out: Path | None, arguments: argparse.Name
     """Save and print the result, even if a step fails; the slow report is last."""
     from resting_aspects_ros.api.output_files import whole_file
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.retention_table import retention_table
+    from resting_aspects_ros.report.transitions import retention_table
 
     written = []
     try:

@@ -17,7 +17,7 @@ from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart, defa
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
-from resting_aspects_ros.report.drift_report import drift_sentence
+from resting_aspects_ros.report.drift import drift_sentence
 from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
 from resting_aspects_ros.ros.count_conversions import (
     add_drift,

@@ -13,11 +13,8 @@ from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import LogError, RestingAspectsError
 from resting_aspects_ros.input_files import is_folder, printable
-from resting_aspects_ros.logs.bag_metadata import LogOutcome
-from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import messages
-from resting_aspects_ros.logs.split_log import open_log
-from resting_aspects_ros.logs.topic_metadata import (
+from resting_aspects_ros.logs.reader import messages, open_log
+from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
@@ -43,7 +40,7 @@ MAX_LOGS = 1000
 MAX_SECONDS = 120.0
 # Maximum number of unusable logs that are listed with the reason.
 MAX_LISTED = 10
-# <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> may follow.
+# <part>_<start>_<run id>, see logs.writer.run_folder_name; _<number> may follow.
 _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
 
 LoggedRun = tuple[RunDescription, Distribution]
@@ -80,20 +77,16 @@ def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
     on are counted. From a log of actions, it is the last matrix, which is that of an unfinished
     run if the log was cut off. Raises RestingAspectsError if the log contains none of these.
     """
-    try:
-        with IndexedLog(log) as indexed:
-            outcome = LogOutcome.of(indexed.read_metadata())
-            last = indexed.last(DISTRIBUTION_TYPE)
-            matrix = None if last is not None else indexed.last(TRANSITIONS_TYPE)
-    except NoIndexError:
-        with open_log(log) as file:
-            if file.being_written:
-                return None
-            if not file.finished:
-                raise LogError(
-                    'it is not closed: repair it with "resting_aspects recover"'
-                ) from None
-        return _count_first_drops(log)
+    with open_log(log) as file:
+        if file.being_written:
+            return None
+        if not file.closed:
+            raise LogError('it is not closed: repair it with "resting_aspects recover"')
+        if not file.has_index:
+            return _count_first_drops(log)
+        outcome = file.outcome
+        last = file.last(DISTRIBUTION_TYPE)
+        matrix = None if last is not None else file.last(TRANSITIONS_TYPE)
     if matrix is not None:
         return serialized_transitions(matrix)
     if outcome is not None and outcome.whole and last is not None:

@@ -8,9 +8,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.aspect_pose import AspectPose, aspect_poses, message_faces
-from resting_aspects_ros.report.colours import aspect_colour, rgb
-from resting_aspects_ros.report.rounding import probability_text
+from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
+from resting_aspects_ros.report.picture import AspectPose, aspect_poses, message_faces
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.statistics.distribution import Distribution
 

@@ -15,7 +15,7 @@ from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.colours import rgb
+from resting_aspects_ros.report.format import rgb
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
@@ -106,7 +106,6 @@ def serialized_markers(
         around = serialized_surroundings(description)
         conditions = dataclasses.replace(conditions, surroundings=around)
     scene = scene_of(part, conditions)
-    assert scene is not None
     return bytes(serialize_message(surroundings_markers(scene, part.hull_radius, frame)))
 
 

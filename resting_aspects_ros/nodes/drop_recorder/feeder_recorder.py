@@ -24,9 +24,9 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
-from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Topic
+from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
+from resting_aspects_ros.logs.topics import PART_TYPE, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import subscribe
 from resting_aspects_ros.ros.conversions import NANOSECONDS
 from resting_aspects_ros.ros.formatting import count_text

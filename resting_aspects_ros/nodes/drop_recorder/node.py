@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
-from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Topic
+from resting_aspects_ros.logs.topics import POSES_TYPE, Topic
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
 from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     FolderLock,
@@ -39,7 +39,7 @@ from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
 
 PARAMETERS = (

@@ -8,7 +8,7 @@ from resting_aspects_interfaces.msg import RecordedRun
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.formatting import progress_text
 from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 
 
 class RecordedRunsPublisher:

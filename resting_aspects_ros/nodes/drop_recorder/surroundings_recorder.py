@@ -7,12 +7,12 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import SurroundingsDescription
 
-from resting_aspects_ros.logs.topic_metadata import Topic
+from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
 from resting_aspects_ros.ros.interface import SURROUNDINGS, SURROUNDINGS_QOS, offered_qos
 from resting_aspects_ros.ros.surroundings_conversions import check_surroundings
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 
 # Maximum number of descriptions that are kept, with meshes. Those of a run can arrive before its
 # first poses, and a log can be opened again for drops that were lost.

@@ -8,13 +8,13 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.logs.topic_metadata import Topic
+from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
 from resting_aspects_ros.ros.conversions import nanoseconds, run_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, TRANSITIONS, offered_qos
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import check_transitions
-from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
 
 # Maximum number of runs that are remembered, because their last matrix is published again.

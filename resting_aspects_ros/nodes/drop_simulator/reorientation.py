@@ -176,7 +176,7 @@ class ReorientServer:
             async for chunk in chunks:
                 total += count_poses(total.aspects, chunk)
                 goal.add_drops(len(chunk))
-                if planned.job.scene is not None:
+                if not planned.job.scene.level:
                     kept.append(chunk)
         goal.check()
         return total, RestingPoses.join(kept) if kept else None

@@ -24,9 +24,9 @@ class SurroundingsPublisher:
         self._frame = frame
         self._publishers: dict[str, Publisher] = {}
 
-    def publish(self, run: RunDescription, scene: Scene | None) -> None:
+    def publish(self, run: RunDescription, scene: Scene) -> None:
         """Publish the surroundings of a new run; nothing for the infinite level plane."""
-        if scene is None:
+        if scene.level:
             return
         if run.part not in self._publishers:
             topic = f'{SURROUNDINGS}/{run.part}'

@@ -12,8 +12,8 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.message_reader import not_closed_warning
-from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
+from resting_aspects_ros.logs.mcap_file import LoggedMessage
+from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 from resting_aspects_ros.ros.callbacks import steady_timer
@@ -78,8 +78,8 @@ class LogReplayer(Node):
         self._simulators = LivelinessMonitor(self, DROP_SIMULATOR)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
-        if warning := not_closed_warning(recording.path):
-            self.get_logger().warning(warning)
+        if recording.warning:
+            self.get_logger().warning(recording.warning)
         for topic_and_reason in skipped:
             self.get_logger().warning(f'not replayed: {topic_and_reason}')
         self.get_logger().info(
@@ -88,7 +88,7 @@ class LogReplayer(Node):
         )
         self._timer = steady_timer(self, 0.0, self._step)
 
-    def _publish(self, message: RecordedMessage) -> None:
+    def _publish(self, message: LoggedMessage) -> None:
         self._outputs[message.topic].publish(message.data)
 
     def _step(self) -> None:

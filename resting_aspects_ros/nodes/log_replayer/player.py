@@ -5,7 +5,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
+from resting_aspects_ros.logs.mcap_file import LoggedMessage
+from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.nodes.log_replayer.topics import ReplayedTopic
 from resting_aspects_ros.ros.conversions import NANOSECONDS
 
@@ -60,7 +61,7 @@ class LogPlayer:
         self,
         recording: Recording,
         topics: Sequence[ReplayedTopic],
-        publish: Callable[[RecordedMessage], object],
+        publish: Callable[[LoggedMessage], object],
         acknowledged: Callable[[str], bool],
         *,
         rate: float | None,
@@ -148,13 +149,13 @@ class LogPlayer:
         now = self._clock() if self._paused_at is None else self._paused_at
         return max(0, int((now - self._started) * self._rate))
 
-    def _due(self, message: RecordedMessage) -> int:
+    def _due(self, message: LoggedMessage) -> int:
         """Return the clock time of publication; relative to the start, so delays do not add up."""
         if self._rate is None:
             return self._started
         return self._started + int((message.time - self._span.start) / self._rate)
 
-    def _has_room(self, message: RecordedMessage, now: int) -> bool:
+    def _has_room(self, message: LoggedMessage, now: int) -> bool:
         """Return whether publishing the message would not replace an unacknowledged one."""
         topic = message.topic
         if self._unacknowledged[topic] < self._topics[topic].qos.depth:
@@ -173,7 +174,7 @@ class LogPlayer:
             )
         return not self._wait_for_subscribers
 
-    def _send(self, message: RecordedMessage) -> None:
+    def _send(self, message: LoggedMessage) -> None:
         self._publish(message)
         self._unacknowledged[message.topic] += 1
         self._last = message.time

@@ -10,8 +10,8 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from resting_aspects_ros.errors import LogError, one_line
-from resting_aspects_ros.logs.message_reader import check_definition
-from resting_aspects_ros.logs.playback_reader import RecordedTopic, Recording
+from resting_aspects_ros.logs.reader import RecordedTopic, Recording
+from resting_aspects_ros.logs.topics import check_definition
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
     CELL,

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from resting_aspects_ros.ros.formatting import count_text, progress_text
-from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.poses import IndexRanges
 
 # Missing drops are lost after this number of consecutive requests that recovered none of them.
 MAX_REPAIRS = 3

@@ -1,24 +1,21 @@
 """The result of a calibration: as text, JSON, an entry of a surfaces file, and a picture."""
 
 import dataclasses
-import json
 import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.report.figure_style import (
+from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
     new_figure,
     plain_axes,
-    png_bytes,
 )
 from resting_aspects_ros.simulation.conditions import QUANTITIES, UNCERTAINTY, DropConditions
 from resting_aspects_ros.studies.calibration.checks import (
@@ -69,7 +66,7 @@ PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationResult:
+class CalibrationResult(Result):
     """What counts say of a surface.
 
     Attributes
@@ -168,10 +165,6 @@ class CalibrationResult:
             'draws': self.draws(),
         }
 
-    def to_json(self) -> str:
-        """Return the document as JSON."""
-        return json.dumps(self.document(), indent=2) + '\n'
-
     def surface_entry(self, *, uncertainty: bool = True) -> str:
         """Return an entry for a surfaces file, with its source and perhaps its uncertainty."""
         lines = [f'{self.surface}:']
@@ -194,10 +187,9 @@ class CalibrationResult:
             ]
         return '\n'.join(lines) + '\n'
 
-    def save_picture(self, path: str | Path) -> None:
-        """Write the picture as a PNG file."""
-        with whole_file(Path(path)) as file:
-            file.write_bytes(png_bytes(calibration_figure(self)))
+    def figure(self) -> 'Figure':
+        """Return the regions of the conditions, and the counted and predicted shares."""
+        return calibration_figure(self)
 
     def __str__(self) -> str:
         given = self.fit.given

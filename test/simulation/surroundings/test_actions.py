@@ -14,9 +14,9 @@ from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.transition_counter import TransitionCounter
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.bullet_edge import SceneWallWorld
-from resting_aspects_ros.simulation.engine import drop_range
+from resting_aspects_ros.simulation.bullet_engine import WallWorld
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.statistics.transitions import no_actions
 
@@ -124,7 +124,7 @@ def test_a_box_on_the_lower_belt_accelerates_by_friction_times_gravity(belt_step
     step = ra.Step(belt_speed=0.1, step_height=0.01, lower_speed=0.3)
     plan = belt_step('box_10x20x30', 'slope', step, angle=0.0, floor={'restitution': 0.0})
     job = plan.job
-    world = SceneWallWorld(job)
+    world = WallWorld(job)
     states = initial_states(job, 0, 5)
     states.position[:, 0] = 4.0
     states.position[:, 2] -= job.edge.height / job.radius - REST_MARGIN

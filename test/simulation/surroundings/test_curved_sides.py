@@ -9,12 +9,12 @@ from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.mesh_simplification import TOLERANCE, merged_mesh, simplified
 from resting_aspects_ros.simulation.scene import MeshBody
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.

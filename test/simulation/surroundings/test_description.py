@@ -9,12 +9,11 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.surroundings import (
-    KINDS,
     Surroundings,
     make_surroundings,
     surroundings_from,
 )
-from resting_aspects_ros.simulation.surroundings_kinds import Chute, Slope, tray_from_scene
+from resting_aspects_ros.simulation.surroundings_kinds import KINDS, Chute, Slope, tray_from_scene
 
 # Dimensions that have no default.
 NEEDED = {
@@ -58,13 +57,6 @@ def test_level_plane_has_an_empty_key(level):
 
 def test_level_plane_with_values_of_its_own_is_not_the_default():
     assert described('plane', bodies={'floor': {'friction': 0.1}}).key
-
-
-def test_text_has_all_values_in_the_units_of_people():
-    given = described('chute', roll=0.5, bodies={'belt': {'speed': 0.1}}, release={'y_min': 0.02})
-    assert given.text == (
-        'chute (roll 28.6479 deg, pitch 0 deg), belt (speed 0.1 m/s), release (y min 20 mm)'
-    )
 
 
 @pytest.mark.parametrize(
@@ -116,11 +108,6 @@ def test_release_inside_a_wall_is_refused(mat):
     near = described('wall', release={'y_min': 0.01, 'y_max': 0.03})
     with pytest.raises(InvalidValueError, match=r'10 mm from the wall.*hull radius.*20 mm'):
         near.scene(mat, 0.02)
-
-
-def test_surroundings_are_not_changed_by_their_name():
-    given = described('chute')
-    assert dataclasses.replace(given, name='mine').key == given.key
 
 
 def test_a_belt_faster_than_the_time_step_resolves_is_refused(mat, part):

@@ -4,10 +4,7 @@ import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import surroundings_folder
-from resting_aspects_ros.simulation.surroundings import (
-    named_surroundings,
-    surroundings_names,
-)
+from resting_aspects_ros.simulation.surroundings import named_surroundings, surroundings_names
 
 
 @pytest.mark.parametrize('name', surroundings_names())
@@ -72,8 +69,3 @@ def test_errors_name_the_file(tmp_path, text, says):
         named_surroundings(path)
     assert 'mine.yaml' in str(caught.value)
     assert '\n' not in str(caught.value)
-
-
-def test_unknown_name_is_refused_with_a_suggestion():
-    with pytest.raises(InvalidValueError, match=r"'l_chut'.*did you mean 'l_chute'"):
-        named_surroundings('l_chut')

@@ -8,16 +8,16 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2_contingency
-from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
+from validation.surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, make_job
 from resting_aspects_ros.simulation.mesh_simplification import DEPTH, GRID, merged_mesh
 from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
@@ -129,7 +129,7 @@ def test_a_mesh_that_is_open_below_the_release_is_refused(part, on_mesh):
     both.vertices[4:, 0] += 250
     with pytest.raises(InvalidValueError, match=r'release at x 0 mm, y 0 mm.*above the mesh'):
         on_mesh(part('l_bracket'), both)
-    assert on_mesh(part('l_bracket'), both, release={'x_min': 0.25}).scene.finite
+    assert on_mesh(part('l_bracket'), both, release={'x_min': 0.25}).scene.bodies
 
 
 def test_a_mesh_that_is_seen_from_inside_is_refused(part, on_mesh):

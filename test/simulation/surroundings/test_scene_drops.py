@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.stats import chi2_contingency
-from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
+from validation.surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
-from resting_aspects_ros.simulation.engine import drop_range
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
@@ -25,7 +24,7 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     VGroove,
     Wall,
 )
-from resting_aspects_ros.simulation.workers import LocalWorkers, submit_drops
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
 from resting_aspects_ros.statistics.distribution import count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -81,7 +80,7 @@ def test_drops_do_not_depend_on_the_workers(part, make, assert_same_poses, engin
     job = make(part('tetrahedron'), Chute(roll=0.3), engine, bodies={'belt': {'speed': 0.1}})
     n, workers = 2 * job.chunk + 10, LocalWorkers(count)
     try:
-        found = [workers.result(f) for f in submit_drops(job, 0, n, workers)]
+        found = [f.result() for f in submit_drops(job, 0, n, workers)]
     finally:
         workers.stop()
     assert_same_poses(RestingPoses.join(found), drop_range(job, 0, n))

@@ -6,13 +6,14 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from placed_bodies import flat_on, groove_height, in_groove, point_path
 from scipy.spatial.transform import Rotation
+from validation.placed_bodies import flat_on, groove_height, in_groove, point_path
 
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.job import BULLET, CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel import RESIDUAL
-from resting_aspects_ros.simulation.release import BodyStates, InitialState
+from resting_aspects_ros.simulation.release import InitialState
+from resting_aspects_ros.simulation.scene import X
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_WINDOW,
@@ -20,14 +21,8 @@ from resting_aspects_ros.simulation.settling import (
     SceneSettling,
     Settling,
 )
-from resting_aspects_ros.simulation.surroundings_kinds import (
-    Chute,
-    Corner,
-    Slope,
-    VGroove,
-    Wall,
-    X,
-)
+from resting_aspects_ros.simulation.starts import States
+from resting_aspects_ros.simulation.surroundings_kinds import Chute, Corner, Slope, VGroove, Wall
 from resting_aspects_ros.statistics.poses import RestStatus
 
 YAWS = np.radians([0, 20, 45, 70, 90])
@@ -221,7 +216,7 @@ def test_a_part_at_rest_settles_although_its_quaternion_changes_sign(block, mat,
     else:
         job, make, window = job_in(block, kind, engine=BULLET), SceneSettling, WINDOW
     turn, none = np.array([[0.5, 0.5, 0.5, 0.5]]), np.zeros((1, 3))
-    at = BodyStates(np.array([[0.0, 3, 1]]), turn, none, none)
+    at = States(np.array([[0.0, 3, 1]]), turn, none, none)
     settling = make(job, InitialState(at.position, turn, none, none, np.zeros(1)))
     for k in range(round(window / CHECK_INTERVAL)):
         seen = dataclasses.replace(at, orientation=at.orientation * (-1) ** (k + 1))

@@ -1,0 +1,280 @@
+"""Topics of a log: name, type and offered QoS as plain data, and the definition of the type.
+
+Every log contains the definitions of its types, so that it can be read without the packages.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from resting_aspects_ros.errors import LogError, shown
+from resting_aspects_ros.input_files import named, parse_yaml
+
+# The message types in the log of a run.
+POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
+PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
+SURROUNDINGS_TYPE = 'resting_aspects_interfaces/msg/SurroundingsDescription'
+DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
+TRANSITIONS_TYPE = 'resting_aspects_interfaces/msg/TransitionMatrix'
+
+# The names that rmw uses on Jazzy; the default of ROS comes first. A rosbag2 player does not
+# offer a topic with any other name.
+_HISTORIES = ('keep_last', 'keep_all')
+_RELIABILITIES = ('reliable', 'best_effort')
+_DURABILITIES = ('volatile', 'transient_local')
+
+# The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth.
+_UNSPECIFIED = ('unknown', 'system_default', 'best_available')
+
+# RMW_DURATION_INFINITE
+_INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+
+_TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
+_TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
+
+
+@dataclass(frozen=True)
+class Qos:
+    """The quality of service that a publisher offers, with the names that rosbag2 stores.
+
+    rclpy uses the same names: `profile.reliability.short_key`. Deadline, lifespan and liveliness
+    have no field, because the suite uses their defaults.
+
+    depth : int
+        Number of messages that are kept for a reader, >= 0; ignored with `keep_all`.
+    reliability : str
+        `reliable` or `best_effort`.
+    durability : str
+        `volatile`, or `transient_local` for a latched topic.
+    history : str
+        `keep_last` or `keep_all`.
+    """
+
+    depth: int
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    history: str = 'keep_last'
+
+    def __post_init__(self) -> None:
+        if type(self.depth) is not int or not 0 <= self.depth < 2**31:
+            raise LogError(
+                f'invalid QoS depth {shown(self.depth)}: expected an integer from 0 to 2**31 - 1'
+            )
+        _require_one_of('reliability', self.reliability, _RELIABILITIES)
+        _require_one_of('durability', self.durability, _DURABILITIES)
+        _require_one_of('history', self.history, _HISTORIES)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One recorded topic.
+
+    name : str
+        Absolute name on the ROS graph, such as `/resting_poses`.
+    type : str
+        `resting_aspects_interfaces/msg/RestingPoses`.
+    """
+
+    name: str
+    type: str
+    qos: Qos
+
+    def __post_init__(self) -> None:
+        if not _TOPIC_NAME.fullmatch(self.name):
+            raise LogError(
+                f'invalid topic name {self.name!r}: expected an absolute name like /resting_poses'
+            )
+        if not _TYPE_NAME.fullmatch(self.type):
+            raise LogError(
+                f'invalid type {self.type!r} of topic {self.name}: expected package/msg/Type'
+            )
+
+
+def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
+    """Return the `offered_qos_profiles` of a topic with one kind of publisher, all nine keys.
+
+    Both the channel in the MCAP file and metadata.yaml use this result, because a reader treats
+    two different profiles as two topics.
+    """
+    return [
+        {
+            'history': qos.history,
+            'depth': qos.depth,
+            'reliability': qos.reliability,
+            'durability': qos.durability,
+            'deadline': _INFINITE,
+            'lifespan': _INFINITE,
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': _INFINITE,
+            'avoid_ros_namespace_conventions': False,
+        }
+    ]
+
+
+def recorded_qos(text: str) -> Qos | None:
+    """Parse the `offered_qos_profiles` of a topic; None if there are none.
+
+    For several publishers, the result has the strongest policy that any of them offered, which is
+    compatible with the readers of all. Unspecified policies get the defaults of ROS: keep_last,
+    reliable, volatile. If the history is unspecified, the depth is 0.
+
+    Raises LogError if the text is not valid.
+    """
+    try:
+        offered = [
+            Qos(
+                0 if each['history'] in _UNSPECIFIED else each['depth'],
+                _or_default(each['reliability'], _RELIABILITIES),
+                _or_default(each['durability'], _DURABILITIES),
+                _or_default(each['history'], _HISTORIES),
+            )
+            for each in parse_yaml(text, f'QoS {shown(text)}', LogError) or []
+        ]
+    except (LookupError, TypeError) as error:
+        raise LogError(
+            f'invalid QoS {shown(text)}: expected profiles as rosbag2 writes them; {shown(error)}'
+        ) from None
+    if not offered:
+        return None
+    return Qos(
+        max(each.depth for each in offered),
+        min((each.reliability for each in offered), key=_RELIABILITIES.index),
+        max((each.durability for each in offered), key=_DURABILITIES.index),
+        max((each.history for each in offered), key=_HISTORIES.index),
+    )
+
+
+def yaml_text(document: object) -> str:
+    """Return plain data as YAML in block style, with keys in their order.
+
+    The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
+    reader's locale.
+    """
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=False))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes an object that is used twice as text again, not as an alias."""
+
+    def ignore_aliases(self, _: object) -> bool:
+        return True
+
+
+def _or_default(policy: str, policies: tuple[str, ...]) -> str:
+    return policies[0] if policy in _UNSPECIFIED else policy
+
+
+def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:
+    if value not in allowed:
+        raise LogError(f'invalid QoS {what} {shown(value)}: expected {" or ".join(allowed)}')
+
+
+# -- definitions ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The definition of a message type.
+
+    name : str
+        `package/msg/Type`.
+    text : str
+        Text of the .msg file, followed by the texts of all types it depends on (encoding
+        `ros2msg`).
+    type_hash : str
+        `RIHS01_...`, the hash with which ROS 2 distinguishes versions of a type.
+    """
+
+    name: str
+    text: str
+    type_hash: str
+
+
+def load_schema(type_name: str) -> Schema:
+    """Return the definition of a type from the installed packages.
+
+    type_name : str
+        `package/msg/Type`.
+
+    Raises LogError if the type, or a type it depends on, is not installed; the message lists the
+    folders that were searched.
+    """
+    hashes = _type_hashes(type_name)
+    texts = [_read(_find(type_name)).removesuffix('\n')]
+    for name in sorted(hashes.keys() - {type_name}):
+        text = _read(_find(name)).removesuffix('\n')
+        # Foxglove's parser finds a dependency by its short name only.
+        texts.append(f'{"=" * 80}\nMSG: {name.replace("/msg/", "/")}\n{text}')
+    return Schema(type_name, '\n\n'.join(texts) + '\n', hashes[type_name])
+
+
+def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
+    """Raise LogError if a type is not installed, or the log was written with another definition.
+
+    CDR does not describe its content, so data read with another definition would be meaningless.
+
+    type_hash : str
+        Hash of the definition in the log; None if it is not recorded.
+    """
+    installed = _type_hashes(type_name)[type_name]
+    if type_hash not in (None, installed):
+        raise LogError(
+            f'{named("log", path)} was recorded by another version of resting_aspects_ros, whose '
+            f'{type_name} has the type hash {shown(type_hash)}: expected that of the installed '
+            f'version, {installed!r}'
+        )
+
+
+def share_folders() -> list[Path]:
+    """Return the folders with one subfolder per package, in search order.
+
+    Sourced workspaces come first. The wheels of a virtual environment install into its own
+    `share` folder, which does not need to be sourced.
+    """
+    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    return [Path(prefix) / 'share' for prefix in dict.fromkeys([*prefixes, sys.prefix])]
+
+
+def _type_hashes(type_name: str) -> dict[str, str]:
+    """Return the hashes of a type and of all types that it depends on, by their names.
+
+    They are in the description of the type that rosidl installs beside its .msg file.
+    """
+    description = _find(type_name).with_suffix('.json')
+    text = _read(description)
+    try:
+        hashes = {
+            each['type_name']: each['hash_string'] for each in json.loads(text)['type_hashes']
+        }
+        return {type_name: hashes.pop(type_name), **hashes}
+    except (ValueError, KeyError, TypeError) as error:
+        raise LogError(f'{description} contains no hash of {type_name}: {error!r}') from error
+
+
+def _find(type_name: str) -> Path:
+    package, _, short = type_name.partition('/msg/')
+    folders = share_folders()
+    for folder in folders:
+        path = folder / package / 'msg' / f'{short}.msg'
+        if path.is_file():
+            return path
+    raise LogError(
+        f'the definition of message type {type_name} is not installed: '
+        f'there is no {type_name}.msg in {", ".join(map(str, folders))}'
+    )
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f'the definition {path} cannot be read: {error}') from error

@@ -1,0 +1,495 @@
+"""Two distributions, or aspects and clusters of poses, compared in tables, texts and documents."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.aspects.clusters import Agreement, Clusters, Differences
+from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
+from resting_aspects_ros.report.drops import shares
+from resting_aspects_ros.report.format import (
+    decimals_of,
+    direction_text,
+    interval_of,
+    outside_aspects,
+    percent_text,
+    points,
+    shown_difference,
+)
+from resting_aspects_ros.report.table import DOWN, NOTHING, Table
+from resting_aspects_ros.statistics.comparison import REST, Comparison, DropCounts
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL, Interval, intervals
+from resting_aspects_ros.statistics.pearson import TABLES
+
+# A million drops justify more decimals, but the table would not fit 80 columns.
+MAX_DECIMALS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedResults:
+    """The two sides of a comparison.
+
+    ids : tuple of int
+        Ids of the aspects or symmetry classes.
+    what : str
+        Whether the ids are of aspects or of symmetry classes.
+    down : (k, 3) float
+        Unit vectors of gravity, part frame; NaN if the part rolls. None if not known.
+    a, b : DropCounts
+        Counts of the two sides.
+    names : tuple of str
+        The ids as text, such as '3+4' for classes that were counted together; by default the ids.
+    labels : (str, str)
+        Names of the two sides.
+    """
+
+    ids: tuple[int, ...]
+    down: npt.NDArray[np.float64] | None
+    a: DropCounts
+    b: DropCounts
+    what: Literal['aspect', 'class'] = 'aspect'
+    names: tuple[str, ...] = ()
+    labels: tuple[str, str] = ('A', 'B')
+
+    def name(self, k: int) -> str:
+        """Return the name of row ``k``."""
+        return self.names[k] if self.names else str(self.ids[k])
+
+    @property
+    def tallies(self) -> tuple[DropCounts, DropCounts]:
+        """The counts of both sides."""
+        return self.a, self.b
+
+    def down_of(self, k: int) -> list[float] | None:
+        """Return the down direction of row ``k``; None if it is not known, or the part rolls."""
+        if self.down is None or np.isnan(self.down[k]).any():
+            return None
+        return numbers(self.down[k])
+
+    def shares(self, confidence: float) -> list[list[Interval]]:
+        """Return, for each side, the share of each aspect in the drops that are in an aspect."""
+        return [
+            intervals(tally.counts, int(tally.counts.sum()), confidence=confidence)
+            for tally in self.tallies
+        ]
+
+
+def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
+    """Return a table with a row for each aspect, and for each outcome in no aspect.
+
+    It fits 80 columns, and its cells are ASCII. Shares of aspects refer to the drops in an
+    aspect, other shares to all drops.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison of the two sides.
+    sides : ComparedResults
+    title : str
+        Plain text, shown above the table.
+    """
+    percent = f'{100 * comparison.confidence:.10g} %'
+    first, second = sides.labels
+    headings = (
+        sides.what,
+        DOWN if sides.down is not None else '',
+        f'{first}\n(%)',
+        f'{percent}\ninterval of {first}',
+        f'{second}\n(%)',
+        f'{first} - {second}\n(%)',
+        f'{percent}\nsimultaneous',
+    )
+    table = Table(title, headings, texts={headings[1]: None})
+    sides_shares = sides.shares(comparison.confidence)
+    for k, (a, b, row) in enumerate(
+        zip(*sides_shares, _differences(comparison, sides), strict=True)
+    ):
+        both = (percent_text(each.probability, row.decimals) for each in (a, b))
+        one, other = both
+        cells = (one, _share_texts(a)[1], other, row.difference, row.bounds)
+        table.add_row(sides.name(k), _down_text(sides, k), *cells)
+    table.add_section()
+    for name in REST:
+        counts = [getattr(tally, name) for tally in sides.tallies]
+        if any(counts):
+            (share, interval), (other, _) = (
+                _share_texts(intervals([count], tally.drops, confidence=comparison.confidence)[0])
+                for count, tally in zip(counts, sides.tallies, strict=True)
+            )
+            table.add_row('', name, share, interval, other)
+    return table
+
+
+class _Difference(NamedTuple):
+    """The difference of a row with its bounds as texts, and the decimals of both shares."""
+
+    difference: str
+    bounds: str
+    decimals: int
+
+
+def _differences(comparison: Comparison, sides: ComparedResults) -> Iterator[_Difference]:
+    """Yield the difference of each row as a reader gets it from the shares that are shown."""
+    for k, both in enumerate(zip(*sides.shares(comparison.confidence), strict=True)):
+        bounds = Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k]))
+        decimals = max(*map(_share_decimals, both), _deviation_decimals(bounds))
+        a, b = (each.probability for each in both)
+        difference = shown_difference(a, b, decimals)
+        yield _Difference(points(difference, decimals), _deviation_texts(bounds)[1], decimals)
+
+
+def difference_texts(comparison: Comparison, sides: ComparedResults) -> list[str]:
+    """Return the difference of each row in percentage points, as '+3.1 (-0.9 to +7.0)'."""
+    return [f'{each.difference} ({each.bounds})' for each in _differences(comparison, sides)]
+
+
+def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
+    """Return the measures in lines for a terminal."""
+    lines = []
+    for name, text in measures(comparison, sides).items():
+        first, _, rest = text.partition(': how')
+        lines.append(f'{name:<25}{first}')
+        if rest:
+            lines.append(f'{"":<25}how{rest}')
+    return '\n'.join(lines)
+
+
+def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
+    """Return how much the sides differ, and whether chance explains it, as texts by name."""
+    aspect = sides.name(comparison.largest_aspect - 1)
+    deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
+    _, bounds = _deviation_texts(
+        Interval(comparison.largest_deviation, *comparison.largest_bounds)
+    )
+    many = 'aspects' if sides.what == 'aspect' else 'classes'
+    p_value = f'{comparison.p_value:.2g}' if comparison.p_value >= 1e-4 else 'less than 0.0001'
+    by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
+    rows = {
+        'total variation': f'{100 * comparison.total_variation:.3g} %',
+        'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
+        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
+        'p value': f'{p_value} by {by}: how often chance alone gives a difference this large',
+    }
+    rows['drops in aspects'] = ', '.join(
+        f'{label} {tally.counts.sum()} of {tally.drops}'
+        for label, tally in zip(sides.labels, sides.tallies, strict=True)
+    )
+    if any(getattr(tally, name) for tally in sides.tallies for name in REST):
+        rows['shares'] = 'aspects: of drops in aspects; others: of all drops'
+    return rows
+
+
+def _down_text(sides: ComparedResults, k: int) -> str:
+    if sides.down is None:
+        return ''
+    return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
+
+
+def _share_decimals(interval: Interval) -> int:
+    return min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
+
+
+def _share_texts(interval: Interval) -> tuple[str, str]:
+    """Return share and interval in percent."""
+    decimals = _share_decimals(interval)
+    share, low, high = (
+        percent_text(x, decimals) for x in (interval.probability, interval.lower, interval.upper)
+    )
+    return share, f'{low} to {high}'
+
+
+def _deviation_texts(interval: Interval) -> tuple[str, str]:
+    """Return deviation and bounds in percent, with signs.
+
+    The deviation has one digit more than its bounds, because it is computed from exact counts.
+    """
+    decimals = _deviation_decimals(interval)
+    shown = min(decimals_of(interval), decimals)
+    low, high = (points(x, shown) for x in (interval.lower, interval.upper))
+    return points(interval.probability, decimals), f'{low} to {high}'
+
+
+def _deviation_decimals(interval: Interval) -> int:
+    limit = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
+    return min(decimals_of(interval) + 1, limit)
+
+
+def comparison_document(
+    comparison: Comparison, sides: ComparedResults, inputs: Mapping[str, Mapping[str, object]]
+) -> dict[str, object]:
+    """Return the comparison as a JSON document; shares are from 0 to 1, and not rounded.
+
+    inputs : the fields that describe each side, under ``a`` and ``b``: file, part, drops, ...
+    """
+    shares = sides.shares(comparison.confidence)
+    lower, upper = comparison.largest_bounds
+    return {
+        'schema_version': SCHEMA_VERSION,
+        **{
+            name: {**inputs[name], **{outcome: getattr(tally, outcome) for outcome in REST}}
+            for name, tally in zip('ab', sides.tallies, strict=True)
+        },
+        'confidence': comparison.confidence,
+        'interval': INTERVAL,
+        'by': sides.what,
+        'aspects': [
+            {
+                'id': sides.ids[k],
+                'name': sides.name(k),
+                'down_in_part': sides.down_of(k),
+                **{
+                    name: {
+                        'count': int(tally.counts[k]),
+                        'share': side[k].probability,
+                        'lower': side[k].lower,
+                        'upper': side[k].upper,
+                    }
+                    for name, tally, side in zip('ab', sides.tallies, shares, strict=True)
+                },
+                'deviation': float(comparison.deviation[k]),
+                'deviation_lower': float(comparison.lower[k]),
+                'deviation_upper': float(comparison.upper[k]),
+            }
+            for k in range(len(sides.ids))
+        ],
+        'total_variation': comparison.total_variation,
+        'largest_deviation': {
+            'aspect': sides.ids[comparison.largest_aspect - 1],
+            'deviation': comparison.largest_deviation,
+            'lower': lower,
+            'upper': upper,
+        },
+        'mean_deviation': comparison.mean_deviation,
+        'p_value': comparison.p_value,
+        'p_by': comparison.p_by,
+    }
+
+
+def verdict(comparison: Comparison, names: Sequence[str]) -> str:
+    """State whether the sides differ by more than chance explains, and where they differ most.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Its confidence is the level of the test.
+    names : sequence of str
+        Names of the aspects or classes.
+    """
+    p_value = comparison.p_value
+    if p_value >= 1 - comparison.confidence:
+        return f'The distributions do not differ significantly ({p_text(p_value)}).'
+    certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
+    among = certain if len(certain) else np.arange(len(names))
+    k = int(among[np.abs(comparison.deviation[among]).argmax()])
+    deviation, bounds = float(comparison.deviation[k]), (comparison.lower[k], comparison.upper[k])
+    ends = np.sort(np.sign(deviation) * np.array(bounds))
+    decimals = min(decimals_of(Interval(0, *bounds)), 1)
+    size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
+    interval = f'{100 * comparison.confidence:.10g} % interval {low} to {high}'
+    if len(certain):
+        return f'They differ by {size} points in {names[k]} ({interval}; {p_text(p_value)}).'
+    what = names[k].split()[0]
+    return (
+        f'They differ significantly ({p_text(p_value)}), but no single {what} does: the largest '
+        f'difference is {size} points in {names[k]} ({interval}).'
+    )
+
+
+def p_text(p_value: float) -> str:
+    """Return 'p = 0.031' or 'p < 0.0001'."""
+    return f'p = {p_value:.2g}' if p_value >= 1e-4 else 'p < 0.0001'
+
+
+# Maximum number of poses in the table of differences; the JSON document has all.
+MAX_DIFFERENCES = 20
+# Within this angle of an aspect of a part with flat sides, no other aspect is possible.
+NEAR = np.radians(1.0)
+
+# Maximum number of rows for single clusters; the other clusters share one row.
+MAX_ROWS = 20
+# The cell for the direction of a cluster without a mean direction.
+RING = 'all round'
+
+Ids = npt.NDArray[np.int64]
+
+
+def cluster_intervals(distribution: Distribution, counts: np.ndarray) -> list[Interval]:
+    """Return the share of each cluster in all poses; equal counts are computed once."""
+    by_count = {int(n): interval_of(distribution, int(n)) for n in np.unique(counts)}
+    return [by_count[int(n)] for n in counts]
+
+
+def cluster_table(distribution: Distribution, clusters: Clusters, title: str) -> Table:
+    """Return a table of the largest clusters, the other clusters, and the unsettled poses.
+
+    ``distribution`` has the counts of the clusters in place of aspects.
+    """
+    percent = f'{100 * CONFIDENCE:g} % interval'
+    headings = ('cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
+    table = Table(title, headings, texts={DOWN: None})
+    drops = distribution.drops
+    shown = clusters.counts[:MAX_ROWS]
+    for k, interval in enumerate(cluster_intervals(distribution, shown)):
+        table.add_row(
+            str(k + 1),
+            RING if np.isnan(clusters.mean[k]).any() else direction_text(clusters.mean[k]),
+            NOTHING if np.isnan(clusters.spread[k]) else f'{np.degrees(clusters.spread[k]):.2f}',
+            *shares(interval, int(shown[k]), drops),
+        )
+    table.add_section()
+    more = len(clusters) - len(shown)
+    rest = [(f'{more} more', int(clusters.counts[MAX_ROWS:].sum()))] if more else []
+    for name, count in [*rest, *outside_aspects(distribution)]:
+        table.add_row('', name, '', *shares(interval_of(distribution, count), count, drops))
+    table.add_row('', 'poses in total', '', '', '', str(drops), bold=True)
+    return table
+
+
+def agreement_table(
+    distribution: Distribution, agreement: Agreement, clusters: Clusters, title: str
+) -> Table:
+    """Return a table of the aspects, each beside the cluster with most of its poses."""
+    percent = f'{100 * CONFIDENCE:g} % interval'
+    headings = ('aspect', DOWN, 'share', percent, 'count', 'cluster:\nits count')
+    table = Table(title, headings, texts={DOWN: None})
+    drops = distribution.drops
+    rows = zip(
+        distribution.aspects.aspects,
+        distribution.counts,
+        distribution.intervals(),
+        agreement.cluster_of,
+        strict=True,
+    )
+    for aspect, count, interval, cluster in rows:
+        table.add_row(
+            str(aspect.id),
+            direction_text(aspect.down_in_part),
+            *shares(interval, int(count), drops),
+            f'{cluster}: {clusters.counts[cluster - 1]}' if cluster else NOTHING,
+        )
+    table.add_section()
+    for name, count in outside_aspects(distribution):
+        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
+    table.add_row('', 'poses in total', '', '', str(drops), '', bold=True)
+    return table
+
+
+def agreement_line(agreement: Agreement, differences: Differences) -> str:
+    """State on how many poses aspects and clusters agree, and whether on all near an aspect."""
+    settled = len(agreement.agree)
+    near = int(np.count_nonzero(differences.angle <= NEAR))
+    where = f'within {np.degrees(NEAR):g} degree of an aspect'
+    return (
+        f'Aspects and clusters agree on {settled - len(differences)} of {settled} settled poses, '
+        + (f'but differ on {near} {where}.' if near else f'including all poses {where}.')
+    )
+
+
+def differences_table(
+    differences: Differences, clusters: Clusters, index: Ids, line: Ids
+) -> Table:
+    """Return a table of the first poses on which aspects and clusters differ.
+
+    index, line : (n,) int, indices of all compared poses, and their lines in the file.
+    """
+    shown = min(len(differences), MAX_DIFFERENCES)
+    total = '' if shown == len(differences) else f' of {len(differences)}, --json lists all'
+    headings = (
+        'pose',
+        'line',
+        'nearest\naspect',
+        'angle to it\n(degrees)',
+        'in aspect',
+        'in cluster',
+        'its\ncount',
+    )
+    table = Table(f'Differing poses ({shown}{total}):', headings)
+    for k in range(shown):
+        pose, cluster = differences.pose[k], int(differences.cluster[k])
+        nearest = differences.nearest[k]
+        table.add_row(
+            str(index[pose]),
+            str(line[pose]),
+            str(nearest or NOTHING),
+            f'{np.degrees(differences.angle[k]):.2f}' if nearest else NOTHING,
+            str(differences.aspect[k] or 'none'),
+            str(cluster),
+            str(clusters.counts[cluster - 1]),
+        )
+    return table
+
+
+def cluster_document(
+    distribution: Distribution, clusters: Clusters, tolerance: float
+) -> dict[str, object]:
+    """Return the document of the clusters, for which the part is not needed.
+
+    ``distribution`` has the counts of the clusters; ``down_in_part`` is the mean direction, null
+    if there is none; ``tolerance`` is in rad.
+    """
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'tolerance': tolerance,
+        'drops': distribution.drops,
+        'unsettled': distribution.unsettled,
+        'failed': distribution.failed,
+        'confidence': distribution.confidence,
+        'interval': distribution.interval,
+        'clusters': [
+            {
+                'id': k + 1,
+                'down_in_part': None if np.isnan(mean).any() else numbers(mean),
+                'spread': plain(float(clusters.spread[k])),
+                **share_fields(int(clusters.counts[k]), interval),
+            }
+            for k, (mean, interval) in enumerate(
+                zip(clusters.mean, cluster_intervals(distribution, clusters.counts), strict=True)
+            )
+        ],
+    }
+
+
+def agreement_fields(
+    distribution: Distribution,
+    agreement: Agreement,
+    differences: Differences,
+    places: Sequence[Ids],
+) -> dict[str, object]:
+    """Return the fields that need the part: aspects with their clusters, and differences.
+
+    places : two of (n,) int, indices of all compared poses, and their lines in the file.
+    """
+    index, line = places
+    rows = zip(
+        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+    )
+    return {
+        'unclassified': distribution.unclassified,
+        'agreed': int(agreement.agree.sum()),
+        'aspects': [
+            {
+                'id': aspect.id,
+                'down_in_part': numbers(aspect.down_in_part),
+                'com_height': float(aspect.com_height),
+                **share_fields(int(count), interval),
+                'cluster': int(agreement.cluster_of[k]),
+                'count_in_cluster': int(agreement.shared[k]),
+            }
+            for k, (aspect, count, interval) in enumerate(rows)
+        ],
+        'differing': [
+            {
+                'pose': int(index[pose]),
+                'line': int(line[pose]),
+                'nearest_aspect': int(differences.nearest[k]),
+                'angle': plain(float(differences.angle[k])),
+                'aspect': int(differences.aspect[k]),
+                'cluster': int(differences.cluster[k]),
+            }
+            for k, pose in enumerate(differences.pose)
+        ],
+    }

@@ -1,0 +1,314 @@
+"""A drift test in sentences, as tables, as a document and as a figure."""
+
+import textwrap
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.report.document import numbers
+from resting_aspects_ros.report.figure import (
+    FAINT,
+    TEXT,
+    new_figure,
+    percent_axis,
+    plain_axes,
+)
+from resting_aspects_ros.report.format import (
+    COLOURS,
+    decimals_of,
+    interval_text,
+    points,
+    points_text,
+    probability_text,
+    share_text,
+    shown_difference,
+)
+from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.statistics.drift import POWER, Deviation, DriftTest
+from resting_aspects_ros.statistics.g_test import EXCEEDANCES
+from resting_aspects_ros.statistics.intervals import Interval, bounds
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+# Windows of a longer table are left out, except the last ones and those with an alarm.
+MAX_ROWS = 40
+
+WIDTH, ROW, TOP, BOTTOM = 8.6, 1.25, 0.9, 0.6  # inches
+LEFT = 0.13
+MAX_CLASSES = 8
+TITLE_WIDTH = 105  # characters
+ALARM: dict[str, Any] = {'color': '#D55E00', 'alpha': 0.14, 'linewidth': 0}
+BAND = 0.22
+
+
+def drift_sentence(test: DriftTest) -> str:
+    """Return whether there is drift, which class deviates, by how much and when, and what is open.
+
+    It also states how many parts at the end were not tested.
+    """
+    return ' '.join([_result(test), *_untested(test)])
+
+
+def _result(test: DriftTest) -> str:
+    found = test.deviation
+    if found is None:
+        windows = len(test.windows)
+        many = f'{windows} window{"s" if windows > 1 else ""}'
+        sizes = set(np.diff(test.ends).tolist())
+        of = f'{test.size} parts' if len(sizes) == 1 else f'about {test.size} parts'
+        return f'No drift in {many} of {of}.'
+    interval = Interval(found.difference, found.lower, found.upper)
+    decimals = decimals_of(interval)
+    share, expected = (f'{100 * x:.{decimals}f} %' for x in (found.share, found.expected))
+    difference, low, high = (
+        points(x, decimals)
+        for x in (
+            shown_difference(found.share, found.expected, decimals),
+            found.lower,
+            found.upper,
+        )
+    )
+    seen = f'lass {test.names[found.index]} is seen in {share} instead of {expected}'
+    bounds_text = f'{100 * found.confidence:.10g} % interval {low} to {high}'
+    deviation = f'({difference} points, {bounds_text})'
+    if found.lower <= 0 <= found.upper:
+        return (
+            f'The shares deviate {_when(test)}, but no single class does significantly: '
+            f'c{seen} {deviation}.'
+        )
+    return f'C{seen} {deviation} {_when(test)}.'
+
+
+def _when(test: DriftTest) -> str:
+    drifted = test.drifted
+    first, last = int(test.ends[drifted.start]) + 1, int(test.ends[drifted.stop])
+    label = f' ({test.labels[drifted.start]})' if test.labels else ''
+    if drifted.stop < len(test.windows):
+        return f'in parts {first} to {last}{label}, but not in the later parts together'
+    return f'since part {first}{label}'
+
+
+def _untested(test: DriftTest) -> Iterator[str]:
+    """Yield a sentence about the parts that do not fill a window."""
+    if test.untested == 1:
+        yield 'The last part is not tested: it does not fill a window.'
+    elif test.untested:
+        yield f'The last {test.untested} parts are not tested: they do not fill a window.'
+
+
+def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
+    """Return how batches scatter, what a window finds, and how often there is a false alarm.
+
+    needed : number of parts that finds ``shift`` with a probability of POWER; None if none does
+    """
+    finds = (
+        f'A deviation of {100 * shift:g} points in any class is '
+        + ('not found with any number of parts' if needed is None else f'found in {needed} parts')
+        + f' with a probability of {100 * POWER:g} %.'
+    )
+    alarms = (
+        f'Without drift, at most {100 * test.level:.3g} % of windows raise an alarm: one in '
+        f'{test.size / test.level:.0f} parts.'
+    )
+    return ' '.join([_scatter_sentence(test), finds, alarms, *_unclassified(test)])
+
+
+def _scatter_sentence(test: DriftTest) -> str:
+    """Return by how much batches scatter more than by chance."""
+    scatter = test.scatter
+    if scatter is None:
+        return 'There are too few batches to tell whether they scatter more than by chance.'
+    if scatter.factor <= 1:
+        return 'Successive batches scatter as by chance.'
+    return (
+        f'Successive batches scatter with {scatter.factor:.2g} times the variance of chance, '
+        'which the test allows for.'
+    )
+
+
+def _unclassified(test: DriftTest) -> Iterator[str]:
+    """Yield a sentence about the parts in no class."""
+    if number := test.unclassified:
+        share = share_text(number / (number + test.parts))
+        parts = 'part is' if number == 1 else 'parts are'
+        yield f'{number} unclassified {parts} not tested: {share} % of the counted parts.'
+
+
+def window_table(test: DriftTest, title: str) -> Table:
+    """Return a table with a row for each window: its parts, p value and largest deviation."""
+    labels = ['from'] if test.labels else []
+    headings = (
+        'parts',
+        *labels,
+        'p',
+        'class',
+        'share\n(%)',
+        'simulated\n(%)',
+        'difference\n(points)',
+        '',
+    )
+    table = Table(title, headings)
+    alarms = set(test.alarms.tolist())
+    count = len(test.windows)
+    for k in range(count):
+        if count - k > MAX_ROWS and k not in alarms:
+            continue
+        found = test.deviation_in(range(k, k + 1))
+        interval = Interval(found.difference, found.lower, found.upper)
+        decimals = decimals_of(interval)
+        table.add_row(
+            f'{test.ends[k] + 1} to {test.ends[k + 1]}',
+            *([test.labels[k]] if labels else []),
+            _p_text(float(test.p_values[k]), test.level),
+            test.names[found.index],
+            f'{100 * found.share:.{decimals}f}',
+            f'{100 * found.expected:.{decimals}f}',
+            points_text(
+                shown_difference(found.share, found.expected, decimals), found.lower, found.upper
+            ),
+            'alarm' if k in alarms else '',
+        )
+    return table
+
+
+def _p_text(p_value: float, level: float) -> str:
+    smallest = level / EXCEEDANCES
+    return f'{p_value:.2g}' if p_value > smallest else f'< {smallest:.1g}'
+
+
+def live_table(test: DriftTest, live: LiveCounts) -> Table:
+    """Return a table with the shares of all classes: simulated, counted, and both together."""
+    confidence = test.confidence
+    title = (
+        f'Shares of all {live.parts} parts, with the simulation as the prior '
+        f'(weight {live.prior_weight:g})'
+    )
+    percent = f'{100 * confidence:.10g} %\ninterval'
+    table = Table(title, ('class', 'counted', 'simulated', 'share', percent))
+    for k, interval in enumerate(live.intervals(confidence)):
+        table.add_row(
+            test.names[k],
+            str(live.observed[k]),
+            str(live.simulated[k]),
+            probability_text(interval),
+            interval_text(interval),
+        )
+    return table
+
+
+def drift_fields(test: DriftTest, live: LiveCounts) -> dict[str, object]:
+    """Return the fields of the JSON document; shares are from 0 to 1, and not rounded."""
+    alarms = set(test.alarms.tolist())
+    found = test.deviation
+    return {
+        'message': drift_sentence(test),
+        'level': test.level,
+        'scatter': None if test.scatter is None else test.scatter.factor,
+        'confidence': test.confidence,
+        'parts': live.parts,
+        'untested': test.untested,
+        'unclassified': test.unclassified,
+        'drift': None
+        if found is None
+        else {
+            'first_part': int(test.ends[test.drifted.start]) + 1,
+            'last_part': int(test.ends[test.drifted.stop]),
+            **_deviation_fields(found, test),
+        },
+        'windows': [
+            {
+                'first_part': int(test.ends[k]) + 1,
+                'last_part': int(test.ends[k + 1]),
+                'label': test.labels[k] if test.labels else None,
+                'counts': row.tolist(),
+                'g': float(test.g[k]),
+                'p_value': float(test.p_values[k]),
+                'alarm': k in alarms,
+                **_deviation_fields(test.deviation_in(range(k, k + 1)), test),
+            }
+            for k, row in enumerate(test.windows)
+        ],
+        'prior_weight': live.prior_weight,
+        'classes': [
+            {
+                'symmetry_class': live.ids[k],
+                'symmetry_classes': test.groups[k],
+                'simulated': int(live.simulated[k]),
+                'observed': int(live.observed[k]),
+                'concentration': concentration,
+                'probability': interval.probability,
+                'lower': interval.lower,
+                'upper': interval.upper,
+            }
+            for k, (interval, concentration) in enumerate(
+                zip(live.intervals(test.confidence), numbers(live.concentration), strict=True)
+            )
+        ],
+    }
+
+
+def _deviation_fields(found: Deviation, test: DriftTest) -> dict[str, object]:
+    return {
+        'symmetry_class': test.groups[found.index][0],
+        'symmetry_classes': test.groups[found.index],
+        'share': found.share,
+        'simulated_share': found.expected,
+        'difference': found.difference,
+        'lower': found.lower,
+        'upper': found.upper,
+        'residual': found.residual,
+    }
+
+
+def drift_figure(test: DriftTest) -> 'Figure':
+    """Plot the share of each class in the windows, with its interval and the simulated share.
+
+    The bands are Wilson intervals of the share of a window. Windows with an alarm are shaded. Of
+    more than MAX_CLASSES classes, those with the largest simulated shares are shown.
+    """
+    order = sorted(np.argsort(-test.simulated, kind='stable')[:MAX_CLASSES].tolist())
+    height = TOP + BOTTOM + ROW * len(order)
+    figure = new_figure(WIDTH, height)
+    title = '\n'.join(textwrap.wrap(drift_sentence(test), TITLE_WIDTH)[:3])
+    figure.text(0.1 / WIDTH, 1 - 0.12 / height, title, size=9, weight='bold', color=TEXT, va='top')
+    rows = figure.subplots(len(order), sharex=True, squeeze=False)[:, 0]
+    figure.subplots_adjust(LEFT, BOTTOM / height, 0.97, 1 - TOP / height, hspace=0.25)
+    sizes = np.diff(test.ends)
+    lower, upper = bounds(test.windows, sizes, confidence=test.confidence)
+    for axes, k in zip(rows, order, strict=True):
+        plain_axes(axes, 'y')
+        top = min(1.15 * max(float(upper[:, k].max()), 0.01), 1.0)
+        axes.set(xlim=(0, test.ends[-1]), ylim=(0, top))
+        percent_axis(axes, 'y', top)
+        colour = COLOURS[(test.groups[k][0] - 1) % len(COLOURS)]
+        band = {'baseline': lower[:, k], 'fill': True, 'color': colour, 'alpha': BAND}
+        expected = test.simulated[k] / test.simulated.sum()
+        drawn = {
+            'share in a window': axes.stairs(
+                test.windows[:, k] / sizes, test.ends, baseline=None, color=colour, linewidth=1.6
+            ),
+            f'its {100 * test.confidence:.10g} % interval': axes.stairs(
+                upper[:, k], test.ends, **band
+            ),
+            'share in the simulation': axes.axhline(
+                expected, color=TEXT, linewidth=0.9, linestyle='--'
+            ),
+        }
+        for alarm in test.alarms:
+            shade = axes.axvspan(*test.ends[alarm : alarm + 2], **ALARM)
+            drawn['window with an alarm'] = shade
+        axes.set_ylabel(f'class {test.names[k]}', size=8, color=TEXT)
+    rows[-1].set_xlabel('number of counted parts', size=8, color=FAINT)
+    place: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (LEFT, 1 - TOP / height)}
+    style: dict[str, Any] = {
+        'ncols': len(drawn),
+        'fontsize': 8,
+        'labelcolor': FAINT,
+        'frameon': False,
+    }
+    figure.legend(list(drawn.values()), list(drawn), **place, **style)
+    return figure

@@ -1,0 +1,557 @@
+"""The figures of a distribution: bars, pie, convergence, estimates and a comparison."""
+
+import dataclasses
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.figure import (
+    FAINT,
+    NARROW,
+    PAPER,
+    PIXELS_PER_INCH,
+    TEXT,
+    WIDE,
+    RowAxes,
+    new_figure,
+    percent_axis,
+    plain_axes,
+)
+from resting_aspects_ros.report.format import (
+    GREY,
+    Row,
+    class_rows,
+    interval_of,
+    interval_text,
+    millimetre_texts,
+    outside_rows,
+    probability_text,
+    rgb,
+    short_name,
+)
+from resting_aspects_ros.report.picture import Image, draw_parts, pose_parts
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import Interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+MAX_LINES = 10  # more lines would hide each other
+# A marker shape for each method.
+MARKERS = dict(zip(METHODS, 'osD^vPX', strict=True))
+
+
+def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
+    """Return the interval of each class after each number of drops of a history.
+
+    Confidence and kind of the intervals are those of the distribution.
+    """
+    return [
+        dataclasses.replace(
+            distribution,
+            counts=row,
+            unclassified=int(n - row.sum()),
+            unsettled=0,
+            failed=0,
+            lost=0,
+            sliding=0,
+        )
+        .by_class()
+        .intervals()
+        for n, row in zip(drops, counts, strict=True)
+    ]
+
+
+def convergence_figure(
+    rows: Sequence[Row],
+    drops: Counts,
+    bands: Sequence[Sequence[Interval]],
+    width: float = WIDE,
+) -> 'Figure':
+    """Plot the share of each row against the number of drops, with its interval as a band.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        If there are more than MAX_LINES, those with the most drops are shown.
+    drops : (m,) int
+        Numbers of drops, ascending.
+    bands : sequence of sequence of Interval
+        The interval of each row, after each number of drops.
+    """
+    figure = new_figure(width, 3.6)
+    shown = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
+    names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in shown}
+    labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in shown}
+    left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
+    axes = figure.add_axes((left / width, 0.14, 1 - (left + right) / width, 0.82))
+    plain_axes(axes, 'y')
+    top = 0.0
+    ends = []
+    for k in shown:
+        history = [after[k] for after in bands]
+        lower, upper = ([getattr(each, side) for each in history] for side in ('lower', 'upper'))
+        shares = [each.probability for each in history]
+        axes.fill_between(drops, lower, upper, color=rows[k].colour, alpha=0.22, linewidth=0)
+        axes.plot(drops, shares, color=rows[k].colour, linewidth=1.8)
+        top = max(top, *upper)
+        ends.append((shares[-1], rows[k].colour, labels[k]))
+    axes.set_xscale('log')
+    axes.set_xlim(float(drops[0]), float(drops[-1]))
+    axes.set_ylim(0, top * 1.02)
+    axes.xaxis.set_major_formatter(lambda n, _: f'{n:,.0f}'.replace(',', ' '))
+    axes.set_xticks(_drop_ticks(drops, width - left - right))
+    axes.minorticks_off()
+    percent_axis(axes, 'y', top)
+    axes.set_xlabel('number of drops', size=8, color=FAINT)
+    _label_ends(axes, ends, top)
+    return figure
+
+
+def estimates_figure(
+    rows: Sequence[Row], estimates: Mapping[str, Array], width: float = WIDE
+) -> 'Figure':
+    """Plot the prediction of each method for each row, over the interval of the drops as a bar.
+
+    Parameters
+    ----------
+    estimates : mapping
+        (rows,) probabilities, by the method's name.
+    """
+    columns = int(width / 1.7)  # of the legend
+    lines = -(-len(estimates) // columns)
+    row_axes = RowAxes(rows, 0.5, width, 0.4 + 0.2 * lines)
+    axes, tall = row_axes.axes, row_axes.data(0.25)
+    for row, y in zip(rows, row_axes.places, strict=True):
+        wide = row.interval.upper - row.interval.lower
+        axes.barh(y, wide, tall, row.interval.lower, color=row.colour, alpha=0.55)
+        ends = [y - tall / 2, y + tall / 2]
+        axes.plot([row.interval.probability] * 2, ends, color=TEXT, linewidth=1.4)
+    for name, shares in estimates.items():
+        axes.plot(
+            shares,
+            row_axes.places,
+            MARKERS[name],
+            label=METHODS[name].label,
+            markersize=5,
+            markerfacecolor=PAPER,
+            markeredgecolor=TEXT,
+            markeredgewidth=1.0,
+        )
+    top = max([row.interval.upper for row in rows] + [float(max(x)) for x in estimates.values()])
+    axes.set_xlim(0, top * 1.04)
+    percent_axis(axes, 'x', top)
+    row_axes.figure.legend(
+        loc='lower left',
+        ncols=columns,
+        frameon=False,
+        fontsize=8,
+        labelcolor=TEXT,
+        bbox_to_anchor=(0.02, 0.0),
+        columnspacing=1.2,
+    )
+    return row_axes.figure
+
+
+def comparison_figure(
+    rows: Sequence[Row],
+    sides: Sequence[tuple[str, Sequence[Interval]]],
+    differences: Sequence[str],
+    width: float = WIDE,
+) -> 'Figure':
+    """Plot two distributions as bars with whiskers, and write the differences beside them.
+
+    Parameters
+    ----------
+    sides : sequence of (str, sequence of Interval)
+        Label of each of the two, and the interval of each row. The bars of the second are paler.
+    differences : sequence of str
+        The text beside each row.
+    """
+    legend = '\n'.join(
+        textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
+        for (name, _), place in zip(sides, ('upper', 'lower'), strict=True)
+    )
+    row_axes = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(legend.splitlines()))
+    row_axes.figure.text(
+        0.2 / width, 0.1 / row_axes.height, legend, size=8, color=FAINT, parse_math=False
+    )
+    axes, tall = row_axes.axes, row_axes.data(0.25)
+    both = [side for _, side in sides]
+    top = max(each.upper for side in both for each in side)
+    for side, shift, alpha in zip(both, (-tall / 2, tall / 2), (1.0, 0.45), strict=True):
+        shares = np.array([each.probability for each in side])
+        lower = shares - [each.lower for each in side]
+        upper = [each.upper for each in side] - shares
+        colours = [row.colour for row in rows]
+        axes.barh(row_axes.places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
+        axes.errorbar(
+            shares,
+            row_axes.places + shift,
+            xerr=[np.maximum(lower, 0), np.maximum(upper, 0)],
+            fmt='none',
+            color=TEXT,
+            elinewidth=1.0,
+            capsize=3,
+        )
+    ends = [max(each.upper for each in of_row) for of_row in zip(*both, strict=True)]
+    text_width = row_axes.write(differences, ends)
+    # The axis leaves room for the text beside the longest bar.
+    axes_width = axes.get_position().width * width
+    axes.set_xlim(0, top * axes_width / (axes_width - text_width))
+    percent_axis(axes, 'x', top)
+    return row_axes.figure
+
+
+def _drop_ticks(drops: Counts, inches: float) -> list[float]:
+    """Return the ticks of an axis of drops, ``inches`` long: powers of ten, and the last number.
+
+    A tick is omitted if its label would overlap the label of a larger one.
+    """
+    decades = 10.0 ** np.arange(1, 8)
+    inside = decades[(decades >= drops[0]) & (decades < drops[-1])]
+    length = math.log10(drops[-1] / drops[0])
+    shown = [float(drops[-1])]
+    for tick in inside[::-1]:
+        room = inches * math.log10(shown[0] / tick) / length
+        if room > 0.065 * (len(str(int(tick))) + len(str(int(shown[0])))) / 2 + 0.1:
+            shown.insert(0, float(tick))
+    return shown
+
+
+def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:
+    """Write labels right of the lines, moved apart where they would overlap.
+
+    A label that is moved is connected with the end of its line.
+    """
+    ordered = sorted(ends)
+    places = labels_apart(np.array([share for share, _, _ in ordered]), 0.062 * top)
+    inches = axes.bbox.width / axes.figure.dpi
+    across = axes.get_yaxis_transform()
+    for (share, colour, label), place in zip(ordered, places, strict=True):
+        line = [1.0, 1.0 + 0.16 / inches], [share, place]
+        axes.plot(*line, color=colour, linewidth=1.5, transform=across, clip_on=False)
+        axes.text(
+            1.0 + 0.2 / inches, place, label, size=8, va='center', color=TEXT, transform=across
+        )
+
+
+def labels_apart(values: Array, gap: float) -> Array:
+    """Return ascending values, moved by little to distances of at least ``gap``, none below 0."""
+    # With the gaps subtracted, values that are too close decrease, and their mean is their place.
+    steps = gap * np.arange(len(values))
+    blocks: list[list[float]] = []
+    for value in values - steps:
+        blocks.append([value])
+        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    fitted = [max(float(np.mean(block)), 0.0) for block in blocks for _ in block]
+    return np.array(fitted) + steps
+
+
+WIDTH, HEIGHT = 5.0, 4.4  # of the figure, inches
+# Half the width of the figure in pie radii, with pictures around the pie and without.
+REACH, BARE_REACH = 2.0, 1.32
+# Slices with a smaller share have their name beside them.
+MIN_INSIDE = 0.06
+# Maximum number of pictures, for the largest slices: more would overlap.
+MAX_PICTURES = 8
+# Side of a picture, and distance of its centre from the centre of the pie, in pie radii.
+SIDE, DISTANCE = 0.6, 1.42
+
+
+def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
+    """Draw the shares of all drops as slices, clockwise from the top, with pictures beside them.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    images : sequence of (p, p, 4) float or None
+        The picture of each row. Only the MAX_PICTURES largest slices have their picture.
+    """
+    figure = new_figure(WIDTH, HEIGHT)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    shown = [(row, image) for row, image in zip(rows, images, strict=True) if row.count]
+    if not shown:
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, 'no drops', ha='center', va='center', color=FAINT)
+        return figure
+    shares = np.array([row.interval.probability for row, _ in shown])
+    axes.pie(
+        shares,
+        colors=[row.colour for row, _ in shown],
+        startangle=90,
+        counterclock=False,
+        wedgeprops={'edgecolor': PAPER, 'linewidth': 1.2 if len(shown) > 1 else 0},
+        radius=1.0,
+        frame=True,
+    )
+    axes.set_axis_off()
+    middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
+    pictured = np.zeros(len(shown), dtype=bool)
+    pictured[np.argsort(-shares, kind='stable')[:MAX_PICTURES]] = True
+    pictured &= [image is not None for _, image in shown]
+    reach = REACH if pictured.any() else BARE_REACH
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach * HEIGHT / WIDTH, reach * HEIGHT / WIDTH)
+    places = middles.copy()
+    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / DISTANCE))
+    for k, (row, image) in enumerate(shown):
+        x, y = np.cos(middles[k]), np.sin(middles[k])
+        inside = shares[k] >= MIN_INSIDE
+        if image is not None and pictured[k]:
+            at = DISTANCE * np.cos(places[k]), DISTANCE * np.sin(places[k])
+            _draw_image(axes, image, *at, SIDE)
+            if not inside:
+                axes.plot([x, 0.8 * at[0]], [y, 0.8 * at[1]], color=FAINT, linewidth=0.7)
+                _write(axes, short_name(row), at[0], at[1] - 0.55 * SIDE, FAINT)
+        if inside:
+            text = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
+            _write(axes, text, 0.66 * x, 0.66 * y, _text_colour_on(row.colour))
+    return figure
+
+
+def spread(angles: Array, min_gap: float) -> Array:
+    """Return angles on a circle, descending, moved apart to gaps of ``min_gap`` rad if possible.
+
+    If there is not enough room, the gaps become equal.
+    """
+    moved = angles.copy()
+    if len(moved) < 2:
+        return moved
+    min_gap = min(min_gap, 2 * np.pi / len(moved))
+    for _ in range(200):
+        gaps = moved - np.roll(moved, -1)
+        gaps[-1] += 2 * np.pi
+        lack = np.maximum(min_gap - gaps, 0.0) / 2
+        if lack.max() < 1e-3:
+            break
+        moved += lack - np.roll(lack, 1)
+    return moved
+
+
+def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:
+    axes.text(
+        x,
+        y,
+        text,
+        ha='center',
+        va='center',
+        size=9,
+        weight='bold',
+        color=colour,
+        linespacing=1.25,
+    )
+
+
+def _draw_image(axes: 'Axes', image: Image, x: float, y: float, side: float) -> None:
+    axes.imshow(
+        image,
+        extent=(x - side / 2, x + side / 2, y - side / 2, y + side / 2),
+        interpolation='antialiased',
+        aspect='auto',
+        zorder=3,
+    )
+
+
+def _text_colour_on(colour: str) -> str:
+    """Return the text colour, dark or light, with more contrast on a background colour."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb(colour)]
+    return '#111111' if np.dot([0.2126, 0.7152, 0.0722], linear) > 0.18 else '#FEFEFE'
+
+
+MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one bar
+
+# Sizes in pixels. BESIDE_BAR is the room for the text at the end of the longest bar.
+BARS_WIDTH = 1240
+TOP, BOTTOM, MARGIN = 110, 84, 28
+ROW, ROW_OF_MANY, MANY = 164, 116, 6
+ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
+BAR = 42
+MAX_TITLE = 80  # characters
+LABEL, BESIDE_BAR = 200, 190
+
+
+def distribution_figure(
+    distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
+) -> 'Figure':
+    """Plot a bar for each symmetry class, with a picture of the part in it if the part is known.
+
+    If there are more than 12 classes, the 12 most probable are shown, in the order of their
+    numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
+    intervals. The subtitle can state the conditions.
+    """
+    # A long title, such as one with surroundings, continues below.
+    title, *more = textwrap.wrap(title, MAX_TITLE) or ['']
+    subtitle = ' '.join([*more, subtitle]).strip()
+    rows = _rows(distribution)
+    side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
+    of_aspect = side if part else ROW_WITHOUT_PICTURE
+    sides = [of_aspect if row.aspects else ROW_OF_OTHERS for row in rows]
+    room = max(sum(sides), ROW_OF_OTHERS)
+    height = TOP + room + BOTTOM
+    figure = new_figure(BARS_WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH)
+    bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
+    left = MARGIN + (side if part else 0)
+    if part:
+        for bottom, image in zip(bottoms, _images(part, rows, side), strict=False):
+            _write_image(figure, image, MARGIN, bottom, height)
+    _write_header(figure, title, subtitle, height)
+    middles = [bottom + side / 2 for bottom, side in zip(bottoms, sides, strict=True)]
+    for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
+        _write_label(figure, row.name, note, left, middle, height)
+    axes = figure.add_axes(
+        (
+            (left + LABEL) / BARS_WIDTH,
+            BOTTOM / height,
+            (BARS_WIDTH - MARGIN - left - LABEL) / BARS_WIDTH,
+            room / height,
+        )
+    )
+    _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
+    axes.set_ylim(0, room)
+    return figure
+
+
+def _rows(distribution: Distribution) -> list[Row]:
+    """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
+    rows = class_rows(distribution)
+    counts = np.array([row.count for row in rows])
+    shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
+    kept = [rows[k] for k in shown]
+    if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
+        count = int(counts.sum() - counts[shown].sum())
+        kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))
+    return [*kept, *outside_rows(distribution)]
+
+
+def _notes(rows: Sequence[Row]) -> list[str]:
+    """Return the note below the name of each row."""
+    heights = millimetre_texts(
+        np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
+    )
+    return [
+        f'{"that look the same" + chr(10) if len(row.aspects) > 1 else ""}'
+        f'centre of mass\n{height} mm high'
+        if row.aspects
+        else ''
+        for row, height in zip(rows, heights, strict=True)
+    ]
+
+
+def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
+    shown = [row for row in rows if row.aspects]
+    posed_parts = pose_parts(part, [row.aspects[0] for row in shown])
+    return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
+
+
+def _write_image(figure: 'Figure', image: Image, left: int, bottom: float, height: int) -> None:
+    """Draw the image without scaling."""
+    side = len(image)
+    axes = figure.add_axes((left / BARS_WIDTH, bottom / height, side / BARS_WIDTH, side / height))
+    axes.imshow(image, interpolation='nearest', aspect='auto')
+    axes.set_axis_off()
+
+
+def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:
+    x = MARGIN / BARS_WIDTH
+    figure.text(
+        x,
+        1 - 36 / height,
+        title,
+        size=14,
+        weight='bold',
+        color=TEXT,
+        va='center',
+        parse_math=False,
+    )
+    figure.text(x, 1 - 72 / height, subtitle, size=9, color=FAINT, va='center', parse_math=False)
+
+
+def _write_label(
+    figure: 'Figure', name: str, note: str, left: int, middle: float, height: int
+) -> None:
+    """Write the name and below it the note, right of ``left`` and centred at ``middle``."""
+    x, y = (left + LABEL - 18) / BARS_WIDTH, middle / height
+    lines = note.count('\n') + 1 if note else 0
+    y += 7 * max(lines - 1, 0) / height
+    figure.text(
+        x,
+        y + (2 / height if note else 0),
+        name,
+        size=10,
+        weight='bold',
+        color=TEXT,
+        ha='right',
+        va='bottom' if note else 'center',
+    )
+    figure.text(
+        x, y - 4 / height, note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
+    )
+
+
+def _draw_bars(
+    axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
+) -> None:
+    """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
+    for row, middle in zip(rows, middles, strict=True):
+        _draw_bar(axes, row, middle, distribution.drops)
+    longest = max((row.interval.upper for row in rows), default=1.0)
+    room = axes.get_position().width * BARS_WIDTH
+    axes.set_xlim(0, longest * room / (room - BESIDE_BAR))
+    plain_axes(axes, 'x')
+    percent_axis(axes, 'x', longest)
+    axes.set_yticks([])
+    axes.spines['left'].set_visible(True)
+    axes.spines['left'].set_color(FAINT)
+    axes.set_xlabel(
+        f'probability from {distribution.drops} drops, with '
+        f'{100 * distribution.confidence:g} % interval ({distribution.interval.capitalize()})',
+        size=8,
+        color=FAINT,
+        loc='left',
+        labelpad=8,
+    )
+
+
+def _draw_bar(axes: 'Axes', row: Row, middle: float, drops: int) -> None:
+    interval = row.interval
+    axes.barh(middle, interval.probability, height=BAR, color=row.colour)
+    axes.errorbar(
+        interval.probability,
+        middle,
+        capsize=4,
+        color=TEXT,
+        elinewidth=1.2,
+        capthick=1.2,
+        xerr=[[interval.probability - interval.lower], [interval.upper - interval.probability]],
+    )
+    unseen = 'never seen' if drops else 'no drops'
+    text = probability_text(interval) if interval.probability else unseen
+    _write_beside(
+        axes, interval.upper, middle, 1, text, size=10.5, weight='bold', color=TEXT, va='bottom'
+    )
+    bounds = interval_text(interval)
+    _write_beside(axes, interval.upper, middle, -1.5, bounds, size=7.5, color=FAINT, va='top')
+
+
+def _write_beside(axes: 'Axes', x: float, y: float, rise: float, text: str, **style: Any) -> None:
+    """Write right of a point, ``rise`` points above it, on a background that hides the grid."""
+    axes.annotate(
+        text,
+        (x, y),
+        (8, rise),
+        textcoords='offset points',
+        annotation_clip=False,
+        bbox={'facecolor': PAPER, 'edgecolor': 'none', 'pad': 0.8},
+        **style,
+    )

@@ -1,0 +1,238 @@
+"""The style of all figures, their axes, and PNG and SVG files."""
+
+import io
+import re
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from resting_aspects_ros.report.format import Row
+from resting_aspects_ros.report.picture import Image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+TEXT, FAINT, GRID, PAPER = '#222226', '#6A6A70', '#E4E4E8', '#FFFFFF'
+# CSS variables that replace the colours in a page, which is dark or light; see page.css.
+_IN_PAGE = {TEXT: '--ink', FAINT: '--faint', GRID: '--line', PAPER: '--paper'}
+PIXELS_PER_INCH = 144.0
+
+
+def new_figure(width: float, height: float) -> 'Figure':
+    """Return an empty figure that needs no display; width and height in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=PIXELS_PER_INCH, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def plain_axes(axes: 'Axes', grid: Literal['x', 'y']) -> None:
+    """Style axes with light grid lines for one axis, 'x' or 'y', and without a frame."""
+    axes.set_axisbelow(True)
+    axes.grid(axis=grid, color=GRID, linewidth=0.8)
+    axes.tick_params(length=0, labelsize=8, labelcolor=FAINT)
+    axes.spines[['top', 'right', 'bottom', 'left']].set_visible(False)
+
+
+def percent_axis(axes: 'Axes', name: str, top: float) -> None:
+    """Set ticks in percent on an axis, 'x' or 'y', from 0 to the share ``top``."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis = getattr(axes, f'{name}axis')
+    low, high = getattr(axes, f'get_{name}lim')()
+    pixels = axes.bbox.size['xy'.index(name)] * top / (high - low)
+    bins = min(max(int(pixels / PIXELS_PER_INCH / 0.6), 1), 5)
+    ticks = MaxNLocator(bins, steps=[1, 2, 5, 10]).tick_values(0, top)
+    axis.set_ticks([tick for tick in ticks if 0 <= tick <= top * 1.001])
+    axis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
+
+
+def png_bytes(figure: 'Figure') -> bytes:
+    """Return the figure as a PNG file."""
+    file = io.BytesIO()
+    figure.savefig(file, format='png', dpi=PIXELS_PER_INCH)
+    return file.getvalue()
+
+
+def svg_text(figure: 'Figure') -> str:
+    """Return the figure as an SVG file with text as text; equal figures give equal files."""
+    import matplotlib as mpl
+
+    file = io.StringIO()
+    with mpl.rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'resting_aspects_ros'}):
+        figure.savefig(file, format='svg', metadata={'Date': None, 'Creator': None})
+    return file.getvalue()
+
+
+def inline_svg(svg: str, name: str, label: str) -> str:
+    """Return an SVG file as an element of a page, in the colours of the page.
+
+    Parameters
+    ----------
+    svg : str
+        Text from svg_text.
+    name : str
+        Prefix of the ids, unique for each figure of the page; letters and '-'.
+    label : str
+        Alternative text of the figure for screen readers; without XML special characters.
+    """
+    svg = svg[svg.index('<svg') :]
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(url\(|href=")#', rf'\1#{name}-', svg)
+    svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)
+    for colour, variable in _IN_PAGE.items():
+        svg = re.sub(f'{colour}\\b', f'var({variable})', svg, flags=re.IGNORECASE)
+    # Without width and height it fills its container and keeps its aspect ratio.
+    svg = re.sub(r'(<svg [^>]*?) width="[^"]*"', r'\1', svg, count=1)
+    svg = re.sub(r'(<svg [^>]*?) height="[^"]*"', r'\1', svg, count=1)
+    return svg.replace('<svg ', f'<svg role="img" aria-label="{label}" ', 1)
+
+
+WIDE, NARROW = 7.2, 4.1  # widths of a figure, inches; NARROW is for a mobile phone
+# Margin on the right, inches.
+_RIGHT = 0.25
+# Height of the line of text above a band in a narrow figure, inches.
+_LINE = 0.24
+
+
+class RowAxes:
+    """A figure with a named horizontal band for each row, from top to bottom.
+
+    The names are left of the bands, or in a narrow figure in a line above each band.
+
+    Parameters
+    ----------
+    inches : float
+        Height of a band.
+    below : float
+        Height of the space below all bands, inches.
+
+    places : (rows,) float
+        Centre of each band on the vertical axis.
+    """
+
+    def __init__(self, rows: Sequence[Row], inches: float, width: float, below: float) -> None:
+        self._narrow = width <= NARROW
+        self._inches = inches
+        self._pitch = inches + (_LINE if self._narrow else 0.0)
+        self.height = self._pitch * len(rows) + below + 0.1
+        self.figure = new_figure(width, self.height)
+        names = [row.name for row in rows]
+        left = 0.2 + (0.0 if self._narrow else 0.08 * max(map(len, names), default=0))
+        place = 1 - (left + _RIGHT) / width
+        bottom, top = below / self.height, 0.1 / self.height
+        self.axes = self.figure.add_axes((left / width, bottom, place, 1 - bottom - top))
+        plain_axes(self.axes, 'x')
+        self.places = np.arange(len(rows), dtype=np.float64)
+        half = self.data(inches / 2)
+        self.axes.set_ylim(len(rows) - 1 + half, half - 1)
+        self.axes.set_yticks(self.places, [''] * len(rows) if self._narrow else names)
+        self.axes.tick_params(axis='y', labelcolor=TEXT, labelsize=9)
+        if self._narrow:
+            for name, y in zip(names, self.places, strict=True):
+                self._in_line(name, 0, y, size=9)
+
+    def data(self, inches: float) -> float:
+        """Convert a height from inches to units of the vertical axis."""
+        return inches / self._pitch
+
+    def write(self, texts: Sequence[str], ends: Sequence[float]) -> float:
+        """Write a text right of the end of each row, and return the width that it needs, inches.
+
+        In a narrow figure the text is in the line above the band.
+        """
+        if self._narrow:
+            for text, y in zip(texts, self.places, strict=True):
+                self._in_line(text, 1, y, size=8, weight='bold', ha='right')
+            return 0.1
+        for text, x, y in zip(texts, ends, self.places, strict=True):
+            self.axes.annotate(
+                text,
+                (x, y),
+                (8, 0),
+                textcoords='offset points',
+                size=9,
+                weight='bold',
+                va='center',
+                color=TEXT,
+            )
+        return 0.2 + 0.083 * max(map(len, texts), default=0)
+
+    def _in_line(self, text: str, x: float, y: float, **style: Any) -> None:
+        """Write into the line above the band at ``y``; ``x`` is a fraction of the width."""
+        self.axes.annotate(
+            text,
+            (x, y),
+            (0, 36 * self._inches + 2),
+            xycoords=('axes fraction', 'data'),
+            textcoords='offset points',
+            color=TEXT,
+            **style,
+        )
+
+
+MARGIN = 28
+# Sizes of the texts, points, and the widths of their mean characters, pixels.
+TITLE_SIZE, NOTE_SIZE = 12.0, 8.0
+_TITLE_CHARACTER, _NOTE_CHARACTER = 15.5, 8.4
+_TITLE_LINE, _NOTE_LINE = 32, 22
+
+
+def pixel_axes(width: int, height: int) -> 'tuple[Figure, Axes]':
+    """Return a figure and its invisible axes, from (0, 0) at the lower left to (width, height)."""
+    figure = new_figure(width / PIXELS_PER_INCH, height / PIXELS_PER_INCH)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(0, width)
+    axes.set_ylim(0, height)
+    axes.set_axis_off()
+    return figure, axes
+
+
+def draw_image(axes: 'Axes', image: Image, x: float, y: float) -> None:
+    """Draw the image without scaling; (x, y) is its centre."""
+    high, wide = image.shape[:2]
+    left, bottom = round(x - wide / 2), round(y - high / 2)
+    limits = axes.get_xlim(), axes.get_ylim()
+    extent = (left, left + wide, bottom, bottom + high)
+    axes.imshow(image, extent=extent, interpolation='nearest', aspect='auto', zorder=3)
+    axes.set(xlim=limits[0], ylim=limits[1])  # imshow changes them
+
+
+class Header:
+    """The title of a figure and below it a note, wrapped to the width of the figure."""
+
+    def __init__(self, title: str, note: str, width: int) -> None:
+        room = width - 2 * MARGIN
+        self._title = _wrapped(title, int(room / _TITLE_CHARACTER))
+        self._note = _wrapped(note, int(room / _NOTE_CHARACTER))
+        self.height = (
+            MARGIN + _TITLE_LINE * self._lines(self._title) + _NOTE_LINE * self._lines(self._note)
+        )
+
+    def draw(self, axes: 'Axes') -> None:
+        """Write both into the upper left corner."""
+        top = axes.get_ylim()[1] - MARGIN
+        style: dict[str, Any] = {'va': 'top', 'parse_math': False}
+        axes.text(MARGIN, top, self._title, size=TITLE_SIZE, weight='bold', color=TEXT, **style)
+        axes.text(
+            MARGIN,
+            top - _TITLE_LINE * self._lines(self._title),
+            self._note,
+            size=NOTE_SIZE,
+            color=FAINT,
+            **style,
+        )
+
+    @staticmethod
+    def _lines(text: str) -> int:
+        return text.count('\n') + 1 if text else 0
+
+
+def _wrapped(text: str, columns: int) -> str:
+    return '\n'.join(textwrap.fill(line, columns) for line in text.splitlines())

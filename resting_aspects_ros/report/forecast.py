@@ -1,0 +1,651 @@
+"""A forecast of parts per minute as a sentence, tables, document and figure."""
+
+import dataclasses
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rich.table import Table as RichTable
+
+from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.feeding.footprint import MAX_COVERAGE
+from resting_aspects_ros.feeding.forecast import FeederModel, Forecast
+from resting_aspects_ros.feeding.steady_state import cycle_time
+from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
+from resting_aspects_ros.report.document import plain
+from resting_aspects_ros.report.figure import (
+    FAINT,
+    PAPER,
+    TEXT,
+    Header,
+    percent_axis,
+    pixel_axes,
+    plain_axes,
+)
+from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
+    aspects_text,
+    ids_text,
+    minutes_text,
+    number_text,
+    share_text,
+)
+from resting_aspects_ros.report.table import NOTHING, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+# A rate below this many parts per minute is none.
+NO_RATE = 1e-6
+# A smaller share of cycles without a pick is not stated exactly.
+MIN_SHARE = 1e-4
+_HEADING_WIDTH = 22
+
+
+@dataclass(frozen=True, eq=False)
+class NamedForecast:
+    """A forecast with the names of its part, its action and its aspects.
+
+    rows : tuple of tuples of Aspect
+        The aspects, or symmetry classes, that the model refers to.
+    """
+
+    part: str
+    action: str
+    rows: tuple[tuple[Aspect, ...], ...]
+    model: FeederModel
+    forecast: Forecast
+
+    @property
+    def pickable_text(self) -> str:
+        """The pickable aspects: 'aspect 3', 'aspects 1 and 2'."""
+        return _aspects_text(self.rows, self.model.pickable.tolist())
+
+    @property
+    def title(self) -> str:
+        """Part and pickable aspects."""
+        return f'{self.part}, {self.pickable_text}'
+
+
+def forecast_sentence(named: NamedForecast) -> str:
+    """Return '41 parts per minute (38 to 44) with 60 parts on the tray; the robot limits'."""
+    found = named.forecast
+    if found.rate < NO_RATE:
+        return f'no part can be picked: {_reason(named)}'
+    rate, lower, upper = _rate_texts(found.rate, found.lower, found.upper)
+    parts = 'part' if found.number == 1 else 'parts'
+    return (
+        f'{rate} parts per minute ({lower} to {upper}) with {found.number} {parts} on the tray; '
+        f'{"vision" if found.limited_by == "vision" else f"the {found.limited_by}"} limits'
+    )
+
+
+def cell_text(named: NamedForecast) -> str:
+    """Return the times, the tray and the clearance that a forecast is for, in one sentence."""
+    times, tray = named.model.times, named.model.tray
+    names = {
+        'robot': times.robot,
+        'feeder motion': times.vibrate,
+        'settling': times.settle,
+        'image': times.image,
+    }
+    facts = [f'{name} {seconds:g} s' for name, seconds in names.items()]
+    if times.supply:
+        facts.append(f'supply {times.supply:g} s per part')
+    if times.place:
+        facts.append(f'overlap {times.overlap:g} s')
+    facts.append('tray {:g} x {:g} mm'.format(*(1000 * side for side in tray.size)))
+    facts.append(f'clearance {1000 * tray.clearance:g} mm')
+    if tray.gripper is not None:
+        facts.append(f'gripper {tray.gripper.text}')
+    if named.model.max_picks is not None:
+        facts.append(f'at most {named.model.max_picks} picks per image')
+    return f'For {", ".join(facts)}.'
+
+
+def forecast_notes(named: NamedForecast) -> list[str]:
+    """Return sentences on where the model ends, if the forecast is there."""
+    found, notes = named.forecast, []
+    percent = f'{100 * MAX_COVERAGE:g} %'
+    if found.coverage > 1.02 * MAX_COVERAGE:
+        notes.append(
+            f'The parts cover {share_text(found.coverage)} % of the tray. Above about {percent}, '
+            'parts lean on each other or entangle, which the forecast does not include.'
+        )
+    elif found.at_limit and found.number == found.best_number:
+        notes.append(
+            'More parts on the tray might give a higher rate, but above a coverage of about '
+            f'{percent}, parts lean on each other or entangle, which the forecast does not '
+            'include.'
+        )
+    if found.best_number == 1:
+        notes.append('With more than one part on the tray, too few parts are free.')
+    return notes
+
+
+def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:
+    """Return a table with a column for each forecast."""
+    headings = [textwrap.fill(each.title, _HEADING_WIDTH) for each in forecasts]
+    best = all(each.forecast.number == each.forecast.best_number for each in forecasts)
+    first = 'with the best number of parts' if best else ''
+    table = Table('', (first, *headings), texts={first: None})
+    columns = [dict(_cells(each)) for each in forecasts]
+    for name in columns[0]:
+        table.add_row(name, *(column[name] for column in columns))
+    return table
+
+
+def mix_table(named: NamedForecast) -> Table:
+    """Return a table of the aspects: shares of a drop and on the tray, free and picked parts."""
+    headings = ('drop\n(%)', 'on the\ntray (%)', 'free\n(%)', 'picked\n(%)', 'seen from above')
+    table = Table('', ('aspect', 'pickable', *headings))
+    model, found = named.model, named.forecast
+    drop = model.drop / model.drop.sum()
+    for k, row in enumerate(named.rows):
+        shares = (drop[k], found.state.mix[k], found.free[k], found.state.taken[k])
+        pickable = 'yes' if model.pickable[k] else 'no'
+        texts = (share_text(float(share)) for share in shares)
+        table.add_row(ids_text(row), pickable, *texts, model.footprints[k].text)
+    return table
+
+
+def curve_table(named: NamedForecast) -> Table:
+    """Return a table of the rate for each number of parts on the tray."""
+    curve = named.forecast.curve
+    headings = ('parts on\nthe tray', 'parts per\nminute', 'interval', 'empty\ncycles', 'free')
+    table = Table('', headings)
+    columns = (curve.number, curve.rate, curve.lower, curve.upper, curve.empty_cycles, curve.free)
+    for number, rate, lower, upper, empty, free in zip(
+        *(column.tolist() for column in columns), strict=True
+    ):
+        table.add_row(
+            f'{number}',
+            f'{rate:.2f}',
+            f'{lower:.2f} to {upper:.2f}',
+            f'{100 * empty:.1f} %',
+            f'{100 * free:.1f} %',
+        )
+    return table
+
+
+def _cells(named: NamedForecast) -> list[tuple[str, str]]:
+    model, found = named.model, named.forecast
+    picks = found.state.picks
+    rate, lower, upper = _rate_texts(found.rate, found.lower, found.upper)
+    low, high = (_rate_texts(end, found.lower, found.upper)[0] for end in found.prediction)
+    cycle = float(cycle_time(model.times, picks, found.state.supplied))
+    none = found.rate < NO_RATE
+    shares = found.time_shares
+    effects = [
+        (f'10 % less time: {name}', f'{100 * found.sensitivity[name][0]:+.1f} %')
+        for name in ('robot', 'vibrate', 'settle', 'image')
+    ]
+    return [
+        ('parts per minute', f'{rate}\n{lower} to {upper}'),
+        (f'in a run of {minutes_text(found.minutes)}', f'{low} to {high}'),
+        ('parts on the tray', str(found.number)),
+        ('best number', str(found.best_number or NOTHING)),
+        ('covered share of the tray', f'{share_text(found.coverage)} %'),
+        ('picks per cycle', number_text(float(picks.mean)) if picks.mean > 0 else '0'),
+        ('duration of a cycle', f'{number_text(cycle)} s'),
+        ('cycles without a pick', _small_share_text(float(picks.none))),
+        ('flips of a part until picked', NOTHING if none else number_text(found.flips_per_part)),
+        ('time of the robot', f'{share_text(shares["robot"])} %'),
+        ('limited by', found.limited_by or NOTHING),
+        *([] if none else effects),
+    ]
+
+
+def _reason(named: NamedForecast) -> str:
+    model, found = named.model, named.forecast
+    if found.trapped.any():
+        trapped = _aspects_text(named.rows, found.trapped.tolist())
+        return (
+            f'in the long run all parts are in {trapped}, from where no {named.action} brings a '
+            f'part to {named.pickable_text}'
+        )
+    clearance = f'{1000 * model.tray.clearance:g} mm'
+    return f'with {found.number} parts on the tray none is free with a clearance of {clearance}'
+
+
+def _aspects_text(rows: Sequence[tuple[Aspect, ...]], mask: Sequence[bool]) -> str:
+    found = tuple(
+        aspect for row, wanted in zip(rows, mask, strict=True) if wanted for aspect in row
+    )
+    found = tuple(sorted(found, key=lambda aspect: aspect.id))
+    return aspects_text(found)
+
+
+def _small_share_text(share: float) -> str:
+    return f'{share_text(share)} %' if share == 0 or share >= MIN_SHARE else '< 0.01 %'
+
+
+def _rate_texts(*rates: float) -> list[str]:
+    """Return rates with the decimals that the largest needs for two digits.
+
+    They have at least one if all rates are within one part per minute.
+    """
+    largest = max(rates)
+    decimals = 0 if largest >= 9.95 else 1 if largest >= 0.995 else 3
+    if largest - min(rates) < 1:
+        decimals = max(decimals, 1)
+    return [f'{rate:.{decimals}f}' for rate in rates]
+
+
+def controlled_text(found: ControlledRuns) -> str:
+    """Return 'with feeder_controller: 33.5 parts per minute (29.8 to 36.2 in 5 minutes)'."""
+    low, high = map(number_text, found.prediction)
+    return (
+        f'with feeder_controller: {number_text(found.rate)} parts per minute '
+        f'({low} to {high} in {minutes_text(found.minutes)})'
+    )
+
+
+def controlled_fields(found: ControlledRuns) -> dict[str, Any]:
+    """Return the fields of a document; rates are parts per minute."""
+    low, high = found.prediction
+    return {
+        'parts_per_minute': found.rate,
+        'lower': found.lower,
+        'upper': found.upper,
+        'prediction_minutes': found.minutes,
+        'prediction_lower': low,
+        'prediction_upper': high,
+    }
+
+
+_SIZES = ('length', 'width', 'radius')
+
+
+def forecast_fields(named: NamedForecast) -> dict[str, Any]:
+    """Return a forecast as plain JSON types.
+
+    Returns
+    -------
+    dict
+        ``sentence``: the result in words. ``parts_per_minute`` in the long run, with its bounds
+        ``lower`` and ``upper``; ``prediction_lower`` and ``prediction_upper`` for a run of
+        ``minutes``. ``parts_on_tray``, and ``best_number``, which is null if no part can be
+        picked; ``best_number_is_limit``: whether it is only the largest number for which the model
+        holds. ``flips_per_part``: the mean number of flips of a part from its supply until it is
+        picked, null if it never is. ``empty_cycles``: the share of cycles without a pick.
+        ``picks_per_cycle``, ``cycle_time`` s, ``supplied_per_cycle``. ``coverage``: the share of
+        the tray that parts cover. ``limited_by``: robot, feeder or vision; null if nothing
+        can be picked. ``times``: s.
+        ``time_shares`` of a mean cycle. ``sensitivity``: change of the rate in % if a time is 10 %
+        ``shorter`` or ``longer``. ``curve``: the same quantities for several numbers of parts.
+        ``mix``: for each row, an aspect or a symmetry class, the shares of a ``drop`` and of the
+        parts ``on_tray`` in an image, the probability that a part is ``free`` and ``picked``, and
+        ``length`` and ``width`` seen from above, m.
+    """
+    model, found = named.model, named.forecast
+    gripper = model.tray.gripper
+    state, curve = found.state, found.curve
+    lower, upper = found.prediction
+    drop = model.drop / model.drop.sum()
+    rows = zip(named.rows, model.footprints, drop.tolist(), strict=True)
+    document = {
+        'sentence': forecast_sentence(named),
+        'parts_per_minute': found.rate,
+        'lower': found.lower,
+        'upper': found.upper,
+        'prediction_lower': lower,
+        'prediction_upper': upper,
+        'minutes': found.minutes,
+        'parts_on_tray': found.number,
+        'best_number': found.best_number,
+        'best_number_is_limit': found.at_limit,
+        'flips_per_part': found.flips_per_part,
+        'empty_cycles': state.picks.none,
+        'picks_per_cycle': state.picks.mean,
+        'supplied_per_cycle': state.supplied,
+        'cycle_time': cycle_time(model.times, state.picks, state.supplied),
+        'coverage': found.coverage,
+        'limited_by': found.limited_by,
+        'max_picks': model.max_picks,
+        'times': {**dataclasses.asdict(model.times), 'overlap': model.times.overlap},
+        'tray': {
+            'width': model.tray.size[0],
+            'depth': model.tray.size[1],
+            'clearance': model.tray.clearance,
+            'gripper': gripper and {name: getattr(gripper, name) for name in _SIZES},
+        },
+        'time_shares': found.time_shares,
+        'sensitivity': {
+            name: {'shorter': 100 * shorter, 'longer': 100 * longer}
+            for name, (shorter, longer) in found.sensitivity.items()
+        },
+        'curve': [
+            dict(zip(_POINT, point, strict=True))
+            for point in zip(
+                curve.number.tolist(),
+                curve.rate.tolist(),
+                curve.lower.tolist(),
+                curve.upper.tolist(),
+                curve.empty_cycles.tolist(),
+                curve.free.tolist(),
+                strict=True,
+            )
+        ],
+        'mix': [
+            {
+                'aspects': [aspect.id for aspect in row],
+                'symmetry_class': row[0].symmetry_class,
+                'pickable': model.pickable[k],
+                'drop': share,
+                'on_tray': state.mix[k],
+                'free': found.free[k],
+                'picked': state.taken[k],
+                'length': footprint.length + 2 * footprint.radius,
+                'width': footprint.width + 2 * footprint.radius,
+            }
+            for k, (row, footprint, share) in enumerate(rows)
+        ],
+    }
+    return {name: plain(value) for name, value in document.items()}
+
+
+_POINT = ('number', 'parts_per_minute', 'lower', 'upper', 'empty_cycles', 'free')
+
+
+# Sizes in pixels.
+WIDTH, LEFT, RIGHT = 1240, 92, 40
+RATE, EMPTY, GAP, BAR, BOTTOM, NAME = 400, 150, 92, 44, 70, 24
+# Colours of the times of a cycle, and the labels of those times.
+_TIMES = {
+    'vibrate': (COLOURS[1], 'vibrate'),
+    'settle': (COLOURS[6], 'settle'),
+    'image': (COLOURS[4], 'image'),
+    'supply': (GREY, 'supply'),
+    'robot': (COLOURS[2], 'robot'),
+}
+_LINES = (COLOURS[0], COLOURS[3], COLOURS[5], COLOURS[7], COLOURS[9])
+# A share of the time below this has no label in its bar.
+_LABELLED = 0.09
+
+
+def forecast_figure(forecasts: Sequence[NamedForecast], title: str) -> 'Figure':
+    """Draw three charts, with a line and a bar for each forecast.
+
+    Parts per minute against the number of parts on the tray, with the interval of the long run as
+    a band, a dot at the best number, and a circle at the number of the forecast if that is another
+    one; the share of cycles without a pick; and the shares of the time of a cycle.
+
+    Parameters
+    ----------
+    forecasts : sequence of NamedForecast
+        At least one.
+    title : str
+        Without a title, the figure has no explanation either; see forecast_note.
+    """
+    header = Header(title, forecast_note(forecasts) if title else '', WIDTH)
+    bars = len(forecasts) * (BAR + NAME)
+    names = NAME * (len(forecasts) + 1 if len(forecasts) > 1 else 1)
+    height = header.height + names + RATE + GAP + EMPTY + GAP + bars + BOTTOM
+    figure, canvas = pixel_axes(WIDTH, height)
+    header.draw(canvas)
+
+    def axes_at(bottom: float, size: float) -> 'Axes':
+        place = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, size / height)
+        return figure.add_axes(place)
+
+    shares, empty = axes_at(BOTTOM, bars), axes_at(BOTTOM + bars + GAP, EMPTY)
+    rate = axes_at(BOTTOM + bars + GAP + EMPTY + GAP, RATE)
+    _draw_rates(rate, forecasts)
+    _draw_empty(empty, forecasts)
+    _draw_times(shares, forecasts)
+    for k, each in enumerate(forecasts if len(forecasts) > 1 else ()):
+        y = height - header.height - NAME * (k + 0.1)
+        canvas.plot([LEFT, LEFT + 40], [y, y], color=_colour(k), linewidth=2)
+        canvas.text(LEFT + 50, y, each.title, size=8.5, color=TEXT, va='center')
+    return figure
+
+
+def forecast_note(forecasts: Sequence[NamedForecast]) -> str:
+    """Return the text that explains the figure."""
+    return (
+        'Parts per minute in the long run; the band is the interval that follows from the number '
+        'of simulated drops and actions. Dot: best number of parts on the tray'
+        + (
+            '; circle: number of the forecast. '
+            if any(each.forecast.number != each.forecast.best_number for each in forecasts)
+            else '. '
+        )
+        + 'Below: the share of the cycles without a pick, and the shares of the time of a cycle '
+        '(from the left vibrate, settle, image, supply and robot)'
+        + (
+            ', where the time in which feeder and robot overlap is that of the feeder.'
+            if any(each.model.times.overlap for each in forecasts)
+            else '.'
+        )
+    )
+
+
+def _draw_rates(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
+    for k, each in enumerate(forecasts):
+        curve, found = each.forecast.curve, each.forecast
+        axes.fill_between(
+            curve.number, curve.lower, curve.upper, color=_colour(k), alpha=0.22, linewidth=0
+        )
+        axes.plot(curve.number, curve.rate, color=_colour(k), linewidth=1.8)
+        rates = dict(zip(curve.number.tolist(), curve.rate.tolist(), strict=True))
+        if found.best_number is not None:
+            best = rates[found.best_number]
+            axes.plot(found.best_number, best, 'o', color=_colour(k), markersize=7)
+            axes.annotate(
+                f'{found.best_number}',
+                (found.best_number, best),
+                (0, 7),
+                textcoords='offset points',
+                ha='center',
+                size=8.5,
+                weight='bold',
+                color=TEXT,
+            )
+        if found.number != found.best_number:
+            here = rates[found.number]
+            axes.plot(
+                found.number, here, 'o', color=_colour(k), markerfacecolor=PAPER, markersize=7
+            )
+    _number_axis(axes, forecasts)
+    top = max(float(each.forecast.curve.upper.max()) for each in forecasts)
+    axes.set_ylim(0, 1.12 * top or 1.0)
+    _name(axes, 'parts per minute')
+
+
+def _draw_empty(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
+    for k, each in enumerate(forecasts):
+        curve = each.forecast.curve
+        axes.plot(curve.number, curve.empty_cycles, color=_colour(k), linewidth=1.8)
+    _number_axis(axes, forecasts)
+    axes.set_ylim(0, 1)
+    percent_axis(axes, 'y', 1.0)
+    _name(axes, 'cycles without a pick')
+    axes.set_xlabel('parts on the tray', size=8, color=FAINT, labelpad=8)
+
+
+def _draw_times(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
+    plain_axes(axes, 'x')
+    for k, each in enumerate(forecasts):
+        left, y = 0.0, -float(k)
+        for name, share in each.forecast.time_shares.items():
+            colour, label = _TIMES[name]
+            axes.barh(y, share, BAR / (BAR + NAME), left=left, color=colour, edgecolor=PAPER)
+            if share >= _LABELLED:
+                text = f'{label} {100 * share:.0f} %'
+                # Black is legible on all colours of the times.
+                axes.text(left + share / 2, y, text, ha='center', va='center', size=8)
+            left += share
+        if len(forecasts) > 1:
+            axes.text(0, y + 0.36, each.title, va='bottom', size=7.5, color=FAINT)
+    axes.set_ylim(-len(forecasts) + 0.5, 0.5 + 0.1 * (len(forecasts) > 1))
+    axes.set_yticks([])
+    axes.set_xlim(0, 1)
+    percent_axis(axes, 'x', 1.0)
+    axes.set_xlabel('share of the time of a cycle', size=8, color=FAINT, labelpad=8)
+
+
+def _name(axes: 'Axes', text: str) -> None:
+    """Write what a chart shows above its left end."""
+    axes.annotate(
+        text,
+        (0, 1),
+        (0, 8),
+        xycoords='axes fraction',
+        textcoords='offset points',
+        size=8,
+        color=FAINT,
+    )
+
+
+def _number_axis(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    plain_axes(axes, 'y')
+    last = max(int(each.forecast.curve.number[-1]) for each in forecasts)
+    axes.set_xlim(0, 1.02 * last)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _colour(k: int) -> str:
+    return _LINES[k % len(_LINES)]
+
+
+class _Advice(Protocol):
+    reason: str
+
+
+class _Watch(Protocol):
+    """What was counted; see client/feeder_watch.py."""
+
+    images: int
+    supplied: int
+    on_tray: int
+    advice: _Advice | None
+
+    @property
+    def picks(self) -> int: ...
+
+    @property
+    def missed(self) -> int: ...
+
+    @property
+    def choices(self) -> dict[str, int]: ...
+
+    @property
+    def minutes(self) -> float: ...
+
+    @property
+    def rate(self) -> float: ...
+
+
+class _Forecast(Protocol):
+    @property
+    def rate(self) -> float: ...
+
+    @property
+    def prediction(self) -> tuple[float, float]: ...
+
+
+@dataclass(frozen=True)
+class FeederView:
+    """What is shown of a feeder; rates are parts per minute, and times simulated minutes.
+
+    lower, upper : float
+        Prediction interval of the rate of a run of ``total`` minutes.
+    """
+
+    minutes: float
+    total: float
+    on_tray: int
+    picks: int
+    missed: int
+    images: int
+    flips: int
+    supplied: int
+    reason: str
+    rate: float
+    forecast: float
+    lower: float
+    upper: float
+
+    @classmethod
+    def of(cls, watch: _Watch, forecast: _Forecast, total: float) -> 'FeederView':
+        """Return the view of what was counted beside a forecast."""
+        lower, upper = forecast.prediction
+        return cls(
+            minutes=watch.minutes,
+            total=total,
+            on_tray=watch.on_tray,
+            picks=watch.picks,
+            missed=watch.missed,
+            images=watch.images,
+            flips=watch.choices['flip'],
+            supplied=watch.supplied,
+            reason=watch.advice.reason if watch.advice is not None else '',
+            rate=watch.rate,
+            forecast=forecast.rate,
+            lower=lower,
+            upper=upper,
+        )
+
+    @property
+    def time(self) -> str:
+        """Simulated time as minutes and seconds."""
+        return '{}:{:02d}'.format(*divmod(round(60 * self.minutes), 60))
+
+    @property
+    def forecast_text(self) -> str:
+        """The forecast with its interval."""
+        return (
+            f'{number_text(self.forecast)} '
+            f'({number_text(self.lower)} to {number_text(self.upper)})'
+        )
+
+
+def feeder_table(view: FeederView) -> RichTable:
+    """Return the table of a running feeder."""
+    table = RichTable(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style='dim', no_wrap=True)
+    table.add_column()
+    rows = {
+        'simulated time': f'{view.time} of {view.total:g} min',
+        'parts in the image': str(view.on_tray),
+        'advice': view.reason,
+        'images, flips': f'{view.images}, {view.flips}',
+        'picks': f'{view.picks}' + (f' ({view.missed} missed)' if view.missed else ''),
+        'parts per minute': number_text(view.rate),
+        'forecast': f'{view.forecast_text}, 95 % of runs of {view.total:g} min',
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table
+
+
+def feeder_line(view: FeederView) -> str:
+    """Return the state of a running feeder in a line, for a log."""
+    return (
+        f'{view.time} of {view.total:g} min: {view.picks} picks, {number_text(view.rate)} per '
+        f'minute (forecast {view.forecast_text})'
+    )
+
+
+def feeder_sentence(view: FeederView, seconds: float) -> str:
+    """Return what a run has shown, in plain sentences.
+
+    seconds : real duration
+    """
+    text = (
+        f'In {view.time} minutes of simulated time, which took {seconds:.0f} s, the robot picked '
+        f'{view.picks} parts: {number_text(view.rate)} per minute. The forecast is '
+        f'{number_text(view.forecast)}, and {number_text(view.lower)} to '
+        f'{number_text(view.upper)} for 95 % of the runs of {minutes_text(view.total)}'
+    )
+    if view.minutes < view.total:
+        return f'{text}; this run was shorter.'
+    inside = view.lower <= view.rate <= view.upper
+    return f'{text}; this run lies {"within" if inside else "outside"} that interval.'

@@ -1,0 +1,486 @@
+"""Outlines as a document, a table, drawings at true size, and images for vision systems."""
+
+import io
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from xml.sax.saxutils import escape
+
+import numpy as np
+from shapely import Polygon
+from shapely.affinity import affine_transform
+
+from resting_aspects_ros.arrays import Array, Bytes
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
+from resting_aspects_ros.report.format import (
+    ids_text,
+    millimetre_texts,
+    millimetres_text,
+    number_text,
+    numbers_text,
+)
+from resting_aspects_ros.report.table import NOTHING, Table
+from resting_aspects_ros.vision.outline import (
+    LookAlike,
+    Outline,
+    covered_share,
+    rings,
+    same_groups,
+)
+
+LookAlikes = Mapping[int, Sequence[LookAlike]]
+
+
+def outlines_document(
+    part: Part, outlines: Sequence[Outline], look_alikes: LookAlikes
+) -> dict[str, object]:
+    """Return the outlines of a part as a document of plain JSON types. Nothing is rounded.
+
+    Parameters
+    ----------
+    part : Part
+    outlines : sequence of Outline
+    look_alikes : mapping of int to sequence of LookAlike
+        By symmetry class, from `core.vision.matching.look_alikes`.
+
+    Returns
+    -------
+    dict
+        ``schema_version``, name and hashes of the part, and ``outlines`` by symmetry class:
+        lengths in m, areas in m2, angles in rad, coordinates in the axes of the tray with the
+        origin below the centre of mass.
+    """
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'part': part.name,
+        'mesh_sha256': part.mesh_sha256,
+        'part_sha256': part.part_sha256,
+        'outlines': [_fields(each, look_alikes[each.symmetry_class]) for each in outlines],
+    }
+
+
+def _fields(outline: Outline, others: Sequence[LookAlike]) -> dict[str, object]:
+    return {
+        'aspects': list(outline.aspects),
+        'symmetry_class': outline.symmetry_class,
+        **polygon_fields(outline.polygon),
+        'area': outline.area,
+        'length': outline.length,
+        'width': outline.width,
+        'height': outline.height,
+        'com_height': outline.com_height,
+        'centroid': numbers(outline.centroid),
+        'long_axis': outline.long_axis,
+        'orientation': numbers(outline.orientation),
+        'yaw_symmetry': outline.yaw_symmetry,
+        'mirrored': [each.symmetry_class for each in others if each.verdict == 'mirrored'],
+        'mirror_symmetric': bool(outline.mirror_symmetric),
+        'family': [polygon_fields(each) for each in outline.family],
+        'look_alike': [
+            {
+                'symmetry_class': each.symmetry_class,
+                'overlap': each.overlap,
+                'verdict': each.verdict,
+                'resolution': each.resolution,
+            }
+            for each in others
+        ],
+    }
+
+
+def polygon_fields(polygon: Polygon) -> dict[str, object]:
+    """Return ``outer`` and ``holes`` of a polygon: corners [x, y], the first one not repeated."""
+    return {
+        'outer': numbers(np.asarray(polygon.exterior.coords)[:-1]),
+        'holes': [numbers(np.asarray(hole.coords)[:-1]) for hole in polygon.interiors],
+    }
+
+
+# Outlines that differ by less than this share of their length are hard to distinguish.
+HARD = 0.02
+# Heights that differ by more than this share of the larger one distinguish classes.
+HEIGHT_DIFFERENCE = 0.05
+MAX_GROUPS = 12
+# Maximum number of classes in the list of those that look like a class.
+MAX_LISTED = 3
+_VERDICTS = ('same', 'mirrored', 'distinct')
+
+
+def members(outline: Outline, aspects: AspectSet) -> tuple[Aspect, ...]:
+    """Return the aspects of the symmetry class of an outline."""
+    return tuple(aspect for aspect in aspects.aspects if aspect.id in outline.aspects)
+
+
+def outline_table(
+    outlines: Sequence[Outline], look_alikes: LookAlikes, aspects: AspectSet, title: str
+) -> Table:
+    """Return a table with a row for each symmetry class; it fits 80 columns and is ASCII."""
+    headings = (
+        'class',
+        'aspects',
+        'length x width\nx height (mm)',
+        'area\n(mm2)',
+        'yaw\nsymmetry',
+        'looks like',
+    )
+    table = Table(title, headings, texts={'looks like': 22})
+    sizes = [[each.length, each.width, each.height] for each in outlines]
+    texts = iter(millimetre_texts(np.ravel(sizes)))
+    for each in outlines:
+        table.add_row(
+            str(each.symmetry_class),
+            ids_text(members(each, aspects)),
+            ' x '.join(next(texts) for _ in range(3)),
+            number_text(1e6 * each.area),
+            yaw_symmetry_text(each.yaw_symmetry),
+            _list_text(each, look_alikes[each.symmetry_class]) or NOTHING,
+        )
+    return table
+
+
+def yaw_symmetry_text(order: int) -> str:
+    """Return by which turns an outline looks the same: 'none', '120 deg' or 'any turn'."""
+    if order == 1:
+        return 'none'
+    return f'{360 / order:.4g} deg' if order else 'any turn'
+
+
+def confused_class_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
+    """Return a sentence for each group of classes that a camera confuses, the worst first."""
+    by_number = {each.symmetry_class: each for each in outlines}
+    groups = {group[0]: group for group in same_groups(look_alikes)}
+    texts = [
+        _same_text([by_number[number] for number in group])
+        for group in groups.values()
+        if len(group) > 1
+    ]
+    # The first class of each group represents the others, which have the same outline.
+    pairs = {
+        (one, each.symmetry_class): each
+        for one in groups
+        for each in _near(by_number[one], look_alikes[one])
+        if one < each.symmetry_class and each.symmetry_class in groups
+    }
+    covered: set[tuple[int, int]] = set()
+    for pair in sorted(pairs, key=lambda pair: _order(pairs[pair])):
+        if pair not in covered:
+            inside = list(combinations(_alike(pair, pairs), 2))
+            covered.update(inside)
+            texts.append(_group_text(inside, pairs, groups))
+    if len(texts) > MAX_GROUPS:
+        more = len(texts) - MAX_GROUPS
+        texts[MAX_GROUPS:] = [f'{more} more groups look alike; --json lists all pairs.']
+    return texts
+
+
+def _alike(pair: tuple[int, int], pairs: Collection[tuple[int, int]]) -> list[int]:
+    """Return classes, ascending, all pairs of which are in ``pairs``; the given pair is one."""
+    group = list(pair)
+    for number in sorted({number for each in pairs for number in each} - {*pair}):
+        if all((min(number, other), max(number, other)) in pairs for other in group):
+            group.append(number)
+    return sorted(group)
+
+
+def family_texts(outlines: Sequence[Outline]) -> list[str]:
+    """Return a sentence for each class whose outline changes as the part rolls or rocks."""
+    return [
+        f'The outline of class {each.symmetry_class} changes while the part rolls or rocks: '
+        f'--json contains {len(each.family)} more.'
+        for each in outlines
+        if each.family
+    ]
+
+
+def short_look_alike_text(outline: Outline, others: Sequence[LookAlike]) -> str:
+    """Return the classes with which a camera confuses a class, with the reasons; can be empty."""
+    text = _list_text(outline, others)
+    return f'class {text}' if text else ''
+
+
+def _list_text(outline: Outline, others: Sequence[LookAlike]) -> str:
+    near = _near(outline, others)
+    texts = [f'{each.symmetry_class} ({_reason(each)})' for each in near[:MAX_LISTED]]
+    if len(near) > MAX_LISTED:
+        texts.append(f'{len(near) - MAX_LISTED} more')
+    return ', '.join(texts)
+
+
+def _near(outline: Outline, others: Sequence[LookAlike]) -> list[LookAlike]:
+    """Return the entries of classes that a camera can hardly distinguish, the worst first."""
+    hard = HARD * outline.length
+    near = [each for each in others if each.verdict != 'distinct' or each.resolution < hard]
+    return sorted(near, key=_order)
+
+
+def _order(entry: LookAlike) -> tuple[int, float]:
+    return _VERDICTS.index(entry.verdict), entry.resolution
+
+
+def _reason(entry: LookAlike) -> str:
+    return (
+        f'distinct by {millimetres_text(entry.resolution)} mm'
+        if entry.verdict == 'distinct'
+        else entry.verdict
+    )
+
+
+def _same_text(outlines: Sequence[Outline]) -> str:
+    """Return what distinguishes classes with the same outline."""
+    classes = numbers_text([each.symmetry_class for each in outlines])
+    heights = sorted(each.height for each in outlines)
+    clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
+    measured = [f'{millimetres_text(each.height)}' for each in outlines]
+    values = f'{", ".join(measured[:-1])} and {measured[-1]} mm'
+    if all(clear):
+        needed = f'a measured height does: {values}'
+    elif any(clear):
+        needed = f'a measured height does for some ({values}), grey values for the others'
+    else:
+        needed = 'grey values of the upper side are needed'
+    return f'Classes {classes} have the same outline. No resolution distinguishes them; {needed}.'
+
+
+def _group_text(
+    inside: Sequence[tuple[int, int]],
+    pairs: Mapping[tuple[int, int], LookAlike],
+    groups: Mapping[int, tuple[int, ...]],
+) -> str:
+    """Return what distinguishes classes whose outlines are mirror images, or almost the same."""
+    entries = [pairs[pair] for pair in inside]
+    sizes = [millimetres_text(each(entry.resolution for entry in entries)) for each in (min, max)]
+    mirrors = any(entry.verdict == 'mirrored' for entry in entries)
+    if mirrors and len(entries) == 1:
+        one, other = (numbers_text(groups[number]) for number in inside[0])
+        return (
+            f'Classes {one} and {other} show mirror images of each other. Only a match that does '
+            f'not accept mirrored outlines distinguishes them; it needs a resolution of '
+            f'{sizes[0]} mm.'
+        )
+    numbers = sorted({k for pair in inside for number in pair for k in groups[number]})
+    text = f'Classes {numbers_text(numbers)} differ by '
+    text += f'at most {sizes[0]}' if sizes[0] == sizes[1] else ' to '.join(sizes)
+    text += ' mm: the camera must resolve details of this size.'
+    if mirrors:
+        text += (
+            ' Some show mirror images of each other: a match must not accept mirrored outlines.'
+        )
+    return text
+
+
+MM = 1000.0  # mm/m
+# Room around the drawing, and width of its line, mm.
+SVG_MARGIN, LINE = 1.0, 0.1
+
+
+def svg_drawing(polygon: Polygon, title: str) -> str:
+    """Return the outline as an SVG file that is printed at its true size.
+
+    User units are mm, x to the right and y down, as SVG prescribes: the corner (x, y) of the
+    outline is at (1000 x, -1000 y), and (0, 0) is below the centre of mass. Outer ring and holes
+    are one path, ``outline``, which is filled by the rule 'evenodd'.
+    """
+    left, low, right, high = (MM * each for each in polygon.bounds)
+    box = (
+        left - SVG_MARGIN,
+        -high - SVG_MARGIN,
+        right - left + 2 * SVG_MARGIN,
+        high - low + 2 * SVG_MARGIN,
+    )
+    path = ' '.join(
+        f'M {" L ".join(f"{_number(MM * x)} {_number(-MM * y)}" for x, y in ring.tolist())} Z'
+        for ring in rings(polygon)
+    )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_number(box[2])}mm" '
+        f'height="{_number(box[3])}mm" viewBox="{" ".join(map(_number, box))}">\n'
+        f'<title>{escape(title)}</title>\n'
+        f'<path id="outline" fill="none" fill-rule="evenodd" stroke="black" '
+        f'stroke-width="{LINE}" d="{path}"/>\n'
+        '</svg>\n'
+    )
+
+
+def dxf_drawing(polygon: Polygon) -> str:
+    """Return the outline as a DXF file (R2010) in mm; (0, 0) is below the centre of mass.
+
+    The outer ring is a closed LWPOLYLINE on the layer ``outer``, and each hole one on ``holes``.
+    """
+    import ezdxf
+    from ezdxf import units
+
+    drawing = ezdxf.new('R2010', units=units.MM)
+    for layer in ('outer', 'holes'):
+        drawing.layers.add(layer)
+    space = drawing.modelspace()
+    for number, ring in enumerate(rings(polygon)):
+        layer = 'holes' if number else 'outer'
+        space.add_lwpolyline((MM * ring).tolist(), close=True, dxfattribs={'layer': layer})
+    file = io.StringIO()
+    drawing.write(file)
+    return file.getvalue()
+
+
+def _number(value: float) -> str:
+    """Return a number of mm with 1e-9 mm as its last digit, and without an exponent."""
+    # Adding 0.0 turns -0.0 into 0.0.
+    return np.format_float_positional(round(value, 9) + 0.0, trim='-')
+
+
+PIXELS_PER_MM = 10.0
+# Empty pixels around the part in each image.
+MARGIN = 8
+MAX_PIXELS = 1 << 24
+
+# The entry of an image in a COCO document, and its annotation.
+Described = tuple[dict[str, object], dict[str, object]]
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineImage:
+    """The image of an outline as a telecentric camera straight above sees it.
+
+    Image coordinates are in pixels, x to the right and y down, and (0, 0) is the outer corner of
+    the upper left pixel, whose centre is at (0.5, 0.5).
+
+    symmetry_class : int
+    scale : float
+        px/m.
+    origin : (2,) float
+        Image coordinates of the origin of the outline, below the centre of mass.
+    polygon : shapely.Polygon
+        The outline in image coordinates.
+    covered : (height, width) float
+        Share of each pixel that the part covers.
+    """
+
+    symmetry_class: int
+    scale: float
+    origin: Array
+    polygon: Polygon
+    covered: Array
+
+    @property
+    def mask(self) -> Bytes:
+        """The (height, width) image with 255 where at least half of the pixel is covered."""
+        return np.where(self.covered >= 0.5, 255, 0).astype(np.uint8)
+
+    @property
+    def template(self) -> Bytes:
+        """The (height, width) image on a backlight: the part 0, the surroundings 255."""
+        return np.round(255 * (1 - self.covered)).astype(np.uint8)
+
+
+def check_px_per_mm(outlines: Sequence[Outline], px_per_mm: float) -> None:
+    """Raise InvalidValueError if an image would be too large, or a part smaller than a pixel."""
+    sides = [np.ptp(np.reshape(each.polygon.bounds, (2, 2)), axis=0) * MM for each in outlines]
+    largest = max((float(side.max()) for side in sides), default=1.0)
+    smallest = min((float(side.max()) for side in sides), default=1.0)
+    high = (MAX_PIXELS**0.5 - 2 * MARGIN - 2) / largest
+    low = 1 / smallest
+    if not low <= px_per_mm <= high:  # also refuses nan
+        raise InvalidValueError(
+            f'invalid px_per_mm {shown(px_per_mm)}: expected {low:.3g} to {high:.3g} for a part '
+            f'of this size'
+        )
+
+
+def outline_image(outline: Outline, px_per_mm: float = PIXELS_PER_MM) -> OutlineImage:
+    """Return the image of an outline. Raises InvalidValueError as `check_px_per_mm` does."""
+    check_px_per_mm([outline], px_per_mm)
+    scale = MM * px_per_mm
+    left, low, right, high = (scale * each for each in outline.polygon.bounds)
+    # The origin is a corner of a pixel, so that the images of all classes have the same raster.
+    origin = np.array([np.ceil(-left), np.ceil(high)]) + MARGIN
+    width, height = np.ceil([right, -low]) + origin + MARGIN
+    polygon = affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
+    covered = covered_share(polygon, int(width), int(height))
+    return OutlineImage(outline.symmetry_class, scale, origin, polygon, covered)
+
+
+def png_file(image: Bytes) -> bytes:
+    """Return an 8-bit grey image as a PNG file."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, format='PNG')
+    return file.getvalue()
+
+
+def coco_document(part: Part, described: Sequence[Described]) -> dict[str, object]:
+    """Return images and their annotations, from `described_image`, as a COCO document.
+
+    The id of image, category and annotation is the number of the symmetry class.
+    """
+    numbers = [image['id'] for image, _ in described]
+    return {
+        'info': {'description': f'Outlines of {part.name}, one for each symmetry class'},
+        'licenses': [],
+        'images': [image for image, _ in described],
+        'categories': [
+            {'id': k, 'name': f'{part.name}_class_{k}', 'supercategory': part.name}
+            for k in numbers
+        ],
+        'annotations': [annotation for _, annotation in described],
+    }
+
+
+def described_image(image: OutlineImage) -> Described:
+    """Return the entry of an image in a COCO document, and its annotation.
+
+    COCO polygons cannot have holes: a class without holes has a polygon, and a class with holes an
+    uncompressed run-length encoding of its mask.
+    """
+    number = image.symmetry_class
+    height, width = image.covered.shape
+    entry = {
+        'id': number,
+        'file_name': template_name(number),
+        'mask_file_name': mask_name(number),
+        'width': width,
+        'height': height,
+        'px_per_mm': image.scale / MM,
+        'origin': image.origin.tolist(),
+    }
+    return entry, _annotation(image)
+
+
+def template_name(symmetry_class: int) -> str:
+    """Return the name of the template of a class."""
+    return f'class_{symmetry_class}_template.png'
+
+
+def mask_name(symmetry_class: int) -> str:
+    """Return the name of the mask of a class."""
+    return f'class_{symmetry_class}_mask.png'
+
+
+def _annotation(image: OutlineImage) -> dict[str, object]:
+    left, top, right, bottom = image.polygon.bounds
+    area, segmentation = image.polygon.area, _segmentation(image)
+    if image.polygon.interiors:
+        area = float(np.count_nonzero(image.mask))
+    return {
+        'id': image.symmetry_class,
+        'image_id': image.symmetry_class,
+        'category_id': image.symmetry_class,
+        'iscrowd': 0,
+        'segmentation': segmentation,
+        'area': area,
+        'bbox': [left, top, right - left, bottom - top],
+    }
+
+
+def _segmentation(image: OutlineImage) -> object:
+    if not image.polygon.interiors:
+        (ring,) = rings(image.polygon)
+        return [ring.ravel().tolist()]
+    # Lengths of alternating runs, column by column, beginning with a run of zeros.
+    flat = np.concatenate([[0], (image.mask > 0).T.ravel().astype(np.int8)])
+    starts = np.flatnonzero(np.diff(flat))
+    counts = np.diff(np.concatenate([[0], starts, [image.mask.size]]))
+    return {'size': list(image.mask.shape), 'counts': counts.tolist()}

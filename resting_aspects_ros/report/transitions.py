@@ -1,0 +1,549 @@
+"""Tables and documents of transitions: matrices, long run, plans and retention."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.report.document import numbers, plain
+from resting_aspects_ros.report.format import (
+    aspects_text,
+    decimals_of,
+    ids_text,
+    interval_text,
+    millimetres_text,
+    number_text,
+    percent_text,
+    probability_text,
+    share_text,
+)
+from resting_aspects_ros.report.table import NOTHING, WIDTH, Table
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.statistics.markov import LongRun, Plan
+from resting_aspects_ros.statistics.transitions import (
+    LEVELS,
+    OUTCOMES,
+    RetentionCurve,
+    TransitionMatrix,
+)
+
+MIN_LISTED = 0.01  # smaller probabilities of a row of many are listed together
+# Headings of the outcomes in no aspect.
+OUTCOME_HEADINGS = {
+    'unclassified': 'unclas-\nsified',
+    'unsettled': 'unset-\ntled',
+    'failed': 'failed',
+    'lost': 'lost',
+}
+# Width at which the heading of a class with many aspects is wrapped.
+_HEADING_WIDTH = 10
+# Keeps a name and its percentage in one line: textwrap does not break here.
+_NO_BREAK = '\N{NO-BREAK SPACE}'
+
+Rows = Sequence[tuple[Aspect, ...]]
+
+
+def table_rows(aspects: AspectSet, *, by_class: bool) -> list[tuple[Aspect, ...]]:
+    """Return the aspects of each row of a table: each aspect, or each symmetry class."""
+    return aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
+
+
+def suffix_of(action: str, actions: Sequence[str]) -> str:
+    """Return the end of the names of the files of one of several actions, such as '_tap'."""
+    return f'_{action}' if len(actions) > 1 else ''
+
+
+def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
+    """Return a table with a row from each aspect or class; it fits 80 columns, in ASCII.
+
+    Probabilities are in percent. If there is room, each has its interval below it; otherwise each
+    row is a list of the probabilities above 1 %, with the half width of its widest interval.
+    Outcomes in no aspect have columns if they occurred.
+
+    Parameters
+    ----------
+    matrix : TransitionMatrix
+        By aspect.
+    by_class : bool
+        Whether the table has a row and a column for each symmetry class instead of each aspect.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = interval_table(matrix, by_class, title)
+    return table if table.width <= WIDTH else _list_table(_cells(matrix, by_class), title)
+
+
+def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
+    """Return the table that has the interval below each probability, however wide."""
+    cells = _cells(matrix, by_class)
+    caption = f'Below each probability is its {cells.confidence} interval.'
+    table = Table(title, ('from', *cells.headings, 'actions'), caption=caption)
+    for k, name in enumerate(cells.rows):
+        found = cells.of_row(k)
+        texts = [
+            f'{_bare(probability_text(found[c]))}\n{_bounds(found[c])}' if found else NOTHING
+            for c in cells.columns
+        ]
+        table.add_row(name, *texts, cells.actions[k])
+    return table
+
+
+class _Cells:
+    """The numbers of a matrix, as intervals, and the names of its rows and columns."""
+
+    def __init__(self, matrix: TransitionMatrix, rows: Rows) -> None:
+        self.rows = [ids_text(row) for row in rows]
+        self.actions = [str(n) for n in matrix.actions.tolist()]
+        self.confidence = f'{100 * matrix.confidence:g} %'
+        self.several = any(len(row) > 1 for row in rows)
+        counts = matrix.counts.sum(axis=0)
+        occurred = [k for k in range(len(OUTCOMES)) if counts[len(rows) + k]]
+        # The columns of a table: the aspects, and the outcomes that occurred.
+        self.columns = [*range(len(rows)), *(len(rows) + k for k in occurred)]
+        names = [textwrap.fill(f'to {name}', _HEADING_WIDTH) for name in self.rows]
+        names += [OUTCOME_HEADINGS[OUTCOMES[k]] for k in occurred]
+        self.headings = [f'{name}\n(%)' for name in names]
+        lower, upper = matrix.bounds()
+        probability = np.where(np.isnan(matrix.probability), 0.0, matrix.probability)
+        self._intervals = [
+            [Interval(*values) for values in zip(*row, strict=True)]
+            for row in zip(probability.tolist(), lower.tolist(), upper.tolist(), strict=True)
+        ]
+
+    def of_row(self, row: int) -> list[Interval]:
+        """Return the probabilities of a row; empty if it has no actions."""
+        return self._intervals[row] if self.actions[row] != '0' else []
+
+    def widest(self, row: int) -> Interval:
+        """Return the widest interval of a row."""
+        return max(self._intervals[row], key=lambda each: each.upper - each.lower)
+
+
+def _cells(matrix: TransitionMatrix, by_class: bool) -> _Cells:
+    rows = table_rows(matrix.aspects, by_class=by_class)
+    return _Cells(matrix.by_class() if by_class else matrix, rows)
+
+
+def _list_table(cells: _Cells, title: str) -> Table:
+    """Return the table that lists the aspects that the part goes to from each row."""
+    outcomes = cells.headings[len(cells.rows) :]
+    caption = (
+        f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others. '
+        f'+-: half of the widest {cells.confidence} interval of the row.'
+    )
+    headings = ('from', 'to', *outcomes, '+-\n(%)', 'actions')
+    table = Table(title, headings, texts={'to': None}, caption=caption)
+    for k, name in enumerate(cells.rows):
+        found = cells.of_row(k)
+        outside = [
+            _row_text(found[c], cells.widest(k)) if found else NOTHING
+            for c in cells.columns[len(cells.rows) :]
+        ]
+        table.add_row(name, 'to', *outside, _half_width(cells, k), cells.actions[k])
+    # The lists are as wide as the other columns permit.
+    room = WIDTH - table.width + len('to')
+    for k, row in enumerate(table.rows):
+        row[1] = textwrap.fill(_list_text(cells, k), room).replace(_NO_BREAK, ' ')
+    return table
+
+
+def _list_text(cells: _Cells, row: int) -> str:
+    """Return the probabilities of the aspects above MIN_LISTED in descending order, as a list."""
+    if not (found := cells.of_row(row)[: len(cells.rows)]):
+        return NOTHING
+    order = sorted(range(len(found)), key=lambda c: -found[c].probability)
+    shown = [c for c in order if found[c].probability > MIN_LISTED]
+    entries = [(cells.rows[c], found[c]) for c in shown]
+    if rest := sum(found[c].probability for c in order[len(shown) :]):
+        entries.append(('others', Interval(rest, 0.0, 1.0)))
+    separator = '; ' if cells.several else ', '  # the names of classes contain commas
+    return separator.join(
+        f'{name}: {_row_text(each, cells.widest(row))} %'.replace(' ', _NO_BREAK)
+        for name, each in entries
+    )
+
+
+def _row_text(interval: Interval, widest: Interval) -> str:
+    """Return a probability in percent with the decimals of the widest interval of its row."""
+    return percent_text(interval.probability, decimals_of(widest))
+
+
+def _half_width(cells: _Cells, row: int) -> str:
+    """Return half the width of the widest interval of a row, in percent."""
+    widest = cells.widest(row)
+    half = Interval((widest.upper - widest.lower) / 2, widest.lower, widest.upper)
+    return _bare(probability_text(half)) if cells.of_row(row) else NOTHING
+
+
+def _bounds(interval: Interval) -> str:
+    """Return both bounds in percent, as '25.1-30.7': narrower than interval_text."""
+    return _bare(interval_text(interval)).replace(' to ', '-')
+
+
+def _bare(percentage: str) -> str:
+    return percentage.removesuffix(' %')
+
+
+NEVER, WANTED = 'never', 'wanted'
+# Probabilities closer to 1 differ from it by rounding errors only.
+_CERTAIN = 1 - 1e-9
+
+
+def long_run_table(
+    rows: Rows,
+    long_run: LongRun,
+    lower: Array,
+    upper: Array,
+    drop: Array,
+    title: str,
+    confidence: float = CONFIDENCE,
+    after: Array | None = None,
+) -> Table:
+    """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
+
+    Aspects in no closed class, or in one of several, are marked as groups; see long_run_text.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        The aspects of each row: single aspects or symmetry classes; see table_rows.
+    long_run : LongRun
+        Its shares and indices refer to the rows.
+    lower, upper : (k,) float
+        Bounds of its shares.
+    drop : (k,) float
+        Probabilities of the rows after a drop.
+    title : str
+        Plain text, shown above the table.
+    confidence : float
+        Of the bounds.
+    after : (k,) float, optional
+        Shares after one action on dropped parts.
+    """
+    marks = _marks(long_run, len(rows))
+    headings = (
+        _heading(rows),
+        'in the\nlong run',
+        f'{100 * confidence:g} % interval',
+        *([] if after is None else ['after one\naction']),
+        'in a\ndrop',
+        *(['group'] if any(marks) else []),
+    )
+    table = Table(title, headings)
+    values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
+    once = [[]] * len(rows) if after is None else [[f'{share_text(x)} %'] for x in after.tolist()]
+    columns = zip(rows, values, once, drop.tolist(), marks, strict=True)
+    for row, value, one, dropped, mark in columns:
+        interval = Interval(*value)
+        table.add_row(
+            ids_text(row),
+            probability_text(interval),
+            interval_text(interval),
+            *one,
+            f'{share_text(dropped)} %',
+            *([mark] if any(marks) else []),
+        )
+    return table
+
+
+def actions_table(
+    rows: Rows, drop: Array, shares: Mapping[str, Array], wanted: npt.NDArray[np.bool_], title: str
+) -> Table:
+    """Return a table that compares the shares in a drop with those of several repeated actions.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        The aspects of each row: single aspects or symmetry classes; see table_rows.
+    drop : (k,) float
+        Probabilities of the rows after a drop.
+    shares : mapping of str to (k,) float
+        Long-run shares of each action by name.
+    wanted : (k,) bool
+        The wanted rows, whose sum is the last row of the table; none: no such row.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = Table(title, (_heading(rows), 'in a\ndrop', *shares))
+    columns = (drop, *shares.values())
+    for number, row in enumerate(rows):
+        table.add_row(ids_text(row), *(f'{share_text(column[number])} %' for column in columns))
+    if wanted.any():
+        sums = (f'{share_text(float(column[wanted].sum()))} %' for column in columns)
+        table.add_row(WANTED, *sums)
+    return table
+
+
+def long_run_text(rows: Rows, long_run: LongRun) -> str:
+    """Return lines that describe several closed classes, and aspects outside of them.
+
+    The text is empty if all aspects are in one closed class.
+    """
+    lines = []
+    if len(long_run.closed) > 1:
+        lines.append(
+            'No simulated action led out of any of these groups of aspects, so the long run\n'
+            'depends on the start. Rare ways out show with more actions:'
+        )
+        lines += [
+            f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'
+            for number, (members, weight) in enumerate(
+                zip(long_run.closed, long_run.weights.tolist(), strict=True), start=1
+            )
+        ]
+    unreachable = set(long_run.unreachable)
+    if transient := [k for k in long_run.transient if k not in unreachable]:
+        names = _names(rows, transient)
+        lines.append(f'Estimated as 0, because no simulated action led back there: {names}.')
+    if unreachable:
+        lines.append(
+            f'No simulated drop and no action led to {_names(rows, sorted(unreachable))}.'
+        )
+    return '\n'.join(lines)
+
+
+def wanted_table(
+    rows: Rows,
+    wanted: npt.NDArray[np.bool_],
+    probability: Array,
+    actions: Array,
+    title: str,
+) -> Table:
+    """Return a table of the way to the wanted aspects from each row.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        See long_run_table.
+    wanted : (k,) bool
+        Whether the row is wanted.
+    probability : (k,) float
+        Probability to reach a wanted row before the part leaves the aspects.
+    actions : (k,) float
+        Expected number of actions, given that a wanted row is reached; NaN for never.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = Table(title, ('from', 'reaches a\nwanted\naspect', 'expected\nactions,\nif it does'))
+    columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
+    for row, is_wanted, reached, number in columns:
+        if is_wanted:
+            cells = WANTED, '0'
+        else:
+            cells = _chance_text(reached), NEVER if np.isnan(number) else number_text(number)
+        table.add_row(ids_text(row), *cells)
+    return table
+
+
+def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Table:
+    """Return a table of the best action in each row, and the expected time to a wanted row.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        See long_run_table.
+    plan : Plan
+    actions : sequence of str
+        Names of the actions of the plan.
+    title : str
+        Plain text, shown above the table.
+    """
+    headings = (_heading(rows), 'best action', 'expected\ntime (s)')
+    table = Table(title, headings, texts={'best action': None})
+    for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
+        if time == 0:
+            cells = WANTED, '0'
+        elif np.isinf(time):
+            cells = NOTHING, NEVER
+        else:
+            cells = actions[action], number_text(time)
+        table.add_row(ids_text(row), *cells)
+    return table
+
+
+def _marks(long_run: LongRun, count: int) -> list[str]:
+    """Return the number of the closed class of each row, if there are several, or why none."""
+    marks = [''] * count
+    if len(long_run.closed) > 1:
+        for number, members in enumerate(long_run.closed, start=1):
+            for k in members:
+                marks[k] = str(number)
+    for k in long_run.transient:
+        marks[k] = 'none'
+    for k in long_run.unreachable:
+        marks[k] = 'not reached'
+    return marks
+
+
+def _names(rows: Rows, indices: Sequence[int]) -> str:
+    """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
+    aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
+    return aspects_text(tuple(aspects))
+
+
+def _heading(rows: Rows) -> str:
+    return 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
+
+
+def _chance_text(probability: float) -> str:
+    """Return a probability in percent; only certainty is 100 %."""
+    if not 0 < probability <= _CERTAIN:
+        return '100 %' if probability else '0 %'
+    text = share_text(probability)
+    return '> 99.9 %' if text == '100.0' else f'{text} %'
+
+
+def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float) -> Table:
+    """Return a table of the lift heights in mm at which 1, 10 and 50 % of parts leave an aspect.
+
+    The interval is below each height. The barrier is also shown as the speed with the same energy,
+    sqrt(2 g h), for a gravity in m/s2.
+    """
+    headings = [f'{100 * level:g} % leave\nat (mm)' for level in LEVELS]
+    table = Table(title, ('aspect', 'barrier\n(mm)', 'as speed\n(m/s)', *headings))
+    for curve in curves:
+        barrier = [NOTHING, NOTHING]
+        if np.isfinite(curve.barrier):
+            speed = number_text(float(np.sqrt(2 * gravity * curve.barrier)))
+            barrier = [millimetres_text(curve.barrier), speed]
+        levels = (_level_text(curve, level) for level in LEVELS)
+        table.add_row(str(curve.aspect), *barrier, *levels)
+    return table
+
+
+def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Table:
+    """Return a table of how many parts left each aspect at each lift height."""
+    headings = ['lift\nheight\n(mm)', 'parts', 'left', 'probability', 'interval']
+    table = Table(title, ('aspect', *headings))
+    for curve in curves:
+        columns = (curve.lift, curve.parts, curve.left, curve.probability, *curve.bounds())
+        for lift, parts, left, *values in zip(*(each.tolist() for each in columns), strict=True):
+            chance = Interval(*values)
+            table.add_row(
+                str(curve.aspect),
+                millimetres_text(lift),
+                str(parts),
+                str(left),
+                probability_text(chance),
+                interval_text(chance),
+            )
+    return table
+
+
+def _level_text(curve: RetentionCurve, level: float) -> str:
+    """Return the lift height at which a share of the parts leaves, and below it the interval."""
+    lift = curve.lift_at(level)
+    lower, upper = curve.lift_interval(level)
+    limit = f'{1000 * curve.lift[-1]:.4g} mm'
+    value = f'not reached\nup to {limit}' if np.isnan(lift) else millimetres_text(lift)
+    if np.isnan(lower):
+        return value
+    if np.isnan(upper):
+        return f'{value}\nat least {millimetres_text(lower)}'
+    return f'{value}\n{millimetres_text(lower)} to {millimetres_text(upper)}'
+
+
+def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:
+    """Return a matrix by aspect, and in ``classes`` by symmetry class, as plain JSON types.
+
+    Parameters
+    ----------
+    matrix : TransitionMatrix
+        By aspect.
+
+    Returns
+    -------
+    dict
+        ``columns``: the ids of the aspects, then the names of the outcomes in no aspect.
+        ``counts``, ``probability``, ``lower`` and ``upper``: a row from each aspect, with a number
+        for each column; the probability is null in a row without actions. ``actions``: the number
+        of actions of each row. ``classes``: the same fields with the numbers of the symmetry
+        classes instead of ids, and ``members``, the ids of the aspects of each class.
+    """
+    aspects = matrix.aspects
+    members = [[aspect.id for aspect in alike] for alike in aspects.classes()]
+    by_class = _fields(matrix.by_class(), [a[0].symmetry_class for a in aspects.classes()])
+    by_aspect = _fields(matrix, [aspect.id for aspect in aspects.aspects])
+    return {**by_aspect, 'classes': {'members': members, **by_class}}
+
+
+def _fields(matrix: TransitionMatrix, numbers_of_rows: Sequence[int]) -> dict[str, object]:
+    lower, upper = matrix.bounds()
+    return {
+        'columns': [*numbers_of_rows, *OUTCOMES],
+        'actions': plain(matrix.actions),
+        'counts': plain(matrix.counts),
+        'probability': plain(matrix.probability),
+        'lower': plain(lower),
+        'upper': plain(upper),
+    }
+
+
+def long_run_fields(
+    long_run: LongRun, lower: Array, upper: Array, aspects: AspectSet
+) -> dict[str, object]:
+    """Return the shares that repeated actions lead to, as plain JSON types.
+
+    Parameters
+    ----------
+    long_run : LongRun
+        By aspect.
+    lower, upper : (k,) float
+        Bounds of its shares.
+
+    Returns
+    -------
+    dict
+        ``long_run``, ``long_run_lower`` and ``long_run_upper`` by aspect id. ``closed_classes``:
+        for each closed class the ids of its ``aspects``, its ``weight``, which is the probability
+        to end in it, and the ``shares`` of all aspects within it. ``transient`` and
+        ``unreachable``: the ids of aspects in no closed class, and of aspects to which no dropped
+        part and no action leads.
+    """
+    ids = [aspect.id for aspect in aspects.aspects]
+    closed = zip(long_run.closed, long_run.weights.tolist(), long_run.stationary, strict=True)
+    return {
+        'long_run': numbers(long_run.shares),
+        'long_run_lower': numbers(lower),
+        'long_run_upper': numbers(upper),
+        'closed_classes': [
+            {'aspects': [ids[k] for k in members], 'weight': weight, 'shares': numbers(shares)}
+            for members, weight, shares in closed
+        ],
+        'transient': [ids[k] for k in long_run.transient],
+        'unreachable': [ids[k] for k in long_run.unreachable],
+    }
+
+
+def retention_fields(curve: RetentionCurve) -> dict[str, object]:
+    """Return a retention curve as plain JSON types.
+
+    Returns
+    -------
+    dict
+        ``aspect``: its id. ``barrier``: m, null without another aspect. ``lift``: lift heights, m,
+        ascending, and for each of them ``left``, the number of parts that left the aspect, of
+        ``parts`` that were disturbed, and the ``probability`` with its bounds ``lower`` and
+        ``upper``. ``levels``: for each of the probabilities 0.01, 0.1 and 0.5 the ``lift`` height
+        at which it is first reached, and its bounds; null where it is not reached.
+    """
+    lower, upper = curve.bounds()
+    levels = []
+    for level in LEVELS:
+        low, high = curve.lift_interval(level)
+        levels.append({'level': level, 'lift': curve.lift_at(level), 'lower': low, 'upper': high})
+    return {
+        'aspect': curve.aspect,
+        'barrier': plain(float(curve.barrier)),
+        'lift': numbers(curve.lift),
+        'left': plain(curve.left),
+        'parts': plain(curve.parts),
+        'probability': plain(curve.probability),
+        'lower': plain(lower),
+        'upper': plain(upper),
+        'levels': plain(levels),
+    }

@@ -1,0 +1,307 @@
+"""Recording of a run in a log: with the messages of nodes, or in this process without nodes."""
+
+import dataclasses
+import time
+from contextlib import suppress
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescription
+
+from resting_aspects_ros.api.surroundings import scene_of
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.topics import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    SURROUNDINGS_TYPE,
+    Topic,
+)
+from resting_aspects_ros.logs.writer import RunLog, run_folder_name
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.batching import PoseBatches
+from resting_aspects_ros.ros.conversions import NANOSECONDS, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import (
+    ASPECT_DISTRIBUTIONS,
+    LATCHED,
+    PARTS,
+    POSES,
+    RESTING_POSES,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
+    batch_size,
+    offered_qos,
+)
+from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
+
+# Timeout for the part and the last distribution to arrive after the end of a run, s.
+END_TIMEOUT = 10.0
+
+
+class RunRecorder:
+    """The log of a run, and which of its messages have not arrived yet.
+
+    No method raises LogError. When the log cannot be written, ``error`` has the reason and further
+    messages are ignored. If earlier logs of the run are incomplete, a new log is written, with a
+    number appended to its name. If an earlier log is whole, no log is written, and ``earlier`` is
+    the folder of the earlier one. ``folder`` is the folder of the log.
+
+    unit : str
+        What the run consists of: drops, or actions, of which ``drops`` is then the number.
+    """
+
+    def __init__(self, folder: Path, run: RunDescription, unit: str = 'drops') -> None:
+        self.run = run
+        self.unit = unit
+        self.error = ''
+        self.reported = False  # whether the error was reported
+        self.has_part = False
+        # Whether the surroundings were written, if they are not an infinite level plane.
+        self.has_surroundings = run.conditions.surroundings is None
+        self.has_distribution = False  # whether the one after the last drop was written
+        self.drops = 0  # number of drops that were written
+        self.closed_whole = False
+        self.earlier: Path | None = None
+        self._whole = False
+        self._over_at: float | None = None
+        self.folder = folder
+        self._log: RunLog | None = None
+        try:
+            self._log = self._begin(folder)
+            if self._log is not None:
+                self._log.add_metadata('run', _as_text(run))
+        except LogError as error:
+            self._fail(error)
+
+    def _begin(self, folder: Path) -> RunLog | None:
+        """Create the log unless an earlier one is whole; may raise LogError."""
+        run = self.run
+        started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
+        name = run_folder_name(run.part, started, run.run_id)
+        earlier = _earlier_logs(folder, name)
+        for log in earlier:
+            outcome = recorded_outcome(log)
+            if outcome is not None and outcome.whole:
+                self.earlier = self.folder = log
+                self.drops = outcome.drops
+                return None
+        name += f'_{len(earlier) + 1}' if earlier else ''
+        self.folder = folder / name
+        return RunLog(folder, name)
+
+    @property
+    def being_written(self) -> bool:
+        """Whether messages are written to the log."""
+        return self._log is not None and not self.error
+
+    def write(
+        self,
+        topic: Topic,
+        data: bytes,
+        log_time: int,
+        publish_time: int,
+        mesh: tuple[str, str, bytes] | None = None,
+    ) -> bool:
+        """Write a message, and flush it so that it survives the death of this process.
+
+        mesh : (str, str, bytes), optional
+            Name, media type and content of a file, which is attached after the message.
+
+        Returns whether all was written.
+        """
+        if self._log is None or self.error:
+            return False
+        try:
+            # MCAP has no times before the epoch, but a stamp can be before it.
+            self._log.write(topic, data, log_time, max(publish_time, 0))
+            self._log.flush()
+            if mesh is not None:
+                self._log.attach(*mesh, log_time)
+                self._log.flush()
+        except LogError as error:
+            self._fail(error)
+        return not self.error
+
+    def write_poses(
+        self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
+    ) -> int:
+        """Write a batch with ``drops`` new drops; returns how many of these were written."""
+        written = drops if self.write(topic, data, log_time, publish_time) else 0
+        self.drops += written
+        return written
+
+    def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
+        """Write the part's description, and its mesh as an attachment."""
+        mesh = f'{part.name}.{part.format}', f'model/{part.format}', bytes(part.mesh)
+        self.has_part = self.write(topic, data, log_time, log_time, mesh)
+
+    def write_surroundings(
+        self, topic: Topic, data: bytes, surroundings: SurroundingsDescription, log_time: int
+    ) -> None:
+        """Write the description of the surroundings, and their mesh as an attachment."""
+        mesh = None
+        if surroundings.mesh_file:
+            name = Path(surroundings.mesh_file).name
+            media_type = f'model/{Path(name).suffix.lower().lstrip(".")}'
+            mesh = name, media_type, bytes(surroundings.mesh)
+        self.has_surroundings = self.write(topic, data, log_time, log_time, mesh)
+
+    def run_is_over(self, *, whole: bool) -> None:
+        """Mark the end of the run; ``whole``: all published poses were written."""
+        self._over_at = time.monotonic()
+        self._whole = whole
+
+    def problem(self) -> str:
+        """Return a message with the consequence of the error for the run."""
+        run = f'run {self.run.run_id} of {self.run.part}'
+        if self._whole or self.drops >= self.run.drops:
+            return (
+                f'all {self.drops} {self.unit} of {run} are recorded, but the log has no end: '
+                f'{self.error}'
+            )
+        if self.drops:
+            return f'only {self.drops} {self.unit} of {run} are recorded: {self.error}'
+        return f'{run} is not recorded: {self.error}'
+
+    @property
+    def run_over(self) -> bool:
+        """Whether the run has ended."""
+        return self._over_at is not None
+
+    @property
+    def done(self) -> bool:
+        """Whether the log can be closed: all messages were written, or the timeout is over."""
+        if self._over_at is None:
+            return False
+        waited = time.monotonic() - self._over_at > END_TIMEOUT
+        return (
+            waited
+            or not self.being_written
+            or (self.has_part and self.has_surroundings and self.has_distribution)
+        )
+
+    def close(self) -> Path | None:
+        """Finish the log; returns its folder, or None if it cannot be finished."""
+        if self._log is None or self.error:
+            return None
+        whole = self._whole and self.has_part and self.has_surroundings
+        try:
+            self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
+            folder = self._log.close()
+        except LogError as error:
+            self._fail(error)
+            return None
+        self.closed_whole = whole
+        return folder
+
+    def _fail(self, error: LogError) -> None:
+        """Store the error and release the file, so that its content can be recovered."""
+        self.error = str(error)
+        if self._log is not None:
+            with suppress(LogError):
+                self._log.close()
+
+
+def _earlier_logs(folder: Path, name: str) -> list[Path]:
+    """Return the existing logs of the same run, in their order; may raise LogError."""
+    logs = []
+    log = folder / name
+    try:
+        while log.exists() or log.is_symlink():  # a broken link also occupies the name
+            logs.append(log)
+            log = folder / f'{name}_{len(logs) + 1}'
+    except OSError as error:  # a name that is too long, a disk that was removed
+        raise LogError(f'log {log} cannot be written: {error.strerror}') from None
+    return logs
+
+
+def _as_text(run: RunDescription) -> dict[str, str]:
+    values, conditions = run.document(), run.conditions.document()
+    del values['conditions']
+    conditions['surroundings'] = run.conditions.surroundings_key
+    return {key: str(value) for key, value in {**values, **conditions}.items()}
+
+
+class LocalRunLog:
+    """The log of a run that is simulated in this process, with the messages of nodes.
+
+    Topics are those of nodes in the root namespace.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of logs, made if necessary. The log is a folder in it.
+    part : Part
+    run : RunDescription
+
+    Raises
+    ------
+    LogError
+        The log cannot be written.
+    """
+
+    def __init__(self, folder: Path, part: Part, run: RunDescription) -> None:
+        self._run = run
+        self._batches = PoseBatches(batch_size(run.drops))
+        self._next_drop = run.first_drop
+        self._recorder = recorder = RunRecorder(folder, run)
+        if recorder.error:
+            raise LogError(recorder.error)
+        topic = _topic(f'{PARTS}/{part.name}', PART_TYPE, LATCHED)
+        message = part_msg(part)
+        recorder.write_part(topic, serialize_message(message), message, time.time_ns())
+        scene = scene_of(part, run.conditions)
+        if not scene.level:
+            topic = _topic(f'{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, SURROUNDINGS_QOS)
+            around = surroundings_msg(run, scene)
+            recorder.write_surroundings(topic, serialize_message(around), around, time.time_ns())
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the log."""
+        return self._recorder.folder
+
+    def add(self, poses: RestingPoses, _: npt.NDArray[np.int64]) -> None:
+        """Write the batches that the poses complete; they follow those of the call before."""
+        self._next_drop = poses.end
+        for batch in self._batches.add(poses):
+            self._write(batch, last=False)
+
+    def close(self, distribution: Distribution, contacts: ContactCounts | None = None) -> None:
+        """Write the remaining poses and the distribution, and finish the log.
+
+        ``contacts`` are the same drops by what they touch.
+
+        Raises LogError if the log does not have all of it.
+        """
+        recorder, run = self._recorder, self._run
+        self._write(self._batches.remaining(self._next_drop), last=True)
+        topic = _topic(f'{ASPECT_DISTRIBUTIONS}/{run.part}', DISTRIBUTION_TYPE, LATCHED)
+        now = time.time_ns()
+        if contacts is not None:
+            distribution = dataclasses.replace(distribution, contacts=contacts.counted)
+        message = distribution_msg(distribution, run, time_msg(now), complete=True)
+        recorder.write(topic, serialize_message(message), now, now)
+        recorder.run_is_over(whole=True)
+        recorder.close()
+        if recorder.error:
+            raise LogError(recorder.problem())
+
+    def _write(self, poses: RestingPoses, *, last: bool) -> None:
+        now = time.time_ns()
+        data = serialize_message(poses_msg(poses, self._run, time_msg(now), last))
+        topic = _topic(RESTING_POSES, POSES_TYPE, POSES)
+        self._recorder.write_poses(topic, data, now, now, len(poses))
+
+
+def _topic(name: str, type_name: str, profile: QoSProfile) -> Topic:
+    return Topic(f'/{name}', type_name, offered_qos(profile))

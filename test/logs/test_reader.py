@@ -1,0 +1,329 @@
+"""Reading of closed and unclosed logs: by type, through the index, and for playback."""
+
+import dataclasses
+import os
+import random
+import struct
+import tracemalloc
+
+import pytest
+from mcap.writer import Writer
+
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.logs import writer
+from resting_aspects_ros.logs.bag import LogOutcome, is_log
+from resting_aspects_ros.logs.reader import Recording, Span, messages, open_log
+from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles, yaml_text
+from resting_aspects_ros.logs.writer import RunLog
+
+INTERFACES = 'resting_aspects_interfaces/msg'
+LATCHED = Qos(1, durability='transient_local')
+POSES = Topic(
+    '/cell/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000, durability='transient_local')
+)
+NUT = Topic('/cell/parts/nut', f'{INTERFACES}/PartDescription', LATCHED)
+CUBE = Topic('/cell/parts/cube', f'{INTERFACES}/PartDescription', LATCHED)
+
+
+def data(k):
+    return bytes([k]) * 40
+
+
+def read_messages(recording, topics=None, first=()):
+    """Return topic, time and first byte of each message."""
+    messages = recording.messages(recording.topics if topics is None else topics, first)
+    return [(message.topic, message.time, message.data[0]) for message in messages]
+
+
+@pytest.fixture
+def log(tmp_path):
+    """Write a log of poses 0 to 5, with the part nut after the third, each in a chunk."""
+    log = RunLog(tmp_path, 'run')
+    log.attach('nut.stl', 'model/stl', b'mesh', 1)
+    for k in range(6):
+        log.write(POSES, data(k), 100 + 10 * k)
+        if k == 2:
+            log.write(NUT, data(77), 125)
+        log.flush()
+    return log
+
+
+WRITTEN = [(POSES.name, 100 + 10 * k, k) for k in range(6)]
+WRITTEN.insert(3, (NUT.name, 125, 77))
+
+
+# -- by type --------------------------------------------------------------------------------------
+
+
+def test_first_last_count_and_outcome_of_a_closed_log(log):
+    log.add_metadata('outcome', LogOutcome(6, whole=True).record())
+    log.close()
+    for place in (log.path, log.path.parent, log.path.parent / 'metadata.yaml'):
+        assert is_log(place)
+        with open_log(place) as found:
+            assert (found.has_index, found.closed, found.being_written) == (True, True, False)
+            assert (found.first(POSES.type), found.last(POSES.type)) == (data(0), data(5))
+            assert (found.first(NUT.type), found.last(NUT.type)) == (data(77), data(77))
+            assert found.last(f'{INTERFACES}/AspectDistribution') is None
+            assert (found.message_count, found.warning) == (7, '')
+            assert found.outcome == LogOutcome(6, whole=True)
+        assert list(messages(place, POSES.type)) == [data(k) for k in range(6)]
+        assert list(messages(place, NUT.type)) == [data(77)]
+
+
+def test_only_requested_chunks_are_read(log):
+    log.close()
+    content = bytearray(log.path.read_bytes())
+    at = content.index(b'zstd') + 30  # the first poses
+    content[at : at + 4] = bytes(4)
+    log.path.write_bytes(content)
+    with open_log(log.path) as found:
+        assert found.last(POSES.type) == data(5)
+        assert found.last(NUT.type) == data(77)
+        with pytest.raises(LogError, match='is damaged: '):
+            found.first(POSES.type)
+
+
+def test_open_log_has_no_index_and_its_flushed_messages(log):
+    with open_log(log.path) as found:
+        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
+        assert found.warning.endswith('is being written: the messages in it so far are used')
+        assert found.outcome is None
+        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
+        assert found.message_count == 7
+
+
+def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
+    installed = writer.load_schema(NUT.type)
+    older = dataclasses.replace(installed, type_hash='RIHS01_older')
+    monkeypatch.setattr(writer, 'load_schema', lambda _: older)
+    with RunLog(tmp_path, 'run') as log:
+        log.write(NUT, data(1), 1)
+    with open_log(log.path) as found:
+        for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
+            with pytest.raises(LogError, match='by another version of resting_asp') as caught:
+                read()
+            for word in (str(log.path), NUT.type, "'RIHS01_older'", repr(installed.type_hash)):
+                assert word in str(caught.value)
+    assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
+
+
+@pytest.mark.parametrize(
+    'read',
+    [
+        lambda path: open_log(path).__enter__(),
+        Recording,
+        lambda path: list(messages(path, NUT.type)),
+    ],
+)
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
+        ('folder', "folder '{}' is not a log: it has no .mcap file"),
+        ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
+        ('pipe.mcap', "log '{}' is neither a file nor a folder"),
+    ],
+)
+def test_invalid_logs_are_rejected(tmp_path, read, name, expected):
+    (tmp_path / 'folder').mkdir()
+    os.mkfifo(tmp_path / 'folder' / 'a.mcap')
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
+    path = tmp_path / name
+    assert is_log(path)  # meant to be one
+    with pytest.raises(LogError) as caught:
+        read(path)
+    assert str(caught.value).startswith(expected.format(path))
+
+
+def test_log_without_messages(tmp_path):
+    (tmp_path / 'empty.mcap').touch()
+    RunLog(tmp_path, 'nothing').close()
+    for name in ('empty.mcap', 'nothing'):
+        assert list(messages(tmp_path / name, NUT.type)) == []
+        with pytest.raises(LogError, match='expected at least one message, found none'):
+            Recording(tmp_path / name)
+
+
+def test_logs_are_detected_by_their_first_bytes(log, tmp_path):
+    log.close()
+    renamed = log.path.rename(tmp_path / 'renamed')
+    assert is_log(renamed)
+    assert list(messages(renamed, NUT.type)) == [data(77)]
+    (tmp_path / 'a.csv').write_text('aspect,count\n')
+    assert not is_log(tmp_path / 'a.csv')
+    assert not is_log(tmp_path / 'nowhere')
+
+
+def test_zeros_after_a_power_failure_are_ignored(log):
+    size = log.path.stat().st_size
+    log.close()
+    log.path.write_bytes(log.path.read_bytes()[:size] + bytes(1000))
+    assert read_messages(Recording(log.path)) == WRITTEN
+
+
+# -- playback -------------------------------------------------------------------------------------
+
+
+def test_messages_have_order_times_and_bytes(log):
+    log.close()
+    for place in (log.path, log.path.parent):
+        recording = Recording(place)
+        assert read_messages(recording) == WRITTEN
+        assert read_messages(recording) == WRITTEN  # as often as one likes
+        message = next(recording.messages({NUT.name}))
+        assert (message.topic, message.time, message.data) == (NUT.name, 125, data(77))
+
+
+def test_topics_are_described_as_they_were_recorded(log):
+    topics = Recording(log.path).topics
+    assert list(topics) == [POSES.name, NUT.name]
+    for topic in (POSES, NUT):
+        found = topics[topic.name]
+        assert (found.type, found.encoding, found.qos) == (topic.type, 'cdr', topic.qos)
+        assert found.type_hash.startswith('RIHS01_')
+
+
+def test_span_and_messages_of_selected_topics(log):
+    recording = Recording(log.path)
+    assert recording.span(recording.topics) == Span(100, 150, 7)
+    assert recording.span([NUT.name]) == Span(125, 125, 1)
+    assert read_messages(recording, [NUT.name]) == [(NUT.name, 125, 77)]
+    assert read_messages(recording, [POSES.name]) == [
+        each for each in WRITTEN if each[0] == POSES.name
+    ]
+
+
+def test_first_topics_are_yielded_first_and_once(tmp_path):
+    """Only the first of each, at the start; one that is at the start already stays there."""
+    with RunLog(tmp_path, 'run') as log:
+        log.write(CUBE, data(1), 100)
+        log.write(POSES, data(2), 110)
+        log.write(NUT, data(3), 120)
+        log.write(NUT, data(4), 130)
+        log.write(CUBE, data(5), 140)
+    found = read_messages(Recording(log.path), first={NUT.name, CUBE.name})
+    assert found == [
+        (CUBE.name, 100, 1),
+        (NUT.name, 100, 3),
+        (POSES.name, 110, 2),
+        (NUT.name, 130, 4),
+        (CUBE.name, 140, 5),
+    ]
+
+
+def test_open_log_has_the_messages_at_its_opening(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    for k in range(3):
+        log.write(POSES, data(k), k)
+        log.flush()
+    recording = Recording(log.path.parent)
+    log.write(NUT, data(9), 3)
+    log.flush()
+    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
+    assert [k for _, _, k in read_messages(Recording(log.path.parent))] == [0, 1, 2, 9]
+    log.close()
+    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
+
+
+def write_foreign(path, channels, messages):
+    """An MCAP file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start()
+        ids = []
+        for topic, encoding, schema, metadata in channels:
+            schema_id = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
+            ids.append(writer.register_channel(topic, encoding, schema_id, metadata))
+        for k, (channel, time) in enumerate(messages):
+            writer.add_message(ids[channel], time, data(k), time)
+        writer.finish()
+
+
+def test_decreasing_times_become_constant(tmp_path):
+    path = tmp_path / 'a.mcap'
+    write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
+    recording = Recording(path)
+    assert [(time, k) for _, time, k in read_messages(recording)] == [
+        (10, 0),
+        (30, 1),
+        (30, 2),
+        (40, 3),
+    ]
+    assert recording.span(['/a']) == Span(10, 40, 4)
+
+
+def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
+    path = tmp_path / 'a.mcap'
+    channels = [('/a', 'json', '', {}), ('/b', 'cdr', POSES.type, {'offered_qos_profiles': ''})]
+    write_foreign(path, [*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
+    topics = Recording(path).topics
+    assert list(topics) == ['/a', '/b']  # no message, no topic
+    assert (topics['/a'].type, topics['/a'].encoding) == ('', 'json')
+    assert topics['/b'].type == POSES.type
+    assert all(topic.qos is topic.type_hash is None for topic in topics.values())
+
+
+def test_topic_with_two_types_is_rejected(tmp_path):
+    path = tmp_path / 'a.mcap'
+    channels = [('/a', 'cdr', kind, {'topic_type_hash': 'h'}) for kind in (NUT.type, POSES.type)]
+    write_foreign(path, channels, [(0, 1), (1, 2)])
+    with pytest.raises(LogError) as caught:
+        Recording(path)
+    assert str(caught.value) == (
+        f'invalid log {str(path)!r}: expected one type for topic /a, found {POSES.type} (h) and '
+        f'{NUT.type} (h)'
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('[{', 'is not valid YAML'),
+        ('[' * 1000, 'is not valid YAML: it is nested too deeply'),
+        ('!!timestamp abc', 'is not valid YAML'),
+        ('[1, ' * 10**6, 'it has more than 65536 characters'),
+        ('- depth: 1', 'expected profiles as rosbag2'),
+        ('just words', 'expected profiles as rosbag2'),
+        (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'QoS reliability 1:'),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1.5'), 'QoS depth 1.5'),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1' + 30 * '0'), 'depth 100'),
+    ],
+)
+def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
+    path = tmp_path / 'a.mcap'
+    write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
+    with pytest.raises(LogError) as caught:
+        Recording(path)
+    message = str(caught.value).replace('/a: invalid QoS', '/a: QoS')
+    assert message.startswith(f'log {str(path)!r}, topic /a: QoS ')
+    assert expected in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_file_removed_before_playback_is_reported(log):
+    recording = Recording(log.path)
+    log.path.unlink()
+    with pytest.raises(LogError, match='cannot be read: No such file or directory'):
+        read_messages(recording)
+
+
+def test_memory_does_not_grow_with_the_log(tmp_path):
+    """200 messages of 100 kB that do not compress; the most is that of a few."""
+    size, count = 100_000, 200
+    state = bytearray(random.Random(1).randbytes(size))
+    with RunLog(tmp_path, 'run') as log:
+        for k in range(count):
+            state[:8] = struct.pack('<Q', k)
+            log.write(POSES, bytes(state), k)
+            log.flush()
+    tracemalloc.start()
+    try:
+        found = sum(len(message.data) for message in Recording(log.path).messages([POSES.name]))
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found == size * count
+    assert most < 20 * size

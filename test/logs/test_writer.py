@@ -1,0 +1,433 @@
+"""Logs of runs, verified with independent readers: rosbags and mcap."""
+
+import dataclasses
+import random
+from contextlib import suppress
+from datetime import datetime, timedelta, timezone
+
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Attachment, ChunkIndex, Message
+from mcap.stream_reader import StreamReader
+from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
+from rosbags.rosbag2 import Reader
+
+from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.writer import RunLog, run_folder_name
+
+INTERFACES = 'resting_aspects_interfaces/msg'
+LATCHED = Qos(depth=1, durability='transient_local')
+PART = Topic('/parts/l_bracket', f'{INTERFACES}/PartDescription', LATCHED)
+POSES = Topic(
+    '/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000, durability='transient_local')
+)
+DISTRIBUTION = Topic(
+    '/aspect_distributions/l_bracket', f'{INTERFACES}/AspectDistribution', LATCHED
+)
+# A second topic of a type that is there already, and another QoS.
+OTHER_PART = Topic('/parts/nut', PART.type, Qos(7, 'best_effort', 'volatile', 'keep_all'))
+
+START = 1_700_000_000_123_456_789  # ns
+MESH = random.Random(5).randbytes(10_000)
+RUN = {'run_id': '4f1c', 'seed': '1', 'note': 'café: "yes"\nno'}
+
+
+def plain(value):
+    """Turn a message of rclpy or of rosbags into lists, tuples and strings of full precision."""
+    if hasattr(value, 'get_fields_and_field_types'):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if dataclasses.is_dataclass(value):
+        # rosbags gives constants as fields, and the name of the type.
+        names = {field.name for field in dataclasses.fields(value)} - {'__msgtype__'}
+        return {name: plain(getattr(value, name)) for name in names if name.islower()}
+    if hasattr(value, 'tolist'):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, float):
+        return value.hex()  # one NaN is as good as another
+    return value
+
+
+def published(filled):
+    """List what a run publishes: topic, message, log time and publish time in ns."""
+    rng = random.Random(1)
+    part, other = filled(PartDescription, rng), filled(PartDescription, rng)
+    part.mesh = MESH
+    batches = [filled(RestingPoses, rng) for _ in range(4)]
+    batches[1].poses[2].time_to_rest = float('nan')
+    batches[3].poses = []
+    messages = [(PART, part), (OTHER_PART, other)]
+    for batch in batches:
+        messages += [(POSES, batch), (DISTRIBUTION, filled(AspectDistribution, rng))]
+    return [
+        (topic, message, START + 1000 * i, START + 1000 * i - 77)
+        for i, (topic, message) in enumerate(messages)
+    ]
+
+
+@pytest.fixture(scope='module')
+def messages(filled):
+    return published(filled)
+
+
+@pytest.fixture(scope='module')
+def log(messages, tmp_path_factory):
+    """Write a log as the recorder does, and give it closed."""
+    folder = tmp_path_factory.mktemp('logs')
+    with RunLog(folder / 'not' / 'there', 'l_bracket_run') as log:
+        log.add_metadata('run', RUN)
+        log.attach('l_bracket.stl', 'model/stl', MESH, START)
+        for topic, message, log_time, publish_time in messages:
+            log.write(topic, serialize_message(message), log_time, publish_time)
+            log.flush()
+    return log
+
+
+@pytest.fixture(params=['file', 'folder'])
+def place(log, request):
+    """Give the log as a bare file and as a folder that is read through metadata.yaml."""
+    return log.path if request.param == 'file' else log.path.parent
+
+
+def information(log):
+    text = (log.path.parent / 'metadata.yaml').read_text(encoding='utf-8')
+    return yaml.safe_load(text)['rosbag2_bagfile_information']
+
+
+def stream(path):
+    """Read a file's messages from front to back, as far as they go, without its index."""
+    found = []
+    with path.open('rb') as file, suppress(EndOfFile):
+        found.extend(each for each in StreamReader(file).records if isinstance(each, Message))
+    return found
+
+
+# -- what readers find ---------------------------------------------------------------------------
+
+
+def test_files_have_the_names_that_rosbag2_gives(log):
+    folder = log.path.parent
+    assert log.path == folder / 'l_bracket_run_0.mcap'
+    assert sorted(each.name for each in folder.iterdir()) == [log.path.name, 'metadata.yaml']
+
+
+def test_rosbags_reads_messages_with_stored_definitions(place, messages):
+    with AnyReader([place]) as reader:
+        assert reader.message_count == len(messages) == 10
+        found = [
+            (c.topic, c.msgtype, time, plain(reader.deserialize(data, c.msgtype)))
+            for c, time, data in reader.messages()
+        ]
+    assert len(found) == len(messages)
+    for (topic, message, log_time, _), read in zip(messages, found, strict=True):
+        assert read == (topic.name, topic.type, log_time, plain(message))
+
+
+def test_rosbags_finds_counts_times_and_qos(place, messages):
+    with Reader(place) as reader:
+        assert reader.start_time == START
+        assert reader.end_time == START + 9000 + 1
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        profiles = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+        assert all(c.ext.serialization_format == 'cdr' for c in reader.connections)
+    assert counts == {PART.name: 1, OTHER_PART.name: 1, POSES.name: 4, DISTRIBUTION.name: 4}
+    assert [len(profiles[name]) for name in counts] == [1, 1, 1, 1]
+    (qos,) = profiles[POSES.name]
+    assert (qos.depth, qos.history) == (2000, QosHistory.KEEP_LAST)
+    assert (qos.reliability, qos.durability) == (
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+    )
+    infinite = QosTime(9223372036, 854775807)
+    assert qos.deadline == qos.lifespan == qos.liveliness_lease_duration == infinite
+    for topic in (PART, DISTRIBUTION):
+        assert profiles[topic.name][0].durability == QosDurability.TRANSIENT_LOCAL
+        assert profiles[topic.name][0].depth == 1
+    (qos,) = profiles[OTHER_PART.name]
+    assert (qos.depth, qos.history) == (7, QosHistory.KEEP_ALL)
+    assert qos.reliability == QosReliability.BEST_EFFORT
+    assert qos.durability == QosDurability.VOLATILE
+
+
+def test_mcap_reads_the_summary(log):
+    with log.path.open('rb') as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == 'ros2'
+        summary = reader.get_summary()
+    statistics = summary.statistics
+    assert (statistics.message_count, statistics.attachment_count) == (10, 1)
+    assert (statistics.channel_count, statistics.schema_count) == (4, 3)
+    assert (statistics.message_start_time, statistics.message_end_time) == (START, START + 9000)
+    assert [schema.encoding for schema in summary.schemas.values()] == ['ros2msg'] * 3
+    assert [channel.message_encoding for channel in summary.channels.values()] == ['cdr'] * 4
+    chunks: list[ChunkIndex] = summary.chunk_indexes
+    assert [chunk.compression for chunk in chunks] == ['zstd'] * 10
+
+
+def test_mcap_reads_times_and_numbers(log, messages):
+    with log.path.open('rb') as file:
+        found = [
+            (channel.topic, schema.name, message.log_time, message.publish_time, message.sequence)
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+    assert len(found) == len(messages)
+    numbers = dict.fromkeys((PART, OTHER_PART, POSES, DISTRIBUTION), 0)
+    for (topic, _, log_time, publish_time), read in zip(messages, found, strict=True):
+        assert read == (topic.name, topic.type, log_time, publish_time, numbers[topic])
+        numbers[topic] += 1
+
+
+def test_mesh_and_run_description_are_in_the_file(log):
+    with log.path.open('rb') as file:
+        reader = make_reader(file)
+        attachments: list[Attachment] = list(reader.iter_attachments())
+        records = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert len(attachments) == 1
+    (mesh,) = attachments
+    assert (mesh.name, mesh.media_type, mesh.log_time) == ('l_bracket.stl', 'model/stl', START)
+    assert mesh.data == MESH
+    assert records['run'] == RUN
+    # The record that rosbag2 looks for in a file without its folder.
+    assert sorted(records) == ['rosbag2', 'run']
+    assert yaml.safe_load(records['rosbag2']['serialized_metadata']) == information(log)
+
+
+def test_metadata_yaml_is_that_of_jazzy(log):
+    found = information(log)
+    topics = found.pop('topics_with_message_count')
+    span = {
+        'duration': {'nanoseconds': 9000},
+        'starting_time': {'nanoseconds_since_epoch': START},
+        'message_count': 10,
+    }
+    assert found == {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [log.path.name],
+        'files': [{'path': log.path.name, **span}],
+        'custom_data': {f'run.{key}': value for key, value in RUN.items()},
+        'ros_distro': 'jazzy',
+    }
+    assert [each['message_count'] for each in topics] == [1, 1, 4, 4]
+    for each in topics:
+        assert list(each['topic_metadata']) == [
+            'name',
+            'type',
+            'serialization_format',
+            'offered_qos_profiles',
+            'type_description_hash',
+        ]
+
+
+def test_metadata_yaml_is_ascii_and_without_aliases(log):
+    text = (log.path.parent / 'metadata.yaml').read_bytes().decode('ascii')
+    assert '&id' not in text
+
+
+def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
+    text = (log.path.parent / 'metadata.yaml').read_text()
+    with log.path.open('rb') as file:
+        channels = make_reader(file).get_summary().channels.values()
+    assert len(channels) == 4
+    for channel in channels:
+        profile = channel.metadata['offered_qos_profiles']
+        assert len(yaml.safe_load(profile)) == 1
+        assert len(yaml.safe_load(profile)[0]) == 9
+        assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
+
+
+@pytest.mark.parametrize('part', ['file', 'folder'])
+def test_empty_log_is_valid(tmp_path, part):
+    log = RunLog(tmp_path, 'empty')
+    assert log.close() == tmp_path / 'empty'
+    with Reader(log.path if part == 'file' else log.path.parent) as reader:
+        assert reader.message_count == reader.duration == 0
+        assert list(reader.messages()) == []
+    with log.path.open('rb') as file:
+        assert make_reader(file).get_summary().statistics.message_count == 0
+    # What rosbag2 writes as the starting time of nothing.
+    assert information(log)['starting_time'] == {'nanoseconds_since_epoch': 2**63 - 1}
+    assert information(log)['duration'] == {'nanoseconds': 0}
+
+
+def test_log_times_do_not_decrease(tmp_path):
+    with RunLog(tmp_path, 'run') as log:
+        for log_time, publish_time in [(10, None), (5, None), (12, 3)]:
+            log.write(PART, b'\0' * 8, log_time, publish_time)
+    found = stream(log.path)
+    assert [(each.log_time, each.publish_time) for each in found] == [(10, 10), (10, 5), (12, 3)]
+    assert information(log)['duration'] == {'nanoseconds': 2}
+
+
+# -- crashes and errors --------------------------------------------------------------------------
+
+
+def test_full_disk_keeps_the_written_messages(tmp_path, no_space_after):
+    batches = [random.Random(i).randbytes(50_000) for i in range(5)]
+    log = RunLog(tmp_path, 'run')
+    with no_space_after(180_000):
+        for i in range(3):
+            log.write(POSES, batches[i], i)
+            log.flush()
+        log.write(POSES, batches[3], 3)
+        errors = []
+        for refused in (log.flush, log.flush, lambda: log.write(POSES, batches[4], 4)):
+            with pytest.raises(LogError) as caught:
+                refused()
+            errors.append(str(caught.value))
+        folders = [log.close(), log.close()]
+    assert errors == [f'log {log.path} cannot be written: File too large'] * 3
+    assert folders == [tmp_path / 'run'] * 2
+    assert [message.data for message in stream(log.path)] == batches[:3]
+    assert not (tmp_path / 'run' / 'metadata.yaml').exists()
+
+
+def test_disk_full_during_close(tmp_path, no_space_after):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'batch 00', 1)
+    log.flush()
+    size = log.path.stat().st_size + 100
+    with no_space_after(size), pytest.raises(LogError) as caught:
+        log.close()
+    assert str(caught.value) == f'log {log.path} cannot be written: File too large'
+    assert log.close() == tmp_path / 'run'
+    assert [message.data for message in stream(log.path)] == [b'batch 00']
+    assert not (tmp_path / 'run' / 'metadata.yaml').exists()
+
+
+def test_disk_full_from_the_start(tmp_path, no_space_after):
+    expected = r'run_0\.mcap cannot be written: File too large'
+    with no_space_after(5), pytest.raises(LogError, match=expected):
+        RunLog(tmp_path, 'run')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'batch 00', 1)
+    (tmp_path / 'run' / 'metadata.yaml.tmp').mkdir()
+    with pytest.raises(LogError, match='cannot be written: Is a directory'):
+        log.close()
+    with Reader(log.path) as reader:
+        assert reader.message_count == 1
+
+
+def test_first_error_is_reported(tmp_path, no_space_after):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'batch 00', 1)
+    with no_space_after(0), pytest.raises(ZeroDivisionError), log:
+        raise ZeroDivisionError
+
+
+def test_exception_of_the_caller_leaves_a_closed_log(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'batch 00', 1)
+    with pytest.raises(ZeroDivisionError), log:
+        raise ZeroDivisionError
+    with Reader(log.path.parent) as reader:
+        assert reader.message_count == 1
+
+
+def test_interrupted_write_ends_the_log(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'batch 00', 1)
+    log.flush()
+    with pytest.raises(TypeError):
+        log.write(POSES, 'not bytes', 2)
+    with pytest.raises(LogError, match=f'log {log.path} was interrupted: TypeError'):
+        log.write(POSES, b'batch 01', 3)
+    log.close()
+    assert [message.data for message in stream(log.path)] == [b'batch 00']
+
+
+def test_existing_log_is_not_overwritten(tmp_path):
+    RunLog(tmp_path, 'run').close()
+    before = (tmp_path / 'run' / 'run_0.mcap').read_bytes()
+    with pytest.raises(LogError) as caught:
+        RunLog(tmp_path, 'run')
+    assert str(caught.value) == f'log {tmp_path / "run"} exists already and is not overwritten'
+    assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
+
+
+def test_folder_that_cannot_be_created_is_an_error(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(LogError) as caught:
+        RunLog(tmp_path / 'file' / 'logs', 'run')
+    path = tmp_path / 'file' / 'logs' / 'run' / 'run_0.mcap'
+    assert str(caught.value) == f'log {path} cannot be written: Not a directory'
+
+
+def test_too_long_name_is_an_error(tmp_path):
+    with pytest.raises(LogError, match='cannot be written: File name too long'):
+        RunLog(tmp_path, 'a' * 300)
+    # The folder's name fits, the file's does not: nothing is left behind.
+    with pytest.raises(LogError, match='cannot be written: File name too long'):
+        RunLog(tmp_path, 'a' * 250)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('name', ['', '..', 'a/b', '/a', 'a\0b', '.a', '-a', 'ä', 'a b', 'a\n'])
+def test_invalid_log_name_is_rejected(tmp_path, name):
+    with pytest.raises(LogError) as caught:
+        RunLog(tmp_path, name)
+    assert str(caught.value) == (
+        f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
+        '"-" nor "." first'
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rejected_messages_leave_the_log_unchanged(tmp_path):
+    unknown = Topic('/x', 'no_msgs/msg/Nothing', LATCHED)
+    changed = dataclasses.replace(POSES, qos=LATCHED)
+    with RunLog(tmp_path, 'run') as log:
+        log.write(POSES, b'batch 00', 1)
+        with pytest.raises(LogError, match='no_msgs/msg/Nothing is not installed'):
+            log.write(unknown, b'', 2)
+        with pytest.raises(LogError, match=r'depth=1, .* differs from .*depth=2000, '):
+            log.write(changed, b'', 2)
+        for time in (-1, 2**63):
+            with pytest.raises(LogError, match=f'invalid log_time {time}: expected ns since 1970'):
+                log.write(POSES, b'', time)
+            with pytest.raises(LogError, match=f'invalid publish_time {time}: expected'):
+                log.write(POSES, b'', 2, time)
+            with pytest.raises(LogError, match=f'invalid log_time {time}: expected'):
+                log.attach('mesh.stl', 'model/stl', b'', time)
+        log.write(POSES, b'batch 01', 2)
+    with Reader(log.path.parent) as reader:
+        assert [bytes(data) for _, _, data in reader.messages()] == [b'batch 00', b'batch 01']
+        assert len(reader.connections) == 1
+
+
+def test_closed_log_rejects_messages(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.close()
+    for late in (
+        log.flush,
+        lambda: log.write(POSES, b'', 1),
+        lambda: log.attach('mesh.stl', 'model/stl', b'', 1),
+        lambda: log.add_metadata('run', {}),
+    ):
+        with pytest.raises(LogError) as caught:
+            late()
+        assert str(caught.value) == f'log {log.path} is closed'
+    assert log.close() == tmp_path / 'run'
+
+
+def test_run_folder_name():
+    started = datetime(2025, 1, 31, 23, 59, 58, 999_999, timezone(timedelta(hours=-2)))
+    assert run_folder_name('l_bracket', started, '4f1c') == 'l_bracket_20250201T015958Z_4f1c'
+    with pytest.raises(LogError, match="start 2025-01-31 00:00:00 of run '4f1c' has no time zone"):
+        run_folder_name('l_bracket', datetime(2025, 1, 31), '4f1c')  # noqa: DTZ001
+    with pytest.raises(LogError, match=r'invalid log name .*: expected'):
+        run_folder_name('../l_bracket', started, '4f1c')

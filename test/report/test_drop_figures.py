@@ -1,0 +1,123 @@
+"""The figures of a report beside its pictures: all words can be read, in both widths."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.report.drop_figures import (
+    MARKERS,
+    comparison_figure,
+    convergence_figure,
+    estimates_figure,
+    labels_apart,
+)
+from resting_aspects_ros.report.figure import NARROW, WIDE
+from resting_aspects_ros.report.format import Row
+from resting_aspects_ros.statistics.intervals import Interval
+
+NAMES = ['aspect 1', 'aspects 2 and 3', 'aspects 4, 5, 6 and 12', 'aspects 10, 12, ... 30']
+SHARES = [0.9, 0.06, 0.03, 0.01]
+WIDTHS = pytest.mark.parametrize('width', [WIDE, NARROW])
+
+
+@pytest.fixture
+def rows():
+    colours = ['#0072B2', '#E69F00', '#009E73', '#D55E00']
+    return [
+        Row(name, round(1e6 * p), Interval(p, 0.99 * p, 1.01 * p), colour)
+        for name, p, colour in zip(NAMES, SHARES, colours, strict=True)
+    ]
+
+
+def check_texts(figure):
+    """Each word is in the figure, and none lies on another."""
+    figure.draw_without_rendering()
+    boxes = {}
+    for text in figure.findobj(lambda each: hasattr(each, 'get_text')):
+        if text.get_visible() and text.get_text().strip():
+            boxes[text.get_text()] = text.get_window_extent()
+    assert boxes
+    for words, box in boxes.items():
+        assert min(box.x0, box.y0) >= 0, words
+        assert box.x1 <= figure.bbox.x1, words
+        assert box.y1 <= figure.bbox.y1, words
+    for (one, a), (other, b) in itertools.combinations(boxes.items(), 2):
+        across = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(across, high) < 2, (one, other)
+    return boxes
+
+
+@WIDTHS
+@pytest.mark.parametrize('drops', [2, 150, 50_000, 2_000_000])
+def test_last_number_of_drops_is_labelled(rows, width, drops):
+    looks = np.array(sorted({min(n, drops) for n in (1, 10, 13, 100, 1000, 10_000, drops)}))
+    bands = [[row.interval for row in rows]] * len(looks)
+    boxes = check_texts(convergence_figure(rows, looks, bands, width))
+    assert f'{drops:,}'.replace(',', ' ') in boxes
+
+
+@WIDTHS
+def test_lines_and_bands_of_the_convergence_are_inside_the_axes(rows, width):
+    looks = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
+    bands = [
+        [
+            Interval(p, max(0.0, p - p / np.sqrt(n)), min(1.0, p + 1 / np.sqrt(n)))
+            for p in (0.5, 0.2, 0.2, 0.1)
+        ]
+        for n in looks
+    ]
+    (axes,) = convergence_figure(rows, looks, bands, width).axes
+    shapes = [line.get_xydata() for line in axes.lines if line.get_clip_on()]
+    shapes += [path.vertices for band in axes.collections for path in band.get_paths()]
+    assert len(shapes) == 2 * len(rows)
+    for points in shapes:
+        for values, (low, high) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
+            assert low <= values.min()
+            assert values.max() <= high
+
+
+@WIDTHS
+@pytest.mark.parametrize(
+    'differences',
+    [
+        ['+1 (0 to +2)'] * 4,
+        ['-12.35 (-12.51 to -12.21)', '+0.12 (-0.02 to +0.15)', '0', '-0.015 (-0.021 to 0.000)'],
+    ],
+)
+@pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
+def test_comparison_with_long_texts_is_readable(rows, width, differences, name):
+    own = [row.interval for row in rows]
+    words = f'{name}, 980 of 1000 drops in an aspect'
+    sides = [('simulated', own), (words, own)]
+    figure = comparison_figure(rows, sides, differences, width)
+    check_texts(figure)
+    (axes,) = figure.axes
+    # The longest bar with its interval ends inside, and takes a good part of the room.
+    low, high = axes.get_xlim()
+    assert low == 0
+    share = own[0].upper / high
+    assert 0.3 < share < 1
+
+
+@WIDTHS
+@pytest.mark.parametrize('methods', [1, len(METHODS)])
+def test_all_methods_are_named(rows, width, methods):
+    estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
+    boxes = check_texts(estimates_figure(rows, estimates, width))
+    labels = {METHODS[name].label for name in estimates}
+    assert {*labels, *NAMES} <= set(boxes)
+
+
+def test_labels_that_are_too_close_move_apart_by_little():
+    moved = labels_apart(np.array([0.0, 1.0, 27.3, 27.5]), 2.0)
+    np.testing.assert_allclose(moved, [0.0, 2.0, 26.4, 28.4])
+    far = np.array([1.0, 5.0, 9.0])
+    np.testing.assert_array_equal(labels_apart(far, 2.0), far)
+
+
+def test_each_method_has_a_marker_of_its_own():
+    assert set(MARKERS) == set(METHODS)
+    assert len(set(MARKERS.values())) == len(METHODS)

@@ -1,0 +1,191 @@
+"""The table says what the distribution is, in 80 columns."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+import trimesh
+from rich.console import Console
+
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.report.drops import distribution_table, never_seen_text
+from resting_aspects_ros.report.format import (
+    direction_text,
+    interval_of,
+    interval_text,
+    millimetre_texts,
+    probability_text,
+)
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.statistics.intervals import Interval
+
+ROW = re.compile(
+    r'^ *(?P<id>\d[\d ,.a-z]*?)?  +(?P<words>[a-z].*?)  +'
+    r'(?P<down>[-+ ]\d\.\d\d [-+ ]\d\.\d\d [-+ ]\d\.\d\d)? *'
+    r'(?P<probability>[\d.]+|-)(?: %)? +(?P<lower>[\d.]+) to (?P<upper>[\d.]+) % +(?P<count>\d+)'
+    r'(?: +(?P<each>[\d.]+) %)? *$'
+)
+
+
+@pytest.fixture(scope='module')
+def aspects(part):
+    return find_aspects(part('l_bracket'))
+
+
+def lines(distribution, title='a title', part=None, **options):
+    console = Console(width=80, force_terminal=False)
+    with console.capture() as captured:
+        console.print(distribution_table(distribution, title, part, **options))
+    return captured.get().splitlines()
+
+
+def rows(distribution, **options):
+    found = (ROW.match(line) for line in lines(distribution, **options))
+    return [row.groupdict(default='') for row in found if row]
+
+
+def half_digit(text):
+    return 0.5 * 10.0 ** -len(text.partition('.')[2]) + 1e-9
+
+
+def test_rows_match_the_distribution(aspects):
+    distribution = Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
+    found = rows(distribution, each=True)
+    assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
+    assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
+    assert [row['words'] for row in found[5:]] == ['unclassified', 'failed']
+    for row, aspect, interval in zip(
+        found, aspects.aspects, distribution.intervals(), strict=False
+    ):
+        for name in ('probability', 'lower', 'upper'):
+            shown = row[name]
+            assert float(shown) == pytest.approx(
+                100 * getattr(interval, name), abs=half_digit(shown)
+            )
+        direction = [float(number) for number in row['down'].split()]
+        assert direction == pytest.approx(aspect.down_in_part.tolist(), abs=0.005 + 1e-9)
+    assert sum(int(row['count']) for row in found) == distribution.drops
+
+
+def test_equivalent_aspects_are_summed_in_one_row(part):
+    nut = part('hex_nut')
+    counts = np.array([300, 320, 60, 65, 70, 50, 55, 80])
+    distribution = Distribution(find_aspects(nut), counts, 0, 0, 0)
+    flat, side = rows(distribution, part=nut)
+    assert (flat['id'], flat['words']) == ('1 and 2', 'flat side 17 x 19.6 mm')
+    assert (side['id'], side['words']) == ('3 to 8', 'flat side 8.4 x 9.81 mm')
+    assert [flat['count'], side['count']] == ['620', '380']
+    for row, count, many in ((flat, 620, 2), (side, 380, 6)):
+        interval = interval_of(distribution, count)
+        shown = row['probability']
+        assert float(shown) == pytest.approx(100 * count / 1000, abs=half_digit(shown))
+        assert float(row['lower']) == pytest.approx(100 * interval.lower, abs=half_digit(shown))
+        assert float(row['each']) == pytest.approx(count / 10 / many, abs=half_digit(row['each']))
+
+
+def test_each_shows_a_row_for_every_aspect(part):
+    nut = part('hex_nut')
+    distribution = Distribution(find_aspects(nut), np.arange(8) * 10, 0, 0, 0)
+    found = [row for row in rows(distribution, part=nut, each=True) if row['id']]
+    assert [int(row['id']) for row in found] == list(range(1, 9))
+    assert [int(row['count']) for row in found] == [10 * k for k in range(8)]
+
+
+@pytest.mark.parametrize('each', [False, True])
+def test_unseen_aspects_are_named_as_in_the_table(part, each):
+    aspects = find_aspects(part('hex_nut'))
+    basin = [100 * aspect.basin_share for aspect in aspects.aspects]
+    one = Distribution(aspects, np.array([500, 400, 10, 10, 10, 10, 10, 0]), 0, 0, 0)
+    none = Distribution(aspects, np.array([500, 400, 0, 0, 0, 0, 0, 0]), 0, 0, 0)
+    assert ('aspect 8 (at most' in never_seen_text(one, each=each)) is each
+    assert ('aspects 3 to 8 (at most' in never_seen_text(none, each=each)) is not each
+    words = f'rolls into {"it" if each else "them"} from'
+    share = basin[7] if each else sum(basin[2:])
+    assert f'{words} {share:.2g} % of all' in never_seen_text(none, each=each)
+
+
+def test_basins_of_a_level_floor_are_not_stated_for_a_slope(aspects):
+    slope = dataclasses.replace(aspects, floor_normal=np.array([0.6, 0.0, 0.8]))
+    counts = np.array([1, 2, 3, 4, 0])
+    assert 'rolls into it' in never_seen_text(Distribution(aspects, counts, 0, 0, 0))
+    text = never_seen_text(Distribution(slope, counts, 0, 0, 0))
+    assert re.fullmatch(r'Never seen: aspect 5 \(at most \d+ %\)\.', text)
+
+
+def test_total_is_shown_and_absent_outcomes_are_not(aspects):
+    text = '\n'.join(lines(Distribution(aspects, np.array([1, 2, 3, 4, 5]), 0, 0, 0)))
+    assert re.search(r'drops in total +15\b', text)
+    for word in ('unclassified', 'unsettled', 'failed'):
+        assert word not in text
+
+
+def test_unseen_aspect_has_zero_and_an_upper_bound(aspects):
+    never = rows(Distribution(aspects, np.array([300, 300, 300, 100, 0]), 0, 0, 0))[4]
+    assert (never['probability'], never['lower']) == ('0', '0')
+    assert float(never['upper']) == pytest.approx(100 * 3.8415 / 1003.8415, abs=0.005)  # z2/(n+z2)
+
+
+def test_table_without_drops_has_no_probabilities(aspects):
+    found = [(row['probability'], row['lower'], row['upper']) for row in rows(no_drops(aspects))]
+    assert found == [('-', '0', '100')] * 5
+
+
+def test_large_table_fits_80_columns_and_is_ascii(solid):
+    aspects = find_aspects(solid(trimesh.creation.icosahedron()))
+    many = Distribution(aspects, np.full(len(aspects), 99000), 19000, 500, 500)
+    text = lines(many, each=True)
+    assert len(rows(many, each=True)) == len(aspects) + 3
+    text += lines(many)
+    assert len(rows(many)) == 1 + 3
+    assert max(len(line) for line in text) <= 80
+    assert not any('…' in line for line in text)
+    assert all(line.isascii() for line in text if ROW.match(line))
+
+
+def test_table_of_a_rolling_part_fits_80_columns(part):
+    cylinder = part('cylinder_d20_h20')
+    drops = Distribution(find_aspects(cylinder), np.array([500, 250, 200]), 40, 0, 0)
+    text = lines(drops, part=cylinder, each=True) + lines(drops, part=cylinder)
+    assert max(len(line) for line in text) <= 80
+    assert not any('…' in line for line in text)
+    assert 'axis  0.00  0.00 +1.00' in ''.join(text)
+
+
+def test_title_is_plain_text(aspects):
+    assert lines(no_drops(aspects), 'nut [bold] m8')[0].strip() == 'nut [bold] m8'
+
+
+@pytest.mark.parametrize(
+    ('lower', 'probability', 'upper', 'words'),
+    [
+        (0.251, 0.278, 0.301, ('27.8 %', '25.1 to 30.1 %')),
+        (0.27751, 0.278, 0.27849, ('27.800 %', '27.751 to 27.849 %')),
+        (0.0, 0.0, 0.0038, ('0 %', '0 to 0.38 %')),
+        (0.05, 0.33, 0.8, ('33 %', '5 to 80 %')),
+    ],
+)
+def test_digits_follow_the_width_of_the_interval(lower, probability, upper, words):
+    interval = Interval(probability, lower, upper)
+    assert (probability_text(interval), interval_text(interval)) == words
+
+
+def test_direction_text_has_no_minus_zero():
+    assert direction_text(np.array([-0.0, -0.004, 1.0])) == ' 0.00  0.00 +1.00'
+    assert direction_text(np.array([0.5547, -0.83205, -0.005001])) == '+0.55 -0.83 -0.01'
+
+
+def test_longest_length_has_four_digits():
+    assert millimetre_texts(np.array([0.01, 0.0138675])) == ['10.00', '13.87']
+    assert millimetre_texts(np.array([0.0008, 0.00799])) == ['0.800', '7.990']
+    assert millimetre_texts(np.array([1.5, 0.25])) == ['1500', '250']
+    assert millimetre_texts(np.array([])) == []
+
+
+def test_summed_outcomes_have_the_interval_of_their_count(aspects):
+    distribution = Distribution(aspects, np.array([10, 20, 30, 40, 0]), 5, 3, 2)
+    same = dataclasses.replace(distribution, counts=np.array([30, 0, 30, 40, 0]))
+    assert interval_of(distribution, 30) == same.intervals()[0]
+    nothing = no_drops(AspectSet(aspects.part_sha256, ()))
+    assert interval_of(nothing, 0) == Interval(0.0, 0.0, 1.0)

@@ -1,0 +1,205 @@
+"""The figures of transitions show the numbers, and all words and arrows can be seen."""
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.report.format import aspect_colour
+from resting_aspects_ros.report.transition_figures import (
+    MAX_GROUPS,
+    MAX_LINES,
+    aspect_groups,
+    membership,
+    retention_figure,
+    transition_figure,
+)
+from resting_aspects_ros.statistics.transitions import (
+    RetentionCurve,
+    TransitionMatrix,
+    no_actions,
+)
+
+PARTS = pytest.mark.parametrize('name', ['l_bracket', 'box_10x20x30'])
+
+
+def counted(aspects, seed=5, actions=1000, lost=True):
+    """A matrix with counts from a seeded generator, larger on the diagonal."""
+    generator = np.random.default_rng(seed)
+    k = len(aspects)
+    weights = np.concatenate([np.full(k, 0.4), np.full(4, 0.02 * lost)])
+    rows = [generator.dirichlet(weights + 2 * (np.arange(k + 4) == i) + 1e-9) for i in range(k)]
+    counts = np.array([generator.multinomial(actions, row) for row in rows])
+    return TransitionMatrix(aspects, counts)
+
+
+def curves_of(aspects, lift, seed=3, parts=300):
+    generator = np.random.default_rng(seed)
+    shares = [0.95 / (1 + (2 * min(a.min_barrier, 1.0) / lift) ** 3) for a in aspects.aspects]
+    return [
+        RetentionCurve(
+            a.id, a.min_barrier, lift, generator.binomial(parts, p), np.full(len(lift), parts), 0.9
+        )
+        for a, p in zip(aspects.aspects, shares, strict=True)
+    ]
+
+
+def texts(figure):
+    """The words of a figure, which must be inside it and must not cover each other."""
+    figure.draw_without_rendering()
+    found = [each for each in figure.findobj(Text) if each.get_visible() and each.get_text()]
+    boxes = [(each.get_text(), each.get_window_extent()) for each in found]
+    for words, box in boxes:
+        assert min(box.x0, box.y0) >= 0, words
+        assert box.x1 <= figure.bbox.x1, words
+        assert box.y1 <= figure.bbox.y1, words
+    for (one, a), (other, b) in itertools.combinations(boxes, 2):
+        across = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(across, high) < 2, (one, other)
+    return [words for words, _ in boxes]
+
+
+def of_kind(figure, kind):
+    """The visible artists of a kind, without the backgrounds of figure and axes."""
+    backgrounds = {id(figure.patch), *(id(axes.patch) for axes in figure.axes)}
+    return [each for each in figure.findobj(kind) if id(each) not in backgrounds]
+
+
+@PARTS
+def test_heat_map_writes_each_probability_and_interval(part, name):
+    matrix = counted(find_aspects(part(name)), lost=False)
+    figure = transition_figure(matrix, part(name), 'a kick')
+    k = len(matrix.aspects)
+    found = texts(figure)
+    assert len(of_kind(figure, Rectangle)) == k * k
+    assert len(of_kind(figure, AxesImage)) == 2 * k  # both axes
+    assert found.count('1') == 2
+    assert found.count('1 000 actions') == k
+    numbers = [
+        float(words) for words in found if '.' in words and words.replace('.', '').isdigit()
+    ]
+    shares = matrix.transitions[matrix.transitions > 0]
+    assert sorted(numbers) == pytest.approx(sorted(100 * shares), abs=0.051)
+    assert sum('–' in words for words in found) == k * k
+
+
+def test_heat_map_has_columns_of_outcomes_that_occurred(part):
+    aspects = find_aspects(part('l_bracket'))
+    counts = np.zeros((5, 9), dtype=np.int64)
+    counts[:, 0], counts[:, 5] = 30, 10
+    figure = transition_figure(TransitionMatrix(aspects, counts), None, 't')
+    found = texts(figure)
+    assert 'unclas-\nsified' in found
+    assert 'lost' not in found
+    assert len(of_kind(figure, Rectangle)) == 5 * 6
+
+
+def test_probable_cells_are_darker(part):
+    aspects = find_aspects(part('l_bracket'))
+    counts = np.zeros((5, 9), dtype=np.int64)
+    counts[:, :5] = [50, 25, 15, 10, 0]
+    cells = of_kind(transition_figure(TransitionMatrix(aspects, counts), None, 't'), Rectangle)
+    first = [sum(cell.get_facecolor()[:3]) for cell in cells[:5]]
+    assert first == sorted(first)
+    assert len(set(first)) == 5
+
+
+@pytest.mark.filterwarnings('error')
+def test_heat_map_without_actions_or_pictures(part):
+    aspects = find_aspects(part('l_bracket'))
+    found = texts(transition_figure(no_actions(aspects), None, 'a_{part $x$ \\frac'))
+    assert found.count('-') == 25
+    assert found.count('0 actions') == 5
+    assert 'a_{part $x$ \\frac' in found
+
+
+def test_many_aspects_are_grouped(many_sided):
+    aspects = find_aspects(many_sided)
+    weights = np.arange(len(aspects)) % 20.0
+    groups = aspect_groups(aspects, weights)
+    assert len(groups) == MAX_GROUPS + 1
+    assert groups[-1].title == f'{len(aspects) - MAX_GROUPS} others'
+    assert membership(groups, len(aspects)).sum(axis=0).tolist() == [1.0] * len(aspects)
+    shown = [group.aspects[0].id for group in groups[:-1]]
+    assert shown == sorted(shown)
+    assert weights[[k - 1 for k in shown]].min() >= max(
+        weights[aspect.id - 1] for aspect in groups[-1].aspects
+    )
+
+
+def test_more_than_12_aspects_are_drawn_by_class(part):
+    nut = find_aspects(part('hex_nut')).aspects
+    many = AspectSet('', (*nut[:2], *nut[2:] * 2))
+    numbered = AspectSet(
+        '', tuple(type(a)(**{**vars(a), 'id': k}) for k, a in enumerate(many.aspects, start=1))
+    )
+    assert len(numbered) == 14
+    matrix = counted(numbered, lost=False)
+    figure = transition_figure(matrix, None, 't')
+    assert {'1 and 2', '3 to 14'} <= set(texts(figure))
+    assert len(of_kind(figure, Rectangle)) == 4
+
+
+@pytest.mark.slow
+def test_large_heat_map_is_readable(many_sided):
+    matrix = counted(find_aspects(many_sided))
+    others = f'{len(matrix.aspects) - MAX_GROUPS}\nothers'
+    assert texts(transition_figure(matrix, None, 't')).count(others) == 2
+
+
+@PARTS
+def test_retention_has_a_line_for_each_class_with_its_barrier(part, name):
+    aspects = find_aspects(part(name))
+    figure = retention_figure(
+        curves_of(aspects, np.geomspace(2e-4, 0.02, 12)), aspects, part(name), 'a kick'
+    )
+    found = texts(figure)
+    classes = aspects.classes()
+    canvas, axes = figure.axes
+    lines = [line for line in axes.lines if line.get_linestyle() == '-']
+    assert [line.get_color() for line in lines] == [aspect_colour(row[0]) for row in classes]
+    barriers = [line.get_xdata()[0] for line in axes.lines if line.get_linestyle() == '--']
+    assert barriers == pytest.approx([1000 * row[0].min_barrier for row in classes])
+    assert len(axes.collections) == len(classes)  # bands
+    assert len(canvas.images) == len(classes)
+    assert axes.get_xscale() == 'log'
+    for row in classes:
+        assert f'barrier {1000 * row[0].min_barrier:#.3g} mm' in found
+    assert any('90 % intervals' in words.replace('\n', ' ') for words in found)
+
+
+def test_curves_of_a_class_are_added_up(part):
+    aspects = find_aspects(part('box_10x20x30'))
+    curves = curves_of(aspects, np.linspace(0.001, 0.01, 5))
+    figure = retention_figure(curves, aspects, None, 't')
+    _, axes = figure.axes
+    assert axes.get_xscale() == 'linear'
+    pooled = (curves[0].left + curves[1].left) / 600
+    assert axes.lines[0].get_ydata() == pytest.approx(pooled)
+    assert 'aspects 1 and 2' in texts(figure)
+
+
+def test_many_curves_are_reduced_to_the_largest_basins(many_sided):
+    aspects = find_aspects(many_sided)
+    lift = np.geomspace(1e-4, 0.01, 9)
+    figure = retention_figure(curves_of(aspects, lift), aspects, None, 't')
+    found = texts(figure)
+    named = {int(words.split()[1]) for words in found if words.startswith('aspect ')}
+    assert len(named) == MAX_LINES
+    basins = {aspect.id: aspect.basin_share for aspect in aspects.aspects}
+    assert min(basins[k] for k in named) >= max(basins[k] for k in basins.keys() - named)
+    note = ' '.join(' '.join(found).split())
+    assert f'The {MAX_LINES} of {len(aspects)} curves' in note
+
+
+@pytest.mark.filterwarnings('error')
+def test_curve_without_a_barrier_or_any_loss(part):
+    aspects = find_aspects(part('l_bracket'))
+    curve = RetentionCurve(1, np.inf, np.array([0.01]), np.array([0]), np.array([50]), 0.95)
+    assert 'no barrier' in texts(retention_figure([curve], aspects, None, 't'))

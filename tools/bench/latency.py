@@ -1,0 +1,238 @@
+"""Latency of get_distribution for a known part, compared with a service that does nothing."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import GetDistribution
+from rich.progress import track
+from std_srvs.srv import Trigger
+
+from bench.case import EXAMPLE
+from bench.report import Section, Table
+
+CALLS = 1000
+DROPS = 1000
+# More drops than the run can simulate during the measurement.
+MANY_DROPS = 2_000_000
+TIMEOUT = 60.0
+# DDS can lose a call on a very busy machine; more lost calls than this indicate a defect.
+MAX_LOST = 10
+# A service that does nothing.
+TRIGGER = """
+import rclpy
+from std_srvs.srv import Trigger
+
+rclpy.init()
+node = rclpy.create_node('nothing')
+node.create_service(Trigger, 'trigger', lambda _, response: response)
+try:
+    rclpy.spin(node)
+except rclpy.executors.ExternalShutdownException:
+    pass
+"""
+# A service that sends a stored response.
+READY = """
+import sys
+from pathlib import Path
+import rclpy
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.srv import GetDistribution
+
+rclpy.init()
+answer = deserialize_message(Path(sys.argv[1]).read_bytes(), GetDistribution.Response)
+node = rclpy.create_node('ready')
+node.create_service(GetDistribution, 'ready', lambda _, response: answer)
+try:
+    rclpy.spin(node)
+except rclpy.executors.ExternalShutdownException:
+    pass
+"""
+
+
+def latency() -> Section:
+    """Measure median and 99th percentile of many calls, idle and during a run."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ['--ros-args', '-r', f'__ns:=/bench_{os.getpid()}']
+    table = Table(['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio'])
+    found: dict[str, float] = {}
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
+        stack.enter_context(_process(suite))
+        stack.enter_context(_process(['-c', TRIGGER, *ros]))
+        client = stack.enter_context(_client(ros))
+        ready = Path(folder) / 'answer'
+        ready.write_bytes(serialize_message(client.meet()))
+        stack.enter_context(_process(['-c', READY, str(ready), *ros]))
+        client.meet_ready()
+        for load, begin in (('idle', lambda: None), ('during_a_run', client.begin_run)):
+            begin()
+            times = client.measure(load.replace('_', ' '))
+            base = np.percentile(times['Trigger'], [50, 99])
+            for name, each in times.items():
+                median, p99 = np.percentile(each, [50, 99])
+                ratios = median / base[0], p99 / base[1]
+                cells = [f'{median:.3f}', f'{ratios[0]:.2f}', f'{p99:.3f}', f'{ratios[1]:.2f}']
+                table.rows.append([load.replace('_', ' '), name, *cells])
+            found |= {
+                f'{load}_median_ms': float(median),
+                f'{load}_median_ratio': float(ratios[0]),
+                f'{load}_p99_ms': float(p99),
+                f'{load}_p99_ratio': float(ratios[1]),
+            }
+    note = (
+        f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
+        'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
+        'that only sends the same response. One process calls services in three other '
+        'processes. Ratios are relative to the Trigger. *During a run*: while a run with another '
+        'seed uses all cores. Aim: ratios of at most 1.5.'
+    )
+    if client.lost:
+        note += f' {client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
+    return Section('Latency', note, [table], {'latency': found})
+
+
+class _Client:
+    """Client of all three services."""
+
+    def __init__(self) -> None:
+        self.lost = 0  # calls without an answer
+        self._node = rclpy.create_node('bench')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._trigger = self._node.create_client(Trigger, 'trigger')
+        self._ask = self._node.create_client(GetDistribution, 'get_distribution')
+        self._ready = self._node.create_client(GetDistribution, 'ready')
+        self._drop = ActionClient(self._node, DropPart, 'drop_part')
+
+    def meet(self) -> GetDistribution.Response:
+        """Wait for the services, and request a distribution until it is available."""
+        waits = (
+            self._trigger.wait_for_service,
+            self._ask.wait_for_service,
+            self._drop.wait_for_server,
+        )
+        for wait in waits:
+            if not wait(timeout_sec=TIMEOUT):
+                raise SystemExit(f'the suite did not respond within {TIMEOUT:g} s')
+        # Responses are lost until both services have discovered this client.
+        self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
+        while True:
+            answer, _ = self._timed(self._ask, _request())
+            if answer.status.code != Status.NOT_AVAILABLE:  # it is still reading logs and parts
+                return answer
+            time.sleep(0.1)
+
+    def meet_ready(self) -> None:
+        """Wait for the service that sends a stored response."""
+        self._until(lambda: self._ready.wait_for_service(timeout_sec=TIMEOUT))
+        self._until(lambda: self._call(self._ready, _request()) is not None)
+
+    def begin_run(self) -> None:
+        """Start a run that uses all cores for the rest of the measurement."""
+        goal = DropPart.Goal(part=EXAMPLE, drops=MANY_DROPS, seed=2)
+        feedback: list[object] = []
+        self._drop.send_goal_async(goal, feedback.append)
+
+        def has_begun() -> bool:
+            self._executor.spin_once(timeout_sec=0.1)
+            return bool(feedback)
+
+        self._until(has_begun)
+
+    def measure(self, what: str) -> dict[str, list[float]]:
+        """Return the times of the calls of each service, ms."""
+        calls = {
+            'Trigger': (self._trigger, Trigger.Request()),
+            'the same response': (self._ready, _request()),
+            'get_distribution': (self._ask, _request()),
+        }
+        times: dict[str, list[float]] = {name: [] for name in calls}
+        for _ in track(range(CALLS), f'latency, {what}', transient=True):
+            for name, (service, request) in calls.items():
+                answer, time_taken = self._timed(service, request)
+                if service is self._ask and answer.status.code != Status.OK:
+                    raise SystemExit(f'get_distribution: {answer.status.message}')
+                times[name].append(time_taken)
+        return times
+
+    def _timed(self, client: Any, request: Any) -> tuple[Any, float]:
+        """Return the response and its latency, ms; repeats the call if there is none."""
+        while True:
+            started = time.perf_counter()
+            answer = self._call(client, request)
+            if answer is not None:
+                return answer, 1e3 * (time.perf_counter() - started)
+            self._count_lost()
+
+    def _count_lost(self) -> None:
+        self.lost += 1
+        if self.lost > MAX_LOST:
+            raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
+
+    def _call(self, client: Any, request: Any) -> Any:
+        """Return the response, or None after the timeout."""
+        answer: Future = client.call_async(request)
+        end = time.monotonic() + TIMEOUT
+        # spin_until_future_complete would leave tasks in the executor, more with each call.
+        while not answer.done() and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=TIMEOUT)
+        if not answer.done():
+            client.remove_pending_request(answer)
+        return answer.result()
+
+    def _until(self, holds: Callable[[], bool]) -> None:
+        end = time.monotonic() + TIMEOUT
+        while not holds():
+            if time.monotonic() > end:
+                raise SystemExit(f'the suite did not respond within {TIMEOUT:g} s')
+
+    def destroy(self) -> None:
+        self._drop.destroy()
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+
+def _request() -> GetDistribution.Request:
+    return GetDistribution.Request(part=EXAMPLE, drops=DROPS, seed=[1])
+
+
+@contextmanager
+def _client(ros: list[str]) -> Iterator[_Client]:
+    rclpy.init(args=ros)
+    client = _Client()
+    try:
+        yield client
+    finally:
+        client.destroy()
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def _process(words: list[str]) -> Iterator[None]:
+    process = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()  # rclpy.spin occasionally misses a SIGTERM

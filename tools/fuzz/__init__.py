@@ -1,0 +1,1 @@
+"""Random inputs and parts, and what must hold for them."""

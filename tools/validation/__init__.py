@@ -1,0 +1,1 @@
+"""The validation of drops, actions, vision and feeder: `make validate`."""
