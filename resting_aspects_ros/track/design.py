@@ -28,8 +28,10 @@ from resting_aspects_ros.track.support import is_line
 from resting_aspects_ros.track.traps import (
     DIP,
     WEDGE,
+    Arrival,
     Balcony,
     Canyon,
+    Cut,
     Gap,
     Surface,
     Trap,
@@ -131,11 +133,7 @@ def design_traps(
     families = list(_families(part, rows, track.surface))
     same = _alike(families, k)
     others = np.setdiff1d(np.arange(len(rows)), same)
-    options = [
-        option
-        for family in families
-        for option in _options(family, same, others, tolerance or Tolerance())
-    ]
+    options = [option for family in families for option in _options(family, same, others)]
     alike = tuple(ids[j] for j in same.tolist())
     found = list(_best(options, same, others, most))
     if not len(others):
@@ -181,10 +179,10 @@ def _families(part: Part, rows: Sequence[Orientation], surface: Surface) -> Iter
     yield _Family(Wiper(1.0), 'height', height, True, WEDGE, ~rolls)
     widest = max(row.width for row in rows)
 
-    def made(trap: Trap, dimension: str, above: bool, band: float) -> _Family:
+    def made(trap: Cut, dimension: str, above: bool, band: float) -> _Family:
         found = np.array(
             [
-                math.nan if row.rolls else trap._critical(row, surface, dimension)  # type: ignore[union-attr]
+                math.nan if row.rolls else trap.critical(Arrival(row, surface, part), dimension)
                 for row in rows
             ]
         )
@@ -212,7 +210,6 @@ def _options(
     family: _Family,
     same: npt.NDArray[np.int64],
     others: npt.NDArray[np.int64],
-    tolerance: Tolerance,
 ) -> Iterator[_Option]:
     """Yield traps of a family that pass the wanted rows and reject at least one other."""
     sign = 1.0 if family.above else -1.0

@@ -175,7 +175,7 @@ def _reached(starts: Array, edges: Indices, directions: Array) -> Indices:
 
 
 def _corners(points: Array) -> Array:
-    """Return the corners of the convex hull, counter-clockwise, without those on straight edges."""
+    """Return the corners of the convex hull, counter-clockwise; none is on a straight edge."""
     hull = shapely.MultiPoint(points).convex_hull
     if hull.geom_type != 'Polygon':
         raise InvalidValueError('invalid outline: expected one with an area')

@@ -26,8 +26,6 @@ from resting_aspects_ros.track.traps import Outcome, outcomes
 
 # A tolerance is the half width that 3 standard deviations of a normal distribution fill.
 SIGMAS = 3.0
-# Orientations whose outcomes at all traps of a design agree within this, m, are alike.
-SAME = 5e-5
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def least_margin(
 
 
 def _shifted(geometry: shapely.Geometry, x: float, y: float) -> shapely.Geometry:
-    return shapely.transform(geometry, lambda points: points + [x, y]) if x or y else geometry
+    return shapely.transform(geometry, lambda at: at + np.array([x, y])) if x or y else geometry
 
 
 def _inside(hulls: npt.NDArray[np.object_], points: npt.NDArray[np.object_]) -> Array:

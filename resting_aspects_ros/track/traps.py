@@ -4,9 +4,10 @@ A trap is declared once: its dimensions with units and bounds are fields, from w
 keys of YAML files, documents and texts follow.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -36,6 +37,8 @@ WEDGE = 0.5e-3
 # than its critical length by less than this.
 DIP = 1.7e-3
 MAX_SIZE = 2.0
+# Between which dimensions critical values are sought, m.
+SMALLEST, LARGEST = 1e-5, 0.5
 
 Result = Literal['pass', 'reject', 'jam', 'turn', 'unknown']
 
@@ -92,6 +95,15 @@ class Surface:
         return shapely.box(-FAR, 0.0, FAR, self.width)
 
 
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """A part that arrives at a trap: how it lies, and on what."""
+
+    row: Orientation
+    surface: Surface
+    part: Part
+
+
 @dataclass(frozen=True)
 class Wiper:
     """A blade across the track that pushes off what is higher than the gap below it."""
@@ -102,11 +114,12 @@ class Wiper:
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    def outcome(self, row: Orientation, surface: Surface, part: Part) -> Outcome:
+    def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
-        margin = self.height - row.height
+        height = arrival.row.height
+        margin = self.height - height
         result: Result = 'pass' if margin > 0 else 'jam' if margin > -WEDGE else 'reject'
-        return Outcome(result, row.height, margin, 'height')
+        return Outcome(result, height, margin, 'height')
 
 
 @dataclass(frozen=True)
@@ -119,14 +132,17 @@ class HoldDown:
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    def outcome(self, row: Orientation, surface: Surface, part: Part) -> Outcome:
+    def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
-        margin = self.height - row.height
-        return Outcome('pass' if margin > 0 else 'jam', row.height, margin, 'height')
+        height = arrival.row.height
+        margin = self.height - height
+        return Outcome('pass' if margin > 0 else 'jam', height, margin, 'height')
 
 
-class _Cut:
+class Cut:
     """A piece that is cut out of the track; parts fall through it or over its edge."""
+
+    kind: ClassVar[str]
 
     def removed(self) -> shapely.Geometry:
         """Return the piece, x and y in m; it begins at x = 0."""
@@ -136,42 +152,43 @@ class _Cut:
         """Return where the piece begins and ends along the track, m; None if it has no end."""
         return None
 
-    def outcome(self, row: Orientation, surface: Surface, part: Part) -> Outcome:
-        """Return what the trap does to an orientation."""
-        passes = self._passes(row, surface)
-        names = [each.name for each in fields(self) if 'quantity' in each.metadata]  # type: ignore[arg-type]
-        found = [(name, self._critical(row, surface, name)) for name in names]
-        limited, critical = min(found, key=lambda each: abs(getattr(self, each[0]) - each[1]))
-        margin = abs(getattr(self, limited) - critical) * (1 if passes else -1)
-        if passes:
-            return Outcome('pass', critical, margin, limited)
-        if is_line(row):
-            return Outcome('unknown', critical, margin, limited)
-        if self.span() is not None and margin > -DIP:
-            return Outcome('jam', critical, margin, limited)
-        return Outcome('reject', critical, margin, limited)
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """For each dimension, between which values its critical value is sought, m."""
+        return dict.fromkeys(quantities_of(self), (SMALLEST, LARGEST))
 
-    def _passes(self, row: Orientation, surface: Surface) -> bool:
+    def outcome(self, arrival: Arrival) -> Outcome:
+        """Return what the trap does to an orientation."""
+        found = [(name, self.critical(arrival, name)) for name in self.ranges]
+        limited, critical = min(found, key=lambda each: abs(getattr(self, each[0]) - each[1]))
+        margin = abs(getattr(self, limited) - critical)
+        if self.passes(arrival):
+            return Outcome('pass', critical, margin, limited)
+        if is_line(arrival.row):
+            result: Result = 'unknown'
+        else:
+            result = 'jam' if self.span() is not None and margin < DIP else 'reject'
+        return Outcome(result, critical, -margin, limited)
+
+    def passes(self, arrival: Arrival) -> bool:
+        """Return whether the rest of the track supports the part all the way."""
+        row, surface, span = arrival.row, arrival.surface, self.span()
         track = surface.area.difference(self.removed())
-        span = self.span()
         places = None if span is None else passage(row, *span)
         return least_margin(row, track, surface.roll, surface.pitch, places) > 0
 
-    def _critical(self, row: Orientation, surface: Surface, name: str) -> float:
-        low, high = self._range(name, surface)
-
-        def passes(value: float) -> bool:
-            return replace(self, **{name: value})._passes(row, surface)  # type: ignore[type-var]
-
-        return critical_value(passes, low, high)
-
-    def _range(self, name: str, surface: Surface) -> tuple[float, float]:
-        """Return the values of a dimension between which its critical value is sought, m."""
-        return 1e-5, 2 * max(surface.width, 0.05)
+    def critical(self, arrival: Arrival, name: str) -> float:
+        """Return the value of a dimension at which the outcome changes; see `critical_value`."""
+        low, high = self.ranges[name]
+        return critical_value(
+            lambda value: dataclasses.replace(self, **{name: value}).passes(arrival),  # type: ignore[type-var]
+            low,
+            high,
+        )
 
 
 @dataclass(frozen=True)
-class Balcony(_Cut):
+class Balcony(Cut):
     """A narrowed track: beyond its width, parts have no support."""
 
     kind: ClassVar[str] = 'balcony'
@@ -181,12 +198,12 @@ class Balcony(_Cut):
         check_quantities(self)
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.box(-FAR, self.width, FAR, FAR)
 
 
 @dataclass(frozen=True)
-class Gap(_Cut):
+class Gap(Cut):
     """A gap across the whole track."""
 
     kind: ClassVar[str] = 'gap'
@@ -196,16 +213,16 @@ class Gap(_Cut):
         check_quantities(self)
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.box(0.0, -FAR, self.length, FAR)
 
     def span(self) -> tuple[float, float]:
-        """See _Cut."""
+        """See Cut."""
         return 0.0, self.length
 
 
 @dataclass(frozen=True)
-class Canyon(_Cut):
+class Canyon(Cut):
     """A slit along the track, between two distances from the wall, longer than every part."""
 
     kind: ClassVar[str] = 'canyon'
@@ -219,17 +236,17 @@ class Canyon(_Cut):
         _check_order(self.kind, self.start, self.end)
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.box(-FAR, self.start, FAR, self.end)
 
-    def _range(self, name: str, surface: Surface) -> tuple[float, float]:
-        if name == 'start':
-            return 0.0, self.end - 1e-5
-        return self.start + 1e-5, 2 * surface.width
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """See Cut."""
+        return {'start': (0.0, self.end - SMALLEST), 'end': (self.start + SMALLEST, LARGEST)}
 
 
 @dataclass(frozen=True)
-class Slot(_Cut):
+class Slot(Cut):
     """A rectangular hole in the track."""
 
     kind: ClassVar[str] = 'slot'
@@ -244,23 +261,25 @@ class Slot(_Cut):
         _check_order(self.kind, self.start, self.end)
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.box(0.0, self.start, self.length, self.end)
 
     def span(self) -> tuple[float, float]:
-        """See _Cut."""
+        """See Cut."""
         return 0.0, self.length
 
-    def _range(self, name: str, surface: Surface) -> tuple[float, float]:
-        if name == 'start':
-            return 0.0, self.end - 1e-5
-        if name == 'end':
-            return self.start + 1e-5, 2 * surface.width
-        return super()._range(name, surface)
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """See Cut."""
+        return {
+            'start': (0.0, self.end - SMALLEST),
+            'end': (self.start + SMALLEST, LARGEST),
+            'length': (SMALLEST, LARGEST),
+        }
 
 
 @dataclass(frozen=True)
-class Scallop(_Cut):
+class Scallop(Cut):
     """A round piece that is cut out of the outer edge, or a round hole."""
 
     kind: ClassVar[str] = 'scallop'
@@ -271,16 +290,16 @@ class Scallop(_Cut):
         check_quantities(self)
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.Point(self.radius, self.centre).buffer(self.radius, quad_segs=32)
 
     def span(self) -> tuple[float, float]:
-        """See _Cut."""
+        """See Cut."""
         return 0.0, 2 * self.radius
 
 
 @dataclass(frozen=True)
-class CutOut(_Cut):
+class CutOut(Cut):
     """A polygon that is cut out of the track; an asymmetric one separates mirror images.
 
     points : tuple of (float, float)
@@ -307,16 +326,18 @@ class CutOut(_Cut):
             )
 
     def removed(self) -> shapely.Geometry:
-        """See _Cut."""
+        """See Cut."""
         return shapely.Polygon(self.scale * np.asarray(self.points))
 
     def span(self) -> tuple[float, float]:
-        """See _Cut."""
+        """See Cut."""
         x = self.scale * np.asarray(self.points)[:, 0]
         return float(x.min()), float(x.max())
 
-    def _range(self, name: str, surface: Surface) -> tuple[float, float]:
-        return 0.01, 10.0
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """See Cut."""
+        return {'scale': (0.01, 10.0)}
 
 
 @dataclass(frozen=True)
@@ -334,19 +355,20 @@ class Projection:
         check_quantities(self)
         _check_order(self.kind, self.low, self.high)
 
-    def outcome(self, row: Orientation, surface: Surface, part: Part) -> Outcome:
+    def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
-        nearest = _nearest_between(row, part, self.low, self.high)
+        row, surface = arrival.row, arrival.surface
+        nearest = _nearest_between(row, arrival.part, self.low, self.high)
         if math.isinf(nearest):
             return Outcome('pass', math.inf, math.inf, 'depth')
 
         def passes(depth: float) -> bool:
             shift = max(0.0, depth - nearest)
-            pushed = replace(row, wall_top=min(row.height, self.high))
+            pushed = dataclasses.replace(row, wall_top=min(row.height, self.high))
             track = surface.area
             return least_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > 0
 
-        critical = critical_value(passes, 1e-5, nearest + 2 * surface.width)
+        critical = critical_value(passes, SMALLEST, LARGEST)
         margin = critical - self.depth
         return Outcome('pass' if margin > 0 else 'reject', critical, margin, 'depth')
 
@@ -365,15 +387,16 @@ class AirJet:
     def __post_init__(self) -> None:
         check_quantities(self)
 
-    def outcome(self, row: Orientation, surface: Surface, part: Part) -> Outcome:
+    def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation.
 
         The part slides off if the force exceeds its friction and its weight along the track. It
         tips over the outer end of its contact if the moment of the force exceeds that of gravity.
         """
+        row, surface = arrival.row, arrival.surface
         if row.height < self.height:
             return Outcome('pass', row.height, self.height - row.height, 'height')
-        weight = part.mass * 9.80665
+        weight = arrival.part.mass * 9.80665
         cosine, sine = math.cos(surface.roll), math.sin(surface.roll)
         slides = self.force > weight * (surface.friction * cosine + sine)
         outer = float(shapely.bounds(row.contact)[3]) - row.yaw.distance
