@@ -11,7 +11,14 @@ MAX_SHOWN = 80
 
 
 class RestingAspectsError(Exception):
-    """Root of all exceptions that the suite raises intentionally."""
+    """Root of all exceptions that the suite raises intentionally.
+
+    result : object
+        What was complete when simulations failed midway, as the function would have returned it;
+        None without any.
+    """
+
+    result: Any = None
 
 
 class RestingAspectsWarning(UserWarning):
@@ -32,6 +39,10 @@ class InvalidValueError(RestingAspectsError):
 
 class EngineError(RestingAspectsError):
     """The physics engine failed."""
+
+
+class StoppedError(RestingAspectsError):
+    """The work was stopped before it had a result."""
 
 
 class LogError(RestingAspectsError):

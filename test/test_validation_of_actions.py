@@ -16,7 +16,7 @@ from validation.paired import (
 )
 from validation.reorientation import farthest
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.workers import LocalWorkers
 

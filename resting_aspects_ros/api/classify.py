@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.conditions import on_level_floor
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.surroundings import on_level_floor
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,

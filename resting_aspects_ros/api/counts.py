@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.input_files import MAX_COUNTED

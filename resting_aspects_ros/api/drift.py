@@ -16,6 +16,7 @@ from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.drift import drift_fields, drift_sentence
+from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
     LiveCounts,
@@ -30,7 +31,6 @@ from resting_aspects_ros.statistics.drift import (
     find_drift,
     parts_needed,
 )
-from resting_aspects_ros.statistics.g_test import UNIT, batch_scatter
 from resting_aspects_ros.statistics.intervals import CONFIDENCE
 
 if TYPE_CHECKING:

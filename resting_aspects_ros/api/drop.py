@@ -1,39 +1,45 @@
-"""Drop a part, for the Python interface and the command line."""
+"""Drop a part, or repeat the drops of a log: the Python interface, which the commands call."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.drop_counter import (
-    Consumer,
-    Convergence,
-    DropCounter,
-    check_in_finer_steps,
+from resting_aspects_ros.api.conditions import (
+    given_conditions,
+    warn_of_surroundings,
+    with_surroundings,
 )
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
-from resting_aspects_ros.api.plan_drops import plan_drops
-from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings import warn_of_surroundings, with_surroundings
-from resting_aspects_ros.errors import InvalidValueError, LogError
+from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
+from resting_aspects_ros.api.runner import (
+    Consumer,
+    Convergence,
+    DropTally,
+    Progress,
+    Runner,
+    keep_result,
+    make_runner,
+    never,
+    repeat_drops_in_finer_steps,
+)
+from resting_aspects_ros.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
+    RunDescription,
+    check_drops,
 )
 from resting_aspects_ros.simulation.starts import GivenStates, Noise, Starts
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import METHOD, ContactCounts
-from resting_aspects_ros.statistics.intervals import (
-    CONFIDENCE,
-    INTERVAL,
-)
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 NO_NOISE = Noise()
@@ -57,7 +63,10 @@ def drop(
     workers: int | Workers | None = None,
     keep_poses: bool = True,
     log: str | Path | None = None,
-    progress: bool = False,
+    force: bool = False,
+    consumers: Sequence[Consumer] = (),
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
 ) -> DropResult:
     """Drop a part many times, and count in which aspects it comes to rest.
@@ -105,8 +114,15 @@ def drop(
     log : str or Path, optional
         Folder of logs, in which a log of the run is written as drop_recorder writes it; see
         `DropResult.log`. Imports ROS.
-    progress : bool
-        Show progress on standard error.
+    force : bool
+        Accept a height that looks like a mistake: of more than 500 radii of the part.
+    consumers : sequence of callable
+        Called with each chunk of poses, in order, and the ids of their aspects, 0 for none.
+    progress : bool or callable
+        Show progress on standard error; or a function, which is called often with the numbers of
+        drops made and in total.
+    stopped : callable
+        Called often; the drops end when it returns True, and the result is not ``complete``.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``height=0.1``.
 
@@ -119,7 +135,8 @@ def drop(
     InvalidValueError
         A value is out of bounds, or a name is not known.
     EngineError
-        Worker processes of Bullet cannot be started, or died repeatedly.
+        Worker processes of Bullet cannot be started, or died repeatedly. Its attribute ``result``
+        is the result of the drops before, as that of a LogError.
     LogError
         The log cannot be written.
 
@@ -133,19 +150,26 @@ def drop(
     (100, 3)
     """
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
-    mesh = mesh_file(part) if isinstance(part, str | Path) else None
     loaded = given_part(part)
     starts: Starts | None = None
-    if initial_states is None and (replicates != 1 or noise != NO_NOISE):
-        raise InvalidValueError('invalid replicates or noise: expected only with initial_states')
-    if initial_states is not None:
+    by_state: CountsByState | None = None
+    if initial_states is None:
+        if replicates != 1 or noise != NO_NOISE:
+            raise InvalidValueError(
+                'invalid replicates or noise: expected only with initial_states'
+            )
+        if not force:
+            check_height(loaded, given)
+        if drops is not None:
+            check_drops(drops)
+        count = drops or (0 if precision else DEFAULT_DROPS)
+    else:
         if drops is not None or precision or log is not None:
             raise InvalidValueError(
                 'invalid initial_states: expected without drops, precision and log; replicates '
                 'is the number of drops from each state'
             )
-        starts, drops = given_starts(loaded, initial_states, noise, given, replicates)
-    count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
+        starts, count = given_starts(loaded, initial_states, noise, given, replicates)
     planned = plan_drops(
         loaded,
         given,
@@ -157,70 +181,216 @@ def drop(
         starts=starts,
         engine=engine,
     )
-    warn_of_surroundings(given, loaded.hull_radius)
-    chunks: list[RestingPoses] = []
-    consumers: list[Consumer] = [*planned.consumers]
-    if keep_poses:
-        consumers.append(lambda poses, _: chunks.append(poses))
-    by_state: CountsByState | None = None
     if initial_states is not None:
         by_state = CountsByState.none(len(initial_states), len(planned.empty.aspects))
-        consumers.append(by_state.add)
-    counter = DropCounter(planned.empty, planned.run, precision, consumers=consumers)
-    convergence: Convergence | None = None
-    with given_workers(workers) as pool:
-        with (
-            recorded(log, loaded, counter, planned.contacts) as log_folder,
-            DropProgress(loaded.name, planned.run.drops, shown=progress) as bar,
-        ):
-            counter.drop(planned.job, pool, bar.update)
-            bar.end(counter.distribution.drops)
-        if check_convergence:
-            label = f'{loaded.name} with a finer time step'
-            with DropProgress(label, counter.distribution.drops, shown=progress) as bar:
-                _, convergence = check_in_finer_steps(counter, planned.job, pool, bar.update)
-    return DropResult(
-        counter.distribution,
-        planned.run,
-        loaded,
-        METHOD,
-        counter.complete,
-        convergence,
-        mesh,
-        counter.history.points(),
-        RestingPoses.join(chunks) if keep_poses else None,
-        log_folder,
-        by_state,
-        planned.contacts,
+    with make_runner(workers, progress, stopped) as runner:
+        return make_drops(
+            runner,
+            planned,
+            loaded,
+            by_state=by_state,
+            check=check_convergence,
+            keep_poses=keep_poses,
+            log=log,
+            consumers=consumers,
+            mesh=mesh_file(part) if isinstance(part, str | Path) else None,
+        )
+
+
+@dataclass(frozen=True)
+class LoggedDrops:
+    """The part and the run of a log, and the range [first, end) of the drops that it has."""
+
+    part: Part
+    run: RunDescription
+    first: int
+    end: int
+
+
+def repeat_log(
+    log: str | Path | LoggedDrops,
+    drops: int | None = None,
+    *,
+    precision: float = 0.0,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    check_convergence: bool = False,
+    engine: str = '',
+    workers: int | Workers | None = None,
+    keep_poses: bool = True,
+    consumers: Sequence[Consumer] = (),
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
+) -> DropResult:
+    """Repeat the drops that a log has, with its part, conditions and seed; imports ROS.
+
+    Warns if the engine, a version or the time step differs from that of the log.
+
+    Parameters
+    ----------
+    log : str, Path or LoggedDrops
+        The folder of a run, or its .mcap file; or what `logged_drops` returns.
+    drops, precision
+        As for `drop`, if another number of drops is requested than the log has.
+    interval, confidence, check_convergence, engine, workers, keep_poses, consumers
+        As for `drop`.
+    progress, stopped
+        As for `drop`.
+
+    Raises
+    ------
+    InvalidValueError
+        The log cannot be read, or has no drops, or no description of its part.
+    EngineError
+        Worker processes of Bullet cannot be started, or died repeatedly.
+    """
+    logged = log if isinstance(log, LoggedDrops) else logged_drops(log)
+    part, run = logged.part, logged.run
+    repeats = drops is None and not precision
+    planned = plan_drops(
+        part,
+        run.conditions,
+        drops=logged.end - logged.first if repeats else drops or 0,
+        seed=run.seed,
+        first_drop=logged.first if repeats else run.first_drop,
+        precision=run.precision if repeats else precision,
+        stop_at=0.0 if repeats else precision,
+        interval=interval,
+        confidence=confidence,
+        engine=engine,
     )
+    _warn_of_another_engine(run, planned.run)
+    for warning in part.warnings:
+        warn(warning)
+    with make_runner(workers, progress, stopped) as runner:
+        return make_drops(
+            runner,
+            planned,
+            part,
+            check=check_convergence,
+            keep_poses=keep_poses,
+            consumers=consumers,
+        )
+
+
+def logged_drops(log: str | Path) -> LoggedDrops:
+    """Return the drops that can be repeated of a log; raises InvalidValueError. Imports ROS."""
+    # This imports ROS, which is not needed without a log.
+    from resting_aspects_ros.run_logs.contents import read_logged_run
+
+    try:
+        logged = read_logged_run(Path(log))
+    except LogError as error:
+        raise InvalidValueError(str(error)) from None
+    part, (first, end) = logged.part, logged.extent
+    if logged.run is None or first == end:
+        raise InvalidValueError(f'invalid log {str(log)!r}: expected a log with drops')
+    if part is None or part.part_sha256 != logged.run.part_sha256:
+        raise InvalidValueError(
+            f'invalid log {str(log)!r}: expected a log with the description of its part'
+        )
+    logged.warn_if_unfinished()
+    assert logged.known_run is not None
+    return LoggedDrops(part, logged.known_run, first, end)
+
+
+def _warn_of_another_engine(before: RunDescription, now: RunDescription) -> None:
+    if now.sequence() != before.sequence():
+        first, second = (
+            f'{each.engine} {each.engine_version}, resting_aspects_ros {each.suite_version}, '
+            f'time step {each.time_step:.6g} s'
+            for each in (before, now)
+        )
+        warn(
+            f'the log was recorded with {first}, and this is {second}: the poses can differ, the '
+            'probabilities should not'
+        )
+
+
+def make_drops(
+    runner: Runner,
+    planned: PlannedDrops,
+    part: Part,
+    *,
+    by_state: CountsByState | None = None,
+    check: bool = False,
+    keep_poses: bool = True,
+    log: str | Path | None = None,
+    consumers: Sequence[Consumer] = (),
+    mesh: Path | None = None,
+) -> DropResult:
+    """Make planned drops; see `drop`. With ``check``, repeat them with half the time step."""
+    tally, chunks = planned.tally(), list[RestingPoses]()
+    nothing = RestingPoses.none(planned.run.first_drop)
+    kept = [lambda poses, _: chunks.append(poses)] if keep_poses else []
+    counts = [each.add for each in (planned.contacts, by_state) if each is not None]
+    folder: Path | None = None
+    convergence: Convergence | None = None
+
+    def result() -> DropResult:
+        return DropResult(
+            tally.distribution,
+            planned.run,
+            part,
+            METHOD,
+            tally.complete,
+            convergence,
+            mesh,
+            tally.history.points(),
+            RestingPoses.join([nothing, *chunks]) if keep_poses else None,
+            folder,
+            by_state,
+            planned.contacts,
+        )
+
+    warn_of_surroundings(planned.run.conditions, part.hull_radius)
+    with keep_result(result):
+        with recorded(log, part, planned, tally) as (folder, to_log):
+            everything = [*counts, *kept, *to_log, *consumers]
+            runner.count(planned.job, planned.run, tally, everything)
+        if check and not runner.stopped():
+            convergence = repeat_drops_in_finer_steps(
+                runner, planned.job, planned.run, tally.distribution
+            )
+    if tally.complete:
+        warn_if_not_precise(tally.distribution, planned.stop_at)
+    return result()
+
+
+def warn_if_not_precise(distribution: Distribution, precision: float) -> None:
+    """Warn if the precision was not reached in the maximum number of drops."""
+    if not precision:
+        return
+    half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
+    if precision < half:
+        warn(
+            f'precision {precision:g} was not reached in {distribution.drops} drops, the '
+            f'requested maximum: the widest interval is +-{half:.2g}'
+        )
 
 
 @contextmanager
 def recorded(
-    folder: str | Path | None,
-    part: Part,
-    counter: DropCounter,
-    contacts: ContactCounts | None = None,
-) -> Iterator[Path | None]:
-    """Write a log of the drops that are counted inside the `with`, and yield its folder.
+    folder: str | Path | None, part: Part, planned: PlannedDrops, tally: DropTally
+) -> Iterator[tuple[Path | None, list[Consumer]]]:
+    """Write a log of drops inside the `with`; yields its folder and what consumes the drops.
 
     Writes no log if ``folder`` is None. Closes the log even if the drops end early. Raises
     LogError if it cannot be written.
     """
     if folder is None:
-        yield None
+        yield None, []
         return
     from resting_aspects_ros.run_logs.recorder import LocalRunLog
 
-    log = LocalRunLog(Path(folder), part, counter.run)
-    counter.consumers.append(log.add)
+    log = LocalRunLog(Path(folder), part, planned.run)
     try:
-        yield log.folder
+        yield log.folder, [log.add]
     except BaseException:
         with suppress(LogError):  # the first error is more informative
-            log.close(counter.distribution, contacts)
+            log.close(tally.distribution, planned.contacts)
         raise
-    log.close(counter.distribution, contacts)
+    log.close(tally.distribution, planned.contacts)
 
 
 def read_log(log: str | Path) -> DropResult:

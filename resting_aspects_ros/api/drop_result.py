@@ -4,11 +4,10 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.drop_counter import Convergence
+from resting_aspects_ros.api.conditions import conditions_text, simulated_shapes
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.api.runner import Convergence
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import distribution_document

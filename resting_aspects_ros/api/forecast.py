@@ -1,25 +1,25 @@
 """Forecast the parts per minute of a feeder: its setup, the fixed cycle, and the controller."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.api.reorient import reorient
+from resting_aspects_ros.api.forecast_result import ForecastResult, divided_class_texts
+from resting_aspects_ros.api.plan import named_action
+from resting_aspects_ros.api.reorient import PlannedReorient, plan_reorient
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
 from resting_aspects_ros.feeding.control import controller_model
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, check_number
+from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, forecast_controller
@@ -27,6 +27,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import NamedForecast
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.starts import Action
+from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
@@ -46,13 +47,13 @@ PER_ASPECT = 200
 def cycle_times(
     action: NamedAction,
     *,
-    robot: float,
-    vibrate: float | None,
-    settle: float | None,
-    image: float,
-    supply: float,
-    overlap: bool,
-    place: float | None,
+    robot: float = ROBOT,
+    vibrate: float | None = None,
+    settle: float | None = None,
+    image: float = IMAGE,
+    supply: float = 0.0,
+    overlap: bool = False,
+    place: float | None = None,
 ) -> CycleTimes:
     """Return the times of a cycle, with those of the action where none are given.
 
@@ -157,6 +158,10 @@ def forecast(
     max_picks: int | None = None,
     minutes: float = 60.0,
     action: str | Action | NamedAction = DEFAULT_ACTION,
+    controller: bool = False,
+    workers: int | Workers | None = None,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **simulation: Any,
 ) -> ForecastResult:
     """Forecast the parts per minute that a robot picks from a vibrating tray under a camera.
@@ -202,9 +207,13 @@ def forecast(
         Duration of a run, for the prediction interval.
     action : str, Kick, Nozzle, Vibration, Step or NamedAction
         What the feeder does to the parts before each image.
+    controller : bool
+        Also simulate runs in which feeder_controller decides; see `forecast_controlled`.
+    workers, progress, stopped
+        As for `drop`.
     **simulation
-        ``per_aspect`` (by default 200), ``drops``, ``surface``, ``seed``, ``confidence``,
-        ``workers``, ``progress`` and conditions, as for `reorient`.
+        ``per_aspect`` (by default 200), ``drops``, ``surface``, ``seed``, ``confidence`` and
+        conditions, as for `reorient`.
 
     Raises
     ------
@@ -212,6 +221,8 @@ def forecast(
         A value is out of bounds, a name or an id is not known, or the part does not fit the tray.
     EngineError
         Worker processes of Bullet cannot be started, or died repeatedly.
+    StoppedError
+        ``stopped`` returned True before the simulation was complete.
 
     Examples
     --------
@@ -224,6 +235,77 @@ def forecast(
         raise InvalidValueError(
             'invalid pickable aspects: expected either pickable or pickable_classes'
         )
+    planned = plan_forecasts(
+        part,
+        [(pickable, pickable_classes)],
+        robot=robot,
+        vibrate=vibrate,
+        settle=settle,
+        image=image,
+        supply=supply,
+        overlap=overlap,
+        place=place,
+        tray=tray,
+        clearance=clearance,
+        gripper=gripper,
+        grasps=grasps,
+        parts_on_tray=parts_on_tray,
+        max_picks=max_picks,
+        minutes=minutes,
+        action=action,
+        controller=controller,
+        **simulation,
+    )
+    with make_runner(workers, progress, stopped) as runner:
+        return planned.make(runner)[0]
+
+
+# Ids of pickable aspects, or numbers of pickable symmetry classes.
+Pickable = tuple[Sequence[int] | None, Sequence[int] | None]
+
+
+def forecast_each(
+    requests: Sequence[tuple[Part | str | Path, Sequence[Pickable]]],
+    *,
+    workers: int | Workers | None = None,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
+    **options: Any,
+) -> list[ForecastResult]:
+    """Forecast as `forecast` does for each part and each of its sets of pickable aspects.
+
+    All input is checked before the first simulation, and each part is simulated once. ``options``
+    are the other arguments of `forecast`.
+    """
+    planned = [plan_forecasts(part, sets, **options) for part, sets in requests]
+    with make_runner(workers, progress, stopped) as runner:
+        return [result for each in planned for result in each.make(runner)]
+
+
+def plan_forecasts(
+    part: Part | str | Path,
+    sets: Sequence[Pickable],
+    *,
+    robot: float = ROBOT,
+    vibrate: float | None = None,
+    settle: float | None = None,
+    image: float = IMAGE,
+    supply: float = 0.0,
+    overlap: bool = False,
+    place: float | None = None,
+    tray: tuple[float, float] = TRAY,
+    clearance: float = CLEARANCE,
+    gripper: Footprint | None = None,
+    grasps: Sequence['Grasp'] = (),
+    parts_on_tray: int | None = None,
+    max_picks: int | None = None,
+    minutes: float = 60.0,
+    action: str | Action | NamedAction = DEFAULT_ACTION,
+    controller: bool = False,
+    per_aspect: int = PER_ASPECT,
+    **simulation: Any,
+) -> 'PlannedForecasts':
+    """Check and plan the forecasts of a part; see `forecast` for the arguments."""
     named = named_action(action)
     times = cycle_times(
         named,
@@ -236,20 +318,63 @@ def forecast(
         place=place,
     )
     cell = Tray(tray, clearance, gripper)
-    loaded = given_part(part)
-    aspects = find_aspects(loaded)
-    ids = pickable_aspects(aspects, pickable, pickable_classes)
+    check_minutes(minutes)
+    if max_picks is not None:
+        check_number('maximum number of picks', max_picks)
+    reorientation = plan_reorient(part, [named], per_aspect, **simulation)
+    loaded, aspects = reorientation.part, reorientation.aspects
     check_tray(loaded, aspects, cell, parts_on_tray)
-    return forecast_from(
-        reorient(loaded, named, **{'per_aspect': PER_ASPECT, **simulation}),
-        ids,
-        cell,
-        times,
-        parts_on_tray=parts_on_tray,
-        max_picks=max_picks,
-        minutes=minutes,
-        grasps=grasps,
-    )
+    pickable = [pickable_aspects(aspects, *each) for each in sets]
+    if grasps:
+        # The import of shapely is only needed here.
+        from resting_aspects_ros.api.grasps import check_grasps
+
+        for each in pickable:
+            check_grasps(grasps, placements_of(loaded, aspects), each)
+    divided = dict.fromkeys(text for ids in pickable for text in divided_class_texts(aspects, ids))
+    if divided and controller:
+        raise InvalidValueError(
+            f'invalid pickable aspects {list(pickable[0])}: expected all aspects of a symmetry '
+            'class, which a camera cannot tell apart, for runs in which the controller decides'
+        )
+    for text in divided:
+        warn(f'{loaded.name}: {text}; pickable classes request whole classes')
+    options = {
+        'parts_on_tray': parts_on_tray,
+        'max_picks': max_picks,
+        'minutes': minutes,
+        'grasps': grasps,
+    }
+    return PlannedForecasts(reorientation, pickable, cell, times, options, controller)
+
+
+@dataclass(frozen=True)
+class PlannedForecasts:
+    """Forecasts of a part that are checked, for one or several sets of pickable aspects.
+
+    options : mapping
+        Other arguments of `forecast_from`.
+    """
+
+    reorientation: PlannedReorient
+    pickable: list[tuple[int, ...]]
+    tray: Tray
+    times: CycleTimes
+    options: Mapping[str, Any]
+    controller: bool
+
+    def make(self, runner: Runner) -> list[ForecastResult]:
+        """Simulate, and return the forecasts; raises StoppedError."""
+        (result,) = self.reorientation.make(runner)
+        found = []
+        for ids in self.pickable:
+            if runner.stopped():
+                raise StoppedError('interrupted; there is no forecast')
+            each = forecast_from(result, ids, self.tray, self.times, **self.options)
+            if self.controller:
+                each = dataclasses.replace(each, controlled=forecast_controlled(each))
+            found.append(each)
+        return found
 
 
 def forecast_from(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.surroundings import scene_of
+from resting_aspects_ros.api.conditions import scene_of
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.part import Part

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.api.result import Result, check_output, make_folder, whole_file
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown

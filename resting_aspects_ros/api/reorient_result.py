@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.api.transition_counter import MatrixConvergence
+from resting_aspects_ros.api.runner import MatrixConvergence
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.part.part import Part

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import condition_facts
-from resting_aspects_ros.api.measured_trials import MeasuredComparison
+from resting_aspects_ros.api.conditions import condition_facts, conditions_text
 from resting_aspects_ros.api.report_files import (
     energy_text,
     part_facts,
@@ -16,7 +15,7 @@ from resting_aspects_ros.api.report_files import (
     warning_notes,
 )
 from resting_aspects_ros.api.result import check_files, write_page
-from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.api.roadmap import MeasuredComparison
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.format import (
     aspects_text,

@@ -6,11 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
+from resting_aspects_ros.api.conditions import (
+    condition_facts,
+    has_level_floor,
+    outcome_hints,
+    scene_of,
+    simulated_shapes,
+    surface_text,
+    when_text,
+)
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.result import check_files, write_page
-from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import has_level_floor, outcome_hints, scene_of
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each

@@ -1,16 +1,166 @@
-"""What all results have: a JSON document, a picture and a page, and the files of these."""
+"""What all results have: a document, a picture and a page; and output files.
 
-from collections.abc import Mapping, Sequence
+Output files are checked before the work, and replaced only when they are complete.
+"""
+
+import csv
+import fcntl
+import glob
+import os
+import tempfile
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.report.document import plain, to_json
+import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:  # these imports are slow: they are made when a picture or a page is written
+from resting_aspects_ros.api.runner import Consumer
+from resting_aspects_ros.errors import InvalidValueError, OutputError
+from resting_aspects_ros.report.document import plain, to_json
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
+
+if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from resting_aspects_ros.report.page import Page
+
+
+# -- Files ----------------------------------------------------------------------------------------
+
+
+POSES_HEADER = (
+    'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
+    'status', 'decided_by', 'time_to_rest', 'energy_growth', 'aspect',
+)  # fmt: skip
+
+
+def make_folder(flag: str, folder: Path) -> None:
+    """Make the folder that a flag names; InvalidValueError if nothing can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):  # not access(2): the file system may be read-only
+            pass
+    except (OSError, ValueError) as error:
+        raise InvalidValueError(
+            f'invalid {flag} {str(folder)!r}: expected a folder that can be made and written: '
+            f'{_reason(error)}'
+        ) from None
+
+
+def check_output(flag: str, path: Path | None) -> None:
+    """Raise InvalidValueError if the file of a flag could not be written after the work."""
+    if path is None:
+        return
+    if not path.parent.is_dir():
+        problem = f'the folder {str(path.parent)!r} does not exist'
+    elif path.is_dir():
+        problem = 'this is a folder'
+    elif not os.access(path if path.exists() else path.parent, os.W_OK):
+        problem = 'writing is not permitted'
+    else:
+        return
+    raise InvalidValueError(
+        f'invalid {flag} {str(path)!r}: expected a file that can be written: {problem}'
+    )
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path, and replace the file with it at the end if nothing failed.
+
+    A device or a pipe is written directly. Temporary files that killed programs left for the same
+    file are removed.
+    """
+    target = path.resolve()  # a symbolic link is kept
+    ordinary = (path.is_file() or not path.exists()) and not path.is_relative_to('/dev')
+    try:
+        if not ordinary:
+            yield path
+            return
+        _remove_abandoned(target)
+        with _locked_part(target) as part:
+            yield part
+            part.replace(target)
+    except OSError as error:
+        raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from error
+
+
+@contextmanager
+def _locked_part(target: Path) -> Iterator[Path]:
+    """Yield a new locked file beside the target, which is removed if it was not moved."""
+    while True:
+        part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
+        with part.open('xb') as file:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            if not part.exists():  # removed by another program before it was locked
+                continue
+            try:
+                yield part
+            finally:
+                part.unlink(missing_ok=True)
+            return
+
+
+def _remove_abandoned(target: Path) -> None:
+    """Remove unfinished files of the target that no program has locked."""
+    name = f'{glob.escape(target.stem)}.{"[0-9a-f]" * 8}.part{glob.escape(target.suffix)}'
+    for part in target.parent.glob(name):
+        with suppress(OSError), part.open('rb') as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            part.unlink()
+
+
+def _reason(error: BaseException) -> str:
+    return getattr(error, 'strerror', None) or str(error)
+
+
+@contextmanager
+def poses_file(flag: str, path: Path) -> Iterator[Consumer]:
+    """Yield what writes a line for each drop into a file; `whole_file` moves it into place.
+
+    Raises InvalidValueError if the file cannot be made, and OutputError if it cannot be written.
+    """
+    with ExitStack() as stack:
+        try:
+            part = stack.enter_context(whole_file(path))
+            file = stack.enter_context(part.open('w', newline='', encoding='utf-8'))
+        except (OSError, OutputError) as error:
+            reason = _reason(error.__cause__ or error)
+            raise InvalidValueError(
+                f'invalid {flag} {str(path)!r}: expected a file that can be written: {reason}'
+            ) from None
+        csv.writer(file).writerow(POSES_HEADER)
+
+        def write(poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+            try:
+                csv.writer(file).writerows(_rows(poses, ids.tolist()))
+                file.flush()
+            except OSError as error:
+                raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from error
+
+        yield write
+
+
+def _rows(poses: RestingPoses, ids: list[int]) -> Iterator[tuple[Any, ...]]:
+    """Yield rows in full precision: Python prints the shortest text of exactly this number."""
+    for k in range(len(poses)):
+        yield (
+            poses.first_drop + k,
+            *poses.position[k].tolist(),
+            *poses.orientation[k].tolist(),
+            RestStatus(poses.status[k]).name,
+            DecidedBy(poses.decided_by[k]).name,
+            float(poses.time_to_rest[k]),
+            float(poses.energy_growth[k]),
+            ids[k],
+        )
+
+
+# -- Results --------------------------------------------------------------------------------------
 
 
 class Result:

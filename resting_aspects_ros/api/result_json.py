@@ -22,9 +22,9 @@ from pydantic import (
 )
 
 from resting_aspects_ros.api.counts import MAX_BYTES, CountedDrops, check_same_part, single_groups
-from resting_aspects_ros.api.drop_counter import Convergence
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.runner import Convergence
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet, Sweep
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects

@@ -1,19 +1,18 @@
 """Retention curves: how strong a disturbance must be for a part to leave its aspect."""
 
 import dataclasses
-import time
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from resting_aspects_ros.api.chunk_loop import count_chunks, given_workers
-from resting_aspects_ros.api.condition_text import given_conditions, surface_text
+from resting_aspects_ros.api.conditions import given_conditions, surface_text
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.plan import new_run
 from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.api.runner import Progress, keep_result, make_runner, never
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
@@ -26,7 +25,6 @@ from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import RetentionCurve
@@ -114,8 +112,8 @@ def retention(
     confidence: float = CONFIDENCE,
     engine: str = '',
     workers: int | Workers | None = None,
-    progress: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
 ) -> RetentionResult:
     """Disturb a part at rest in each aspect with rising energy, and count how often it leaves.
@@ -134,10 +132,8 @@ def retention(
     max_lift : float, optional
         Maximum energy as a lift height of the centre of mass, m; by default 20 times the barrier,
         but not more than twice the hull radius.
-    seed, confidence, engine, workers, progress
+    seed, confidence, engine, workers, progress, stopped
         As for `drop`.
-    stopped : callable
-        Asked often; the disturbances end when it returns True.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``friction=0.3``.
 
@@ -170,45 +166,64 @@ def retention(
         given,
         seed=seed,
         drops=per_height * lift.size,
-        run_id=uuid.uuid4().hex[:12],
-        started=time.time_ns(),
+        **new_run(),
         landscape=landscape,
         starts=disturbance_starts(loaded, aspects.aspects, lift, given),
         engine=engine,
     )
-    left, parts = np.zeros((2, lift.size), dtype=np.int64)
+    tally = RetentionTally(aspects, lift, run.drops)
 
-    def count(poses: RestingPoses) -> None:
-        row = np.arange(poses.first_drop, poses.end) % lift.size
-        stayed = aspect_ids(aspects, poses) == row // lift.shape[1] + 1
-        np.add.at(parts, row, 1)
-        np.add.at(left, row, ~stayed)
+    def result() -> RetentionResult:
+        return RetentionResult(tally.curves(confidence), aspects, run, loaded, tally.complete)
 
-    with (
-        given_workers(workers) as pool,
-        DropProgress(f'{loaded.name}, disturbed', run.drops, 'parts', shown=progress) as bar,
-    ):
-        count_chunks(
-            job,
-            run,
-            [(0, run.drops)],
-            pool,
-            count,
-            lambda: bool(parts.sum() >= run.drops),
-            lambda: bar.update(int(parts.sum())),
-            stopped,
+    with keep_result(result), make_runner(workers, progress, stopped) as runner:
+        runner.count(job, run, tally, label=f'{loaded.name}, disturbed', unit='parts')
+    return result()
+
+
+class RetentionTally:
+    """Counts of disturbed parts that left their aspect: part i has the lift height i mod (a m).
+
+    aspects : AspectSet
+    lift : (a, m) float
+        Lift heights of the curve of each aspect, m.
+    number : int
+        Number of disturbances.
+    """
+
+    def __init__(self, aspects: AspectSet, lift: Array, number: int) -> None:
+        self.aspects, self.lift, self.number = aspects, lift, number
+        self._left, self._parts = np.zeros((2, lift.size), dtype=np.int64)
+
+    @property
+    def done(self) -> int:
+        """Number of parts that were disturbed."""
+        return int(self._parts.sum())
+
+    @property
+    def complete(self) -> bool:
+        """Whether all disturbances are counted."""
+        return self.done >= self.number
+
+    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+        """Count a chunk, given the ids of its aspects."""
+        row = np.arange(poses.first_drop, poses.end) % self.lift.size
+        stayed = ids == row // self.lift.shape[1] + 1
+        np.add.at(self._parts, row, 1)
+        np.add.at(self._left, row, ~stayed)
+
+    def curves(self, confidence: float) -> tuple[RetentionCurve, ...]:
+        """Return the curve of each aspect that was disturbed, at the heights with a part."""
+        left, parts = (each.reshape(self.lift.shape) for each in (self._left, self._parts))
+        return tuple(
+            RetentionCurve(
+                aspect.id, aspect.min_barrier, lift[n > 0], gone[n > 0], n[n > 0], confidence
+            )
+            for aspect, lift, gone, n in zip(
+                self.aspects.aspects, self.lift, left, parts, strict=True
+            )
+            if n.any()
         )
-        bar.end(int(parts.sum()))
-    shape = lift.shape
-    counted = zip(aspects.aspects, lift, left.reshape(shape), parts.reshape(shape), strict=True)
-    curves = tuple(
-        RetentionCurve(
-            aspect.id, aspect.min_barrier, heights[n > 0], gone[n > 0], n[n > 0], confidence
-        )
-        for aspect, heights, gone, n in counted
-        if n.any()
-    )
-    return RetentionResult(curves, aspects, run, loaded, bool(parts.sum() >= run.drops))
 
 
 def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> Array:

@@ -5,9 +5,8 @@ import sys
 from rich.console import Console
 from rich.measure import Measurement
 
+from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import outcome_hints
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import (
     contact_table,

@@ -1,200 +1,336 @@
-"""Make the drops that `resting_aspects drop` requests, count them, and save the result."""
+"""Make the drops that `resting_aspects drop` requests: of a part, of a log, or of a batch."""
 
 import argparse
-import signal
+import dataclasses
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.drop import recorded
-from resting_aspects_ros.api.drop_counter import Convergence, DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop import drop, logged_drops, repeat_log
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.given_states import CountsByState
-from resting_aspects_ros.api.load_part import mesh_file
-from resting_aspects_ros.api.output_files import (
-    check_output,
-    make_folder,
-    poses_file,
-    write_poses,
-)
-from resting_aspects_ros.api.plan_drops import plan_drops
-from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings import warn_of_surroundings
+from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
+from resting_aspects_ros.api.load_part import load_part, mesh_file
+from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
-from resting_aspects_ros.cli.drop_request import DropRequest
-from resting_aspects_ros.cli.result_folder import requested_folder
-from resting_aspects_ros.errors import EngineError, LogError, OutputError, analysis, warn
-from resting_aspects_ros.simulation.interruption import Interruption, catch
-from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.cli.life_cycle import (
+    INTERRUPTED,
+    Session,
+    exit_code,
+    finish,
+    partial_result,
+    result_folder,
+    say,
+)
+from resting_aspects_ros.cli.options import (
+    changed_conditions,
+    flag_of,
+    parse_share,
+    requested_conditions,
+)
+from resting_aspects_ros.errors import InvalidValueError, OutputError, RestingAspectsError
+from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces, quantities_of
+from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.starts import Noise
+from resting_aspects_ros.statistics.intervals import check_precision
 
-INTERRUPTED = 130
+if TYPE_CHECKING:
+    from resting_aspects_ros.studies.batch import BatchEntry
+    from resting_aspects_ros.studies.propagate import UncertainSurface
+
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
+PROPAGATED = 'propagated.json'
+BATCH_FOLDER = Path('out') / 'batch'
+NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
+# Flags without an effect or a meaning: with a log, which has these values; without given states;
+# with a batch of parts; and with several conditions.
+_OF_A_LOG = (
+    *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
+    *('initial_states', 'log'),
+)
+_OF_STATES = ('replicates', *NOISES)
+_SINGLE = (
+    *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
+    *('check_convergence', 'propagate', 'json', 'each'),
+)
+_NOT_PROPAGATED = (
+    *('from_log', 'initial_states', 'replicates', 'log', 'poses', 'each', *NOISES),
+    *('check_convergence', 'precision'),
+)
 
 
-def drop_and_show(
-    arguments: argparse.Namespace,
-    request: DropRequest,
-    workers: Workers,
-    confidence: float,
-    stop: Interruption,
-) -> int:
+def refuse(arguments: argparse.Namespace, names: tuple[str, ...], expected: str) -> None:
+    """Raise InvalidValueError if a flag is given that is expected only in another case."""
+    for name in names:
+        given = getattr(arguments, name)
+        if given not in (None, '', False):
+            flag = 'PART_OR_MESH' if name == 'part' else flag_of(name)
+            text = '' if given is True else f' {str(given)!r}'
+            raise InvalidValueError(f'invalid {flag}{text}: expected only {expected}')
+
+
+def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]:
+    """Return the options that the drops of a part and of a batch have."""
+    precision = 0.0
+    if arguments.precision is not None:
+        precision = parse_share('--precision', arguments.precision)
+        check_precision(precision)
+    return {
+        'precision': precision,
+        'interval': arguments.interval,
+        'confidence': confidence,
+    }
+
+
+# -- One part or one log --------------------------------------------------------------------------
+
+
+def drop_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
     """Drop, count and show; returns the exit code.
 
     Raises RestingAspectsError before the first drop for wrong input, and after saving the partial
     result if something failed.
     """
-    part, stop_at = request.part, request.stop_at
-    planned = plan_drops(
-        part,
-        request.conditions,
-        drops=request.drops,
-        seed=request.seed,
-        first_drop=request.first_drop,
-        precision=request.precision,
-        stop_at=stop_at,
-        interval=arguments.interval,
-        confidence=confidence,
-        starts=request.starts,
-        engine=arguments.engine,
-    )
-    job, run = planned.job, planned.run
-    request.check_engine(run)
-    flag, out = _folder(arguments, part.name)
+    simulate, part = _requested(arguments, confidence)
+    out = _folder(arguments, part)
+    result, failure = _result(partial(simulate, **session.options), arguments, out)
+    result = dataclasses.replace(result, mesh_file=mesh_file(arguments.part))
+    _show(result, arguments, out)
+    has = f'{result.distribution.drops} of {result.run.drops} drops'
+    code = exit_code(has, complete=result.complete, failure=failure)
+    checked = result.convergence is not None
+    if not code and arguments.check_convergence and session.stop.asked and not checked:
+        print('interrupted; convergence was not checked', file=sys.stderr)
+        return INTERRUPTED
+    return code
+
+
+def _requested(
+    arguments: argparse.Namespace, confidence: float
+) -> tuple[Callable[..., DropResult], str]:
+    """Return what makes the requested drops, and the name of the part."""
+    options = {
+        **_options(arguments, confidence),
+        'check_convergence': arguments.check_convergence,
+        'engine': arguments.engine,
+        'keep_poses': False,
+    }
+    if arguments.initial_states is None:
+        refuse(arguments, _OF_STATES, 'with --initial-states')
+    if arguments.from_log is not None:
+        refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it')
+        logged = logged_drops(arguments.from_log)
+        return partial(repeat_log, logged, arguments.drops, **options), logged.part.name
+    if arguments.part is None:
+        raise InvalidValueError(
+            'missing part: expected a name, a mesh file, or --from-log (see --help)'
+        )
+    if arguments.initial_states is not None:
+        options |= {
+            'initial_states': read_state_csv(arguments.initial_states),
+            'replicates': DEFAULT_REPLICATES
+            if arguments.replicates is None
+            else arguments.replicates,
+            'noise': _noise(arguments),
+        }
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     if arguments.log is not None:
         make_folder('--log', arguments.log)
-    failure: EngineError | LogError | OutputError | None = None
-    log: Path | None = None
-    convergence: Convergence | None = None
-    checked = not arguments.check_convergence
-    counter = DropCounter(planned.empty, run, stop_at, planned.consumers)
-    by_state = _counted_by_state(request, counter)
-    try:
-        with ExitStack() as stack:
-            for option, path in _poses_paths(arguments.poses, flag, out):
-                file = stack.enter_context(poses_file(option, path))
-                counter.consumers.append(partial(write_poses, file))
-            for warning in part.warnings:
-                warn(warning)
-            warn_of_surroundings(request.conditions, part.hull_radius)
-            try:
-                with (
-                    recorded(arguments.log, part, counter, planned.contacts) as log,
-                    DropProgress(part.name, run.drops) as progress,
-                ):
-                    counter.drop(job, workers, progress.update, lambda: stop.asked)
-                    progress.end(counter.distribution.drops)
-                if arguments.check_convergence and not stop.asked:
-                    label = f'{part.name} with a finer time step'
-                    with DropProgress(label, counter.distribution.drops) as progress:
-                        checked, convergence = check_in_finer_steps(
-                            counter, job, workers, progress.update, lambda: stop.asked
-                        )
-                        progress.end(progress.done)
-            except (EngineError, LogError) as error:
-                failure = error  # the poses of the completed drops are still saved
-    except OutputError as error:
-        failure = error
-    result = DropResult(
-        counter.distribution,
-        run,
+    simulate = partial(
+        drop,
         part,
-        METHOD,
-        counter.complete,
-        convergence,
-        mesh_file(arguments.part),
-        counter.history.points(),
-        log=log,
-        by_state=by_state,
-        contacts=planned.contacts,
+        arguments.drops,
+        surface=requested_conditions(arguments),
+        seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
+        log=arguments.log,
+        force=arguments.force,
+        **options,
     )
-    _write(result, out, arguments)
-    done = result.distribution.drops
-    if failure is not None:
-        raise type(failure)(f'{failure}; the result has {done} of {run.drops} drops')
-    if not result.complete:
-        print(f'interrupted; the result has {done} of {run.drops} drops', file=sys.stderr)
-        return INTERRUPTED
-    _warn_if_not_precise(result.distribution, stop_at)
-    if not checked:
-        print('interrupted; convergence was not checked', file=sys.stderr)
-    return 0 if checked else INTERRUPTED
+    return simulate, part.name
 
 
-def _counted_by_state(request: DropRequest, counter: DropCounter) -> CountsByState | None:
-    """Let the counter count by given initial state, too; returns the counts."""
-    if request.given is None:
-        return None
-    by_state = CountsByState.none(len(request.given), len(counter.distribution.aspects))
-    counter.consumers.append(by_state.add)
-    return by_state
+def _noise(arguments: argparse.Namespace) -> Noise:
+    """Return the noise that the flags request; raises InvalidValueError."""
+    return Noise(
+        **{
+            name: parse_quantity(f'--noise-{name}', text, quantity.unit)
+            for name, quantity in quantities_of(Noise).items()
+            if (text := getattr(arguments, f'noise_{name}')) is not None
+        }
+    )
 
 
-def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
-    """Save and print the result, even if a step fails; the slow report is last."""
-    files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
-    logged = [] if result.log is None else [f'Log: {result.log}']
-    lines = ['Add --report for pictures of the aspects.']
-    try:
-        if out is not None:
-            lines = [f'Written: {", ".join(str(out / name) for name in files)}']
-            result.save_json(out / DOCUMENT)
-            if not arguments.report:
-                with analysis('the picture'):
-                    result.save_picture(out / PICTURE)
-    finally:
-        print_result(result, as_json=arguments.json, each=arguments.each)
-        _print(logged, arguments)
-    if arguments.report and out is not None:
-        # Everything else is saved, so Ctrl-C may end the report at once.
-        catch(signal.default_int_handler)
-        _print(lines, arguments)
-        from resting_aspects_ros.api.report_files import write_report
+def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
+    """Make the folder of the result, None if it is not saved; raises InvalidValueError."""
 
-        lines = []
-        with analysis('the report'):
-            lines.append(f'Report: {write_report(result, out)}')
-    _print(lines, arguments)
-
-
-def _print(lines: list[str], arguments: argparse.Namespace) -> None:
-    if lines and not arguments.json:
-        print(*lines, sep='\n', flush=True)
-
-
-def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
-    """Return the folder of the result, None if it is not saved, and the flag that requests it.
-
-    Raises InvalidValueError if the folder cannot be written.
-    """
-    flag, out = requested_folder(arguments, part)
-    if arguments.report and out is not None:
+    def check_report(flag: str, out: Path) -> None:
         # This import is slow, and only needed for a report.
         from resting_aspects_ros.api.report_files import check_report
 
         check_report(flag, out)
-    return flag, out
+
+    check_output('--poses', arguments.poses)
+    return result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), check_report)
 
 
-def _warn_if_not_precise(distribution: Distribution, precision: float) -> None:
-    """Warn if the precision was not reached in the maximum number of drops."""
-    half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
-    if 0 < precision < half:
-        warn(
-            f'precision {precision:g} was not reached in {distribution.drops} drops, the '
-            f'requested maximum: the widest interval is +-{half:.2g}'
-        )
-
-
-def _poses_paths(poses: Path | None, flag: str, out: Path | None) -> Iterator[tuple[str, Path]]:
-    """Yield the files of poses with their flags, after checking that all outputs are writable."""
-    check_output('--poses', poses)
+def _result(
+    simulate: Callable[..., DropResult], arguments: argparse.Namespace, out: Path | None
+) -> tuple[DropResult, RestingAspectsError | None]:
+    """Simulate, and write files of the poses meanwhile; returns the result, and an error."""
+    files: list[tuple[str, Path]] = []
     if out is not None:
-        make_folder(flag, out)
-        for name in (DOCUMENT, PICTURE, POSES):
-            check_output(flag, out / name)
-        yield flag, out / POSES
-    if poses is not None and not (out is not None and poses.resolve() == (out / POSES).resolve()):
-        yield '--poses', poses
+        files.append(('--report' if arguments.out is None else '--out', out / POSES))
+    poses: Path | None = arguments.poses
+    if poses is not None and poses.resolve() not in [path.resolve() for _, path in files]:
+        files.append(('--poses', poses))
+    result: DropResult | None = None
+    failure: RestingAspectsError | None = None
+    try:
+        with ExitStack() as stack:
+            writers = [stack.enter_context(poses_file(*each)) for each in files]
+            try:
+                result, failure = partial_result(partial(simulate, consumers=writers))
+            except OutputError as error:
+                result = error.result
+                raise
+    except OutputError as error:
+        if result is None:
+            raise
+        failure = error
+    assert result is not None
+    return result, failure
+
+
+def _show(result: DropResult, arguments: argparse.Namespace, out: Path | None) -> None:
+    files: dict[str, Callable[[Path], object]] = {DOCUMENT: result.save_json}
+    if not arguments.report:
+        files[PICTURE] = result.save_picture
+
+    def show() -> None:
+        print_result(result, as_json=arguments.json, each=arguments.each)
+        if result.log is not None:
+            say(arguments, f'Log: {result.log}')
+
+    written = [] if out is None else [out / POSES]
+    finish(arguments, out, files, show, result.report if arguments.report else None, written)
+    if out is None:
+        say(arguments, 'Add --report for pictures of the aspects.')
+
+
+# -- A batch of parts -----------------------------------------------------------------------------
+
+
+def drop_batch_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+    """Drop each part, and write its report and the index; returns the exit code.
+
+    Raises RestingAspectsError for wrong input that concerns all parts.
+    """
+    # This import is slow, and only needed for a batch.
+    from resting_aspects_ros.studies.batch import INDEX, drop_batch
+
+    refuse(arguments, _SINGLE, 'with a single part, not with a batch')
+    batch = drop_batch(
+        arguments.part,
+        arguments.drops,
+        surface=requested_conditions(arguments),
+        seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
+        unit=arguments.unit,
+        force=arguments.force,
+        out=arguments.out or BATCH_FOLDER,
+        **_options(arguments, confidence),
+        **session.options,
+    )
+    for entry in batch.entries:
+        if entry.error:
+            print(f'{entry.source}: {entry.error}', file=sys.stderr)
+        else:
+            print(_line(entry))
+    assert batch.folder is not None
+    print(f'Index: {batch.folder / INDEX}')
+    if session.stop.asked:
+        print(f'interrupted after {len(batch.entries)} parts', file=sys.stderr)
+        return INTERRUPTED
+    return 0 if batch.complete else 1
+
+
+def _line(entry: 'BatchEntry') -> str:
+    """Return the most probable classes of a part in one line."""
+    from resting_aspects_ros.report.format import class_rows
+    from resting_aspects_ros.studies.pages import TOP
+
+    assert entry.result is not None
+    rows = sorted(class_rows(entry.result.distribution), key=lambda row: -row.count)[:TOP]
+    shares = [f'{row.name} {100 * row.interval.probability:.1f} %' for row in rows]
+    return f'{entry.case.part.name}: {", ".join(shares)}'
+
+
+# -- An uncertain surface -------------------------------------------------------------------------
+
+
+def drop_propagated_and_show(
+    arguments: argparse.Namespace, session: Session, confidence: float
+) -> int:
+    """Drop on a calibrated surface with its uncertainty, and show both intervals.
+
+    Returns the exit code. Raises RestingAspectsError for wrong input.
+    """
+    # This import is slow, and only needed for an uncertain surface.
+    from resting_aspects_ros.studies.propagate import DROPS, PAGE, SAMPLES, propagate
+
+    if arguments.part is None:
+        raise InvalidValueError('missing part: expected a name or a mesh file before --propagate')
+    refuse(arguments, _NOT_PROPAGATED, 'without --propagate')
+    if arguments.interval != 'wilson':
+        raise InvalidValueError(
+            f'invalid --interval {arguments.interval}: expected wilson with --propagate'
+        )
+    surface = _surface(arguments)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    out = result_folder(arguments, part.name, (PROPAGATED, PAGE))
+    result = propagate(
+        part,
+        surface,
+        DROPS if arguments.drops is None else arguments.drops,
+        samples=min(SAMPLES, len(surface.draws)),
+        seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
+        confidence=confidence,
+        force=arguments.force,
+        **session.options,
+    )
+
+    def show() -> None:
+        print(result.to_json(), end='') if arguments.json else print(result)
+
+    finish(arguments, out, {PROPAGATED: result.save_json}, show, result.report)
+    return exit_code(f'{len(result.counts)} samples', complete=result.complete)
+
+
+def _surface(arguments: argparse.Namespace) -> 'UncertainSurface':
+    """Return the uncertain surface with the conditions that the flags change.
+
+    It is that of a calibration; without a file, the named one.
+    """
+    from resting_aspects_ros.studies.propagate import (
+        UncertainSurface,
+        named_surface,
+        uncertain_surface,
+    )
+
+    if not arguments.propagate:
+        given = named_surface(arguments.surface, all_surfaces(arguments.surfaces))
+    elif arguments.surface or arguments.surfaces:
+        raise InvalidValueError(
+            f'invalid --surface {arguments.surface or arguments.surfaces}: expected only with '
+            '--propagate without a file, whose surface it replaces'
+        )
+    else:
+        given = uncertain_surface(Path(arguments.propagate))
+    fitted = {name for draw in given.draws for name in draw}
+    for name in sorted(fitted & set(changed_conditions(arguments))):
+        raise InvalidValueError(
+            f'invalid {flag_of(name)}: expected only a condition that the calibration did not fit'
+        )
+    return UncertainSurface(requested_conditions(arguments, given.conditions), given.draws)

@@ -7,16 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast import DEFAULT_ACTION, check_tray, pickable_aspects
+from resting_aspects_ros.api.forecast import (
+    DEFAULT_ACTION,
+    check_tray,
+    cycle_times,
+    pickable_aspects,
+)
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.cli.forecast_options import parse_numbers, parse_tray
-from resting_aspects_ros.cli.forecast_run import requested_times
-from resting_aspects_ros.cli.values import parse_quantity
+from resting_aspects_ros.api.plan import named_action
+from resting_aspects_ros.cli.forecast_options import parse_tray, requested_times
+from resting_aspects_ros.cli.options import parse_numbers
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.tray_image import TrayCamera
 
@@ -119,7 +124,7 @@ def planned_demo(arguments: argparse.Namespace, drops: int, per_aspect: int) -> 
     """Return what the flags request; raises RestingAspectsError for wrong input."""
     known = known_part(load_part(arguments.part, None, arguments.parts, None))
     classes, default = _pickable(arguments, known)
-    times = requested_times(arguments, named_action(DEFAULT_ACTION))
+    times = cycle_times(named_action(DEFAULT_ACTION), **requested_times(arguments))
     clearance = parse_quantity('--clearance', arguments.clearance, 'm')
     tray = Tray(parse_tray(arguments.tray), clearance)
     minutes = parse_quantity('--minutes', arguments.minutes, '')

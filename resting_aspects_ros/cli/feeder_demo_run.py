@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_controlled, forecast_from
-from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli.console import make_console
-from resting_aspects_ros.cli.feeder_demo_layout import save_layout
 from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, SUITE, PlannedDemo
+from resting_aspects_ros.cli.feeder_display import save_layout
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.document import SCHEMA_VERSION

@@ -1,22 +1,26 @@
-"""The live table of the feeder demo on standard error, or a few lines if that is not a terminal.
+"""How the feeder demo is watched: a live table on standard error, and a layout for Foxglove.
 
 A demo that makes no progress ends with an error.
 """
 
+import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.live import Live
 
-from resting_aspects_ros.api.progress import TerminalDisplay
+from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.runner import TerminalDisplay
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.report.forecast import FeederView, feeder_line, feeder_table
+from resting_aspects_ros.simulation.conditions import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch
+
 
 # Number of lines for a run if standard error is not a terminal.
 LINES = 5
@@ -52,3 +56,37 @@ def check_silence(watch: 'FeederWatch', folder: Path) -> None:
             f'{node} is silent: no {missing} for {MAX_SILENCE:g} s; see '
             f'{str(log_of(folder, node))!r}'
         )
+
+
+# The part and the topics of the shipped layout; topics outside the namespace remain.
+SHIPPED_PART, GLOBAL = 'l_bracket', ('/diagnostics',)
+
+
+def save_layout(path: Path, part: str, namespace: str) -> str:
+    """Write the layout, and return how to watch the nodes."""
+    with whole_file(path) as file:
+        file.write_text(foxglove_layout(part, namespace), encoding='utf-8')
+    return (
+        f'To watch it: the layout {path} for Foxglove, or '
+        f'rviz2 -d rviz/feeder.rviz --ros-args -r __ns:={namespace}'
+    )
+
+
+def foxglove_layout(part: str, namespace: str = '/') -> str:
+    """Return the shipped layout as JSON, with its topics for a part and a namespace."""
+    text = (config_folder() / 'foxglove' / 'feeder.json').read_text(encoding='utf-8')
+    prefix = '/' + namespace.strip('/') if namespace.strip('/') else ''
+
+    def changed(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: changed(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [changed(each) for each in value]
+        if not isinstance(value, str) or not value.startswith('/') or value in GLOBAL:
+            return value
+        topic, dot, field = value.partition('.')
+        head, slash, name = topic.rpartition('/')
+        topic = f'{head}{slash}{part}' if name == SHIPPED_PART else topic
+        return f'{prefix}{topic}{dot}{field}'
+
+    return json.dumps(changed(json.loads(text)), indent=2) + '\n'

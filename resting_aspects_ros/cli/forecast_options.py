@@ -2,10 +2,11 @@
 
 import argparse
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.cli.values import parse_integer, parse_quantity
+from resting_aspects_ros.cli.options import parse_integer
 from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.feeding.footprint import Footprint
@@ -99,10 +100,14 @@ def add_cell(
     )
 
 
-def requested_time(arguments: argparse.Namespace, name: str) -> float | None:
-    """Return the time of a flag, s, or None; raises InvalidValueError."""
-    text = getattr(arguments, name)
-    return None if text is None else parse_quantity(f'--{name}', text, 's')
+def requested_times(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `cycle_times` that have a flag; raises InvalidValueError."""
+    times: dict[str, Any] = {
+        name: parse_quantity(f'--{name}', text, 's')
+        for name in _TIMES
+        if (text := getattr(arguments, name)) is not None
+    }
+    return {**times, 'overlap': arguments.overlap}
 
 
 def parse_tray(text: str) -> tuple[float, float]:
@@ -125,16 +130,6 @@ def parse_gripper(text: str) -> 'Footprint':
     if len(sides) > 2 or not all(0 < side <= MAX_SIDE for side in sides):
         raise InvalidValueError(f'invalid --gripper {shown(text)}: expected {expected}')
     return Footprint(sides[0], sides[1]) if len(sides) == 2 else Footprint(0, 0, sides[0] / 2)
-
-
-def parse_numbers(flag: str, text: str) -> tuple[int, ...]:
-    """Return the numbers in '1,3'; raises InvalidValueError."""
-    try:
-        return tuple(int(each) for each in text.split(','))
-    except ValueError:
-        raise InvalidValueError(
-            f'invalid {flag} {shown(text)}: expected numbers separated by commas, such as 1,3'
-        ) from None
 
 
 def _sides(flag: str, text: str, expected: str) -> list[float]:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from resting_aspects_ros import __version__
+from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT
 from resting_aspects_ros.cli.verbs import COMMANDS
 from resting_aspects_ros.errors import (
     InvalidValueError,
@@ -28,6 +29,7 @@ from resting_aspects_ros.errors import (
     PartError,
     RestingAspectsError,
     RestingAspectsWarning,
+    StoppedError,
     UnknownPartError,
     one_line,
     shown,
@@ -42,7 +44,6 @@ _NO_MEMORY = re.compile(
     'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
 )
 _WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -188,6 +189,8 @@ def _outcome(error: Exception) -> tuple[int, str]:
         return FAILED, 'error: there is not enough memory'
     if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
         return WRONG_INPUT, f'error: {error}'
+    if isinstance(error, StoppedError):
+        return INTERRUPTED, str(error)
     if isinstance(error, RestingAspectsError):
         return FAILED, f'error: {error}'
     if isinstance(error, OSError):

@@ -2,9 +2,11 @@
 
 import argparse
 from collections.abc import Mapping
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import NUMBER, parse_quantity
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     QUANTITIES,
@@ -19,6 +21,8 @@ from resting_aspects_ros.simulation.job import (
     KERNEL,
     check_drops,
 )
+
+MAX_DIGITS = 20
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
@@ -192,7 +196,7 @@ def requested_conditions(
     ``base`` is changed by the flags instead of the surface that they name.
     """
     # These imports are slow because of pydantic and NumPy, which --help does not need.
-    from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
+    from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
     from resting_aspects_ros.simulation.conditions import all_surfaces
 
     if base is None:
@@ -267,3 +271,48 @@ def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
 def flag_of(name: str) -> str:
     """Return the flag of a quantity."""
     return '--' + name.replace('_', '-')
+
+
+# -- Numbers in texts -----------------------------------------------------------------------------
+
+
+def parse_share(name: str, text: str) -> float:
+    """Return 0.02 for ``0.02`` or ``2%``; raises InvalidValueError."""
+    match = NUMBER.fullmatch(text)
+    if match is None or match[2] not in ('', '%'):
+        raise InvalidValueError(
+            f'invalid {name} {shown(text)}: expected a number, such as 0.02 or 2%'
+        )
+    number = float(match[1])
+    if number > 1 and not match[2]:
+        raise InvalidValueError(
+            f'invalid {name} {shown(text)}: expected at most 1; {number:g} percent is '
+            f'{match[1]}% or {number / 100:g}'
+        )
+    return number / (100 if match[2] else 1)
+
+
+def parse_integer(text: str) -> int:
+    """Return ``1000``, ``10_000`` or ``1e4`` as an integer; the type of an option."""
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = Decimal(text)
+    except InvalidOperation:
+        number = Decimal('NaN')
+    # Refuses NaN, infinity, fractions, and more digits than any option accepts.
+    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
+        raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
+    return int(number)
+
+
+def parse_numbers(flag: str, text: str) -> tuple[int, ...]:
+    """Return the numbers in '1,3'; raises InvalidValueError."""
+    try:
+        return tuple(int(each) for each in text.split(','))
+    except ValueError:
+        raise InvalidValueError(
+            f'invalid {flag} {shown(text)}: expected numbers separated by commas, such as 1,3'
+        ) from None

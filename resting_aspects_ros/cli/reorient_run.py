@@ -3,134 +3,156 @@
 import argparse
 import dataclasses
 import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
 
-from resting_aspects_ros.api.measured_trials import (
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.reorient import reorient_each
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.roadmap import (
     MeasuredComparison,
+    MeasuredTrials,
     compare_measured,
+    read_roadmap,
     with_measured,
 )
-from resting_aspects_ros.api.reorient import counted_result, drop_for_start, make_actions
-from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
-from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
-from resting_aspects_ros.errors import EngineError, analysis, warn
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.cli.action_options import requested_actions
+from resting_aspects_ros.cli.life_cycle import (
+    INTERRUPTED,
+    Session,
+    exit_code,
+    finish,
+    partial_result,
+    result_folder,
+)
+from resting_aspects_ros.cli.options import (
+    parse_numbers,
+    parse_share,
+    requested_conditions,
+)
+from resting_aspects_ros.cli.reorient_show import (
+    DOCUMENT,
+    ROADMAP,
+    Answer,
+    answer_files,
+    print_answer,
+    write_page,
+)
+from resting_aspects_ros.errors import InvalidValueError, analysis, warn
+from resting_aspects_ros.simulation.actions import NamedAction
+from resting_aspects_ros.statistics.intervals import check_precision
+from resting_aspects_ros.statistics.markov import wanted_mask
 
-INTERRUPTED = 130
 # Rows with at least this number of measured trials replace the simulated ones.
 MIN_TRIALS = 50
 
 
-def reorient_and_show(
-    arguments: argparse.Namespace, workers: Workers, confidence: float, stop: Interruption
-) -> int:
+def reorient_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-
-    def make_drops(part: Part, conditions: DropConditions) -> tuple[Distribution, RestingPoses]:
-        number, seed = arguments.drops, arguments.seed
-        return drop_for_start(
-            part,
-            conditions,
-            number,
-            seed,
-            workers,
-            engine=arguments.engine,
-            shown=True,
-            stopped=lambda: stop.asked,
-        )
-
-    request = requested_reorientation(arguments, confidence, make_drops)
-    drop = request.drop
-    if drop is None:
-        drop, _ = make_drops(request.part, request.conditions)
-    simulated, failure = _simulate(arguments, request, drop, workers, stop)
-    results, checks = _with_trials(request, simulated)
+    actions = requested_actions(arguments)
+    options = _options(arguments, confidence)
+    measured = None if arguments.measured is None else read_roadmap(arguments.measured)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    wanted = _wanted(arguments, find_aspects(part))
+    out = _folder(arguments, part.name, actions)
+    simulated, failure = partial_result(
+        partial(reorient_each, part, actions, arguments.per_aspect, **options, **session.options)
+    )
+    results, checks = _with_trials(measured, simulated)
     replaced = any(
         (one.matrix.counts != other.matrix.counts).any()
         for one, other in zip(results, simulated, strict=True)
     )
-    answer = Answer(tuple(results), request.wanted, tuple(checks))
+    answer = Answer(tuple(results), wanted, tuple(checks))
     # Measured rows are those of single aspects, which a class would mix with simulated ones.
-    by_class = request.by_class and not replaced
-    with analysis('the tables of the result'):
-        print_answer(answer, by_class=by_class, as_json=arguments.json)
-    if request.out is not None:
-        pictures = not arguments.report
-        written = save_answer(answer, simulated, request.out, request.part, pictures=pictures)
-        _print(f'Written: {", ".join(str(path) for path in written)}', arguments)
-        if arguments.report:
-            print('writing the report ...', file=sys.stderr)
-            with analysis('the report'):
-                _print(f'Report: {save_page(answer, simulated, request.out)}', arguments)
-    return _ended(arguments, request, simulated, failure)
+    by_class = not (arguments.each or arguments.wanted is not None or replaced)
 
+    def show() -> None:
+        with analysis('the tables of the result'):
+            print_answer(answer, by_class=by_class, as_json=arguments.json)
 
-def _simulate(
-    arguments: argparse.Namespace,
-    request: ReorientRequest,
-    drop: Distribution,
-    workers: Workers,
-    stop: Interruption,
-) -> tuple[list[ReorientResult], EngineError | None]:
-    """Return the results, complete or not, and the error that ended the simulation early."""
-    results: list[ReorientResult] = []
-    for planned in request.planned:
-        try:
-            result = make_actions(
-                planned,
-                request.part,
-                drop,
-                workers,
-                check=arguments.check_convergence,
-                shown=True,
-                stopped=lambda: stop.asked,
-            )
-        except EngineError as error:
-            return [*results, counted_result(planned, request.part, drop)], error
-        results.append(result)
-    return results, None
-
-
-def _ended(
-    arguments: argparse.Namespace,
-    request: ReorientRequest,
-    simulated: list[ReorientResult],
-    failure: EngineError | None,
-) -> int:
-    """Return the exit code, and say what is missing; raises the failure."""
-    done = sum(int(result.matrix.actions.sum()) for result in simulated)
-    if failure is not None:
-        raise EngineError(f'{failure}; the result has {done} actions')
-    if not all(result.complete for result in simulated):
-        print(f'interrupted; the result has {done} actions', file=sys.stderr)
-        return INTERRUPTED
-    for planned in request.planned:
-        if planned.counter.precision > 0 and not planned.counter.precise:
-            warn(
-                f'precision {planned.counter.precision:g} was not reached in '
-                f'{planned.counter.done} actions of {planned.action.name}, the requested maximum'
-            )
-    if arguments.check_convergence and any(each.convergence is None for each in simulated):
+    finish(
+        arguments,
+        out,
+        answer_files(answer, simulated, part, pictures=not arguments.report),
+        show,
+        partial(write_page, answer, simulated) if arguments.report else None,
+    )
+    code = exit_code(
+        f'{sum(int(result.matrix.actions.sum()) for result in simulated)} actions',
+        complete=all(result.complete for result in simulated),
+        failure=failure,
+    )
+    checked = all(result.convergence is not None for result in simulated)
+    if not code and arguments.check_convergence and session.stop.asked and not checked:
         print('interrupted; convergence was not checked', file=sys.stderr)
         return INTERRUPTED
-    return 0
+    return code
 
 
-def _print(line: str, arguments: argparse.Namespace) -> None:
-    if not arguments.json:
-        print(line, flush=True)
+def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]:
+    """Return the options of the simulation that the flags request; raises InvalidValueError."""
+    precision = 0.0
+    if arguments.precision is not None:
+        precision = parse_share('--precision', arguments.precision)
+        check_precision(precision)
+    return {
+        'surface': requested_conditions(arguments),
+        'precision': precision,
+        'drops': arguments.drops,
+        'seed': arguments.seed,
+        'confidence': confidence,
+        'check_convergence': arguments.check_convergence,
+        'engine': arguments.engine,
+    }
+
+
+def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...]:
+    """Return the ids of the wanted aspects."""
+    if arguments.wanted is not None:
+        numbers = parse_numbers('--wanted', arguments.wanted)
+        wanted_mask(numbers, len(aspects))
+        return tuple(sorted(set(numbers)))
+    if arguments.wanted_classes is None:
+        return ()
+    classes = aspects.classes()
+    numbers = parse_numbers('--wanted-classes', arguments.wanted_classes)
+    wanted_mask(numbers, len(classes), 'symmetry class')
+    return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
+
+
+def _folder(arguments: argparse.Namespace, part: str, actions: list[NamedAction]) -> Path | None:
+    """Return the folder of the result, None if it is not saved.
+
+    Raises InvalidValueError if the folder cannot be written, or has the file of measured trials,
+    which would be replaced.
+    """
+
+    def check_report(flag: str, out: Path) -> None:
+        # This import is slow, and only needed for a report.
+        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
+
+        check_reorientation_report(flag, out, [action.name for action in actions])
+
+    out = result_folder(arguments, part, (DOCUMENT,), check_report)
+    measured: Path | None = arguments.measured
+    if out is not None and measured is not None:
+        roadmap = out / ROADMAP
+        if roadmap.exists() and measured.samefile(roadmap):
+            raise InvalidValueError(
+                f'invalid folder {str(out)!r}: expected another one than that of --measured, '
+                'whose trials would be lost'
+            )
+    return out
 
 
 def _with_trials(
-    request: ReorientRequest, results: list[ReorientResult]
+    measured: MeasuredTrials | None, results: list[ReorientResult]
 ) -> tuple[list[ReorientResult], list[MeasuredComparison]]:
     """Return the results with measured rows, and the comparisons with measured trials."""
-    measured = request.measured
     if measured is None:
         return results, []
     replaced: list[ReorientResult] = []

@@ -1,7 +1,6 @@
 """Print and save the results of `resting_aspects reorient`."""
 
 import dataclasses
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,20 +11,17 @@ import numpy as np
 import numpy.typing as npt
 from rich.console import Console
 
+from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
-from resting_aspects_ros.api.measured_trials import MeasuredComparison
-from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.reorient_result import (
     PlanResult,
     ReorientResult,
     plan_reorientation,
 )
-from resting_aspects_ros.api.roadmap import roadmap_document
-from resting_aspects_ros.api.simulated_shapes import pieces_text
+from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.roadmap import MeasuredComparison, roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
-from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.transitions import (
@@ -39,9 +35,10 @@ from resting_aspects_ros.report.transitions import (
     transition_table,
     wanted_table,
 )
-from resting_aspects_ros.simulation.interruption import catch
 from resting_aspects_ros.statistics.markov import Plan, wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
+
+DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,31 +179,20 @@ def _check_text(check: MeasuredComparison) -> str:
     )
 
 
-def save_answer(
-    answer: Answer,
-    simulated: Sequence[ReorientResult],
-    out: Path,
-    part: Part,
-    *,
-    pictures: bool = True,
-) -> list[Path]:
-    """Write documents and pictures, which take longest, and return their paths.
+def answer_files(
+    answer: Answer, simulated: Sequence[ReorientResult], part: Part, *, pictures: bool
+) -> dict[str, Callable[[Path], object]]:
+    """Return what writes each document and each picture, which take longest.
 
     The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
-    With a page, which has the same pictures, none are needed here; see save_page.
+    With a page, which has the same pictures, none are needed here; see write_page.
     """
     saves: dict[str, Callable[[Path], object]] = {DOCUMENT: answer.save_json}
     saves[ROADMAP] = partial(_save_roadmap, answer, simulated, part)
-    for result in answer.results:
+    for result in answer.results if pictures else ():
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
-        files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
-        saves.update(files)
-    written = []
-    for name, save in saves.items():
-        with analysis(f'the file {name}'):
-            save(out / name)
-            written.append(out / name)
-    return written
+        saves[f'transitions{suffix}.png'] = result.save_picture
+    return saves
 
 
 def _save_roadmap(
@@ -222,15 +208,12 @@ def _save_roadmap(
         file.write_text(to_json(document), encoding='utf-8')
 
 
-def save_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
-    """Write the page with its figures and return its path; raises OutputError.
-
-    It is to be called when everything else is saved, because Ctrl-C then ends it at once.
-    """
-    catch(signal.default_int_handler)
+def write_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
+    """Write the page with its figures and return its path; raises OutputError."""
     # This import is slow, and only needed for a page.
     from resting_aspects_ros.api.reorientation_files import write_reorientation_report
 
+    print('writing the report ...', file=sys.stderr)
     return write_reorientation_report(
         answer.results,
         out,

@@ -13,7 +13,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import ClassifyPose
 
-from resting_aspects_ros.api.plan_actions import DEFAULT_ACTION
+from resting_aspects_ros.api.plan import DEFAULT_ACTION
 from resting_aspects_ros.client.forecast_client import ForecastClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.client.request_messages import check_name, missing_part_error

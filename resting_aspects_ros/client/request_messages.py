@@ -11,7 +11,7 @@ from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
-from resting_aspects_ros.api.plan_actions import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
+from resting_aspects_ros.api.plan import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
 from resting_aspects_ros.aspects.aspect_set import unit_orientation
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.errors import (

@@ -20,10 +20,9 @@ from resting_aspects_ros.report.format import (
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, Table
-from resting_aspects_ros.statistics.comparison import REST, Comparison, DropCounts
+from resting_aspects_ros.statistics.comparison import REST, TABLES, Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL, Interval, intervals
-from resting_aspects_ros.statistics.pearson import TABLES
 
 # A million drops justify more decimals, but the table would not fit 80 columns.
 MAX_DECIMALS = 2

@@ -25,9 +25,9 @@ from resting_aspects_ros.report.format import (
     shown_difference,
 )
 from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.statistics.comparison import EXCEEDANCES
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.drift import POWER, Deviation, DriftTest
-from resting_aspects_ros.statistics.g_test import EXCEEDANCES
 from resting_aspects_ros.statistics.intervals import Interval, bounds
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.counts import single_groups
-from resting_aspects_ros.api.measured_trials import MachineTransitions, machine_transitions
+from resting_aspects_ros.api.roadmap import MachineTransitions, machine_transitions
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.report.drift import drift_sentence

@@ -18,8 +18,8 @@ from resting_aspects_interfaces.msg import (
     TransitionMatrix,
 )
 
+from resting_aspects_ros.api.conditions import without_drops
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.surroundings import without_drops
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, shown, warn
 from resting_aspects_ros.input_files import is_folder, named

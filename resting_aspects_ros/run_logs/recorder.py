@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescription
 
-from resting_aspects_ros.api.surroundings import scene_of
+from resting_aspects_ros.api.conditions import scene_of
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import (

@@ -9,15 +9,15 @@ from scipy.special import chdtri, chndtrinc
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.statistics.comparison import square_and_add
-from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
-from resting_aspects_ros.statistics.g_test import (
+from resting_aspects_ros.statistics.comparison import (
     UNIT,
     BatchScatter,
     batch_scatter,
     g_statistic,
     p_of_window,
+    square_and_add,
 )
+from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     SIMULTANEOUS,

@@ -15,13 +15,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 from scipy.stats import norm
 
-from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
-from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.result import make_folder, whole_file
+from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import (
@@ -31,7 +30,6 @@ from resting_aspects_ros.errors import (
     RestingAspectsError,
     analysis,
     shown,
-    warn,
 )
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.loading import FILE_FORMATS
@@ -381,11 +379,11 @@ def drop_batch(
     confidence: float = CONFIDENCE,
     surroundings: str | Path | Surroundings | None = None,
     unit: str | None = None,
-    check: Callable[[Part], None] = lambda _: None,
+    force: bool = False,
     out: str | Path | None = None,
     workers: int | Workers | None = None,
-    progress: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
 ) -> BatchResult:
     """Drop each of many parts; a part that fails does not cost the others.
@@ -396,8 +394,6 @@ def drop_batch(
         Parts, or what `load_part` accepts; a folder stands for the mesh files in it.
     unit : str, optional
         Unit of the mesh files.
-    check : callable
-        Raises InvalidValueError for a part that should not be dropped.
     out : str or Path, optional
         Folder for index.html and a folder with a report of each part.
     stopped : callable
@@ -405,7 +401,7 @@ def drop_batch(
     seed : int
         Of the batch. Each part has a seed of its own, see `part_seed`, so that the drops of
         different parts are independent.
-    drops, surface, precision, interval, confidence, surroundings, workers, progress
+    drops, surface, precision, interval, confidence, surroundings, force, workers, progress
         As for `drop`.
     **conditions : float
         Conditions that differ from the surface, in SI units.
@@ -439,8 +435,7 @@ def drop_batch(
                 break
             entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
             try:
-                part = _loaded(source, unit)
-                check(part)
+                part = source if isinstance(source, Part) else _loaded(source, unit)
                 result = drop(
                     part,
                     drops,
@@ -451,6 +446,7 @@ def drop_batch(
                     confidence=confidence,
                     workers=pool,
                     keep_poses=False,
+                    force=force,
                     progress=progress,
                 )
                 mesh = None if isinstance(source, Part) else mesh_file(source)
@@ -494,14 +490,8 @@ def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
     return found
 
 
-def _loaded(source: Part | str | Path, unit: str | None) -> Part:
-    """Return a part with its warnings."""
-    if isinstance(source, Part):
-        return source
-    part = load_part(source, unit if mesh_file(source) is not None else None)
-    for warning in part.warnings:
-        warn(warning)
-    return part
+def _loaded(source: str | Path, unit: str | None) -> Part:
+    return load_part(source, unit if mesh_file(source) is not None else None)
 
 
 def _folder(name: str, taken: Sequence[str]) -> str:

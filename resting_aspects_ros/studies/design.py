@@ -14,8 +14,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.stats import qmc
 
-from resting_aspects_ros.api.condition_text import given_conditions, shipped_surfaces
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.conditions import given_conditions, shipped_surfaces
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import parse_quantity

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import entr
 
-from resting_aspects_ros.api.surroundings import contacts_in, scene_of
+from resting_aspects_ros.api.conditions import contacts_in, scene_of
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.support import (

@@ -10,11 +10,10 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import norm
 
-from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, StoppedError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
@@ -335,8 +334,8 @@ def optimise(
     seed: int = DEFAULT_SEED,
     confidence: float = CONFIDENCE,
     workers: int | Workers | None = None,
-    progress: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
 ) -> OptimiseResult:
     """Find the conditions with the most of the wanted aspects, or with the least entropy.
@@ -384,8 +383,8 @@ def optimise(
         A value is out of bounds, a name is not known, or nearly all points are impossible.
     EngineError
         Worker processes of Bullet cannot be started, or died repeatedly.
-    RestingAspectsError
-        Stopped before anything is known.
+    StoppedError
+        ``stopped`` returned True before anything was known.
 
     Examples
     --------
@@ -498,7 +497,7 @@ def _found(drops: _Drops, budget: Budget, confidence: float) -> OptimiseResult:
     search.run(None if start is None else start[None], drops.stopped)
     if len(search.points) < 2:
         if drops.stopped():
-            raise RestingAspectsError('interrupted; too few points were simulated for a result')
+            raise StoppedError('interrupted; too few points were simulated for a result')
         reason = f': {drops.skipped[0][1]}' if drops.skipped else ''
         raise InvalidValueError(
             f'invalid ranges: expected at least 2 possible points, not {len(search.points)}'

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.surroundings import conditions_text, scene_of
+from resting_aspects_ros.api.conditions import conditions_text, scene_of
+from resting_aspects_ros.api.result import Result, whole_file
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import condition_facts
-from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.api.conditions import condition_facts, conditions_text
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.drop_page import PAGE
 from resting_aspects_ros.report.figure import (

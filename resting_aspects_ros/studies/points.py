@@ -14,11 +14,17 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, StrictStr
 
-from resting_aspects_ros.api.chunk_loop import PROGRESS_PERIOD, given_workers
-from resting_aspects_ros.api.drop_counter import Consumer, DropCounter
-from resting_aspects_ros.api.plan_actions import check_speed
-from resting_aspects_ros.api.surroundings import aspects_in, scene_of
-from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.api.conditions import aspects_in, scene_of
+from resting_aspects_ros.api.plan import check_speed
+from resting_aspects_ros.api.runner import (
+    PROGRESS_PERIOD,
+    Consumer,
+    DropTally,
+    Runner,
+    Tally,
+    TransitionTally,
+    given_workers,
+)
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
@@ -106,11 +112,9 @@ class Simulation:
         """
         job, run = self._plan(setting, drops, seed, starts)
         aspects = aspects_in(job.scene, self.aspects)
-        counter = DropCounter(no_drops(aspects), run, consumers=consumers)
-        counter.drop(job, self.workers, monitor.update, monitor.stopped)
-        if not counter.complete:
-            raise Stopped
-        found = counter.distribution
+        tally = DropTally(no_drops(aspects), run.drops)
+        self._count(job, run, tally, monitor, consumers)
+        found = tally.distribution
         return np.append(found.counts, [getattr(found, name) for name in OUTSIDE])
 
     def acted(
@@ -141,12 +145,10 @@ class Simulation:
         if not starts.rows:
             return np.zeros((k, k + len(OUTSIDE)), dtype=np.int64)
         job, run = self._plan(setting, per_aspect * starts.rows, seed, starts)
-        counter = TransitionCounter(no_actions(aspects), run, 0.0, starts.ids)
-        counter.make(job, self.workers, monitor.update, monitor.stopped)
-        if not counter.complete:
-            raise Stopped
+        tally = TransitionTally(no_actions(aspects), run.drops, ids=starts.ids)
+        self._count(job, run, tally, monitor)
         # Parts that slide for ever are counted as unsettled.
-        return np.pad(counter.matrix.counts, ((0, 0), (0, 1)))
+        return np.pad(tally.matrix.counts, ((0, 0), (0, 1)))
 
     def dropped_and_acted(
         self, setting: Setting, drops: int, seed: int, monitor: Monitor
@@ -192,6 +194,20 @@ class Simulation:
         if action is not None:
             action.action.check(action.name, scene)
         return scene
+
+    def _count(
+        self,
+        job: DropJob,
+        run: RunDescription,
+        tally: Tally,
+        monitor: Monitor,
+        consumers: Sequence[Consumer] = (),
+    ) -> None:
+        """Count a run; raises Stopped if it was stopped."""
+        runner = Runner(self.workers, lambda done, _: monitor.update(done), monitor.stopped)
+        runner.count(job, run, tally, consumers)
+        if not tally.complete:
+            raise Stopped
 
     def _plan(
         self, setting: Setting, drops: int, seed: int, starts: Starts | None

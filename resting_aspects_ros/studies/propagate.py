@@ -11,12 +11,15 @@ import numpy as np
 from pydantic import BaseModel, StrictStr, create_model
 from scipy.stats import chi2, norm
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.api.plan import check_height
 from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.api.runner import DropProgress, Progress, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
 from resting_aspects_ros.input_files import Number, named, parse_json, read_input, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import (
@@ -352,21 +355,24 @@ def named_surface(name: str, surfaces: Surfaces) -> UncertainSurface:
 
 
 def propagate(
-    part: Part,
+    part: Part | str | Path,
     surface: UncertainSurface | Calibration | Mapping[str, Any] | str | Path,
     drops: int = DROPS,
     *,
     samples: int = SAMPLES,
     seed: int = DEFAULT_SEED,
     confidence: float = CONFIDENCE,
+    force: bool = False,
     workers: int | Workers | None = None,
-    progress: Callable[[int], None] = lambda _: None,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
 ) -> PropagatedResult:
     """Drop a part under conditions that are drawn from what a calibration leaves possible.
 
     Parameters
     ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
     surface : UncertainSurface, CalibrationResult, mapping, str or Path
         Name of a surface with an uncertainty in config/surfaces.yaml; or a calibration, its
         document, or its file calibration.json.
@@ -374,12 +380,16 @@ def propagate(
         Number of drops at all samples together, rounded down to a multiple of ``samples``.
     samples : int
         Number of draws of the posterior, at least 8.
+    seed, confidence, force, workers, progress, stopped
+        As for `drop`.
 
     Raises
     ------
     InvalidValueError
         The surface has no uncertainty, a value is out of bounds, or the part cannot be dropped
         under one of the samples.
+    StoppedError
+        ``stopped`` returned True before two samples were complete.
     """
     if not isinstance(surface, UncertainSurface):
         surface = uncertain_surface(surface)
@@ -394,23 +404,30 @@ def propagate(
         )
     chosen = np.random.default_rng((seed, 7)).permutation(len(surface.draws))[:samples]
     points = [surface.conditions.changed(**surface.draws[k]) for k in chosen.tolist()]
-    landscape, each = Landscape(part), drops // samples
+    loaded = given_part(part)
+    if not force:
+        check_height(loaded, surface.conditions)
+    landscape, each = Landscape(loaded), drops // samples
     for point in points:
-        make_job(part, point, 0, landscape=landscape)  # raises InvalidValueError if impossible
-    found = drop_points(
-        part,
-        points,
-        each,
-        seed,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
-        landscape=landscape,
-    )
+        make_job(loaded, point, 0, landscape=landscape)  # raises InvalidValueError if impossible
+    with DropProgress(loaded.name, each * samples, shown=progress) as bar:
+        found = drop_points(
+            loaded,
+            points,
+            each,
+            seed,
+            workers=workers,
+            progress=bar.update,
+            stopped=stopped,
+            landscape=landscape,
+        )
+        bar.end(int(found.drops.sum()))
     kept = np.flatnonzero(found.drops == each).tolist()
+    if len(kept) < 2:
+        raise StoppedError('interrupted before two samples were complete: there is no result')
     names = sorted({name for draw in surface.draws for name in draw})
     return PropagatedResult(
-        part,
+        loaded,
         found.aspects,
         surface.conditions,
         tuple({name: getattr(points[k], name) for name in names} for k in kept),

@@ -14,10 +14,8 @@ import numpy as np
 import yaml
 from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.output_files import make_folder, whole_file
-from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.api.result import Result, make_folder, whole_file
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
@@ -374,7 +372,8 @@ def study(
     confidence: float = CONFIDENCE,
     out: str | Path | None = None,
     workers: int | Workers | None = None,
-    progress: bool = False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
 ) -> StudyResult:
     """Drop parts at many points of some conditions, and find what the shares depend on.
@@ -410,7 +409,7 @@ def study(
         Confidence of the intervals.
     out : str or Path, optional
         Folder of the study. Points that are finished there are not simulated again.
-    workers, progress
+    workers, progress, stopped
         As for `drop`.
     **conditions : float
         Conditions that differ from the surface, in SI units.
@@ -448,7 +447,7 @@ def study(
         confidence,
     )
     folder = None if out is None else Path(out)
-    return run_study(spec, folder, workers=workers, progress=progress)
+    return run_study(spec, folder, workers=workers, progress=progress, stopped=stopped)
 
 
 def run_study(
@@ -456,8 +455,8 @@ def run_study(
     folder: Path | None,
     *,
     workers: int | Workers | None = None,
-    progress: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
 ) -> StudyResult:
     """Make a study or continue it; see study. Ends early if ``stopped`` returns True."""
     versions = worker_versions()
@@ -492,7 +491,7 @@ class _StudyRun:
         spec: StudySpec,
         store: PointStore,
         workers: Workers,
-        progress: bool,
+        progress: Progress,
         stopped: Callable[[], bool],
     ) -> None:
         self.spec, self.design, self.complete = spec, spec.made_design(), True
@@ -558,7 +557,7 @@ class _StudyRun:
         missing = [w for w in wanted if w not in known]
         label = f'{len(missing)} {"missing " * bool(known)}{label}'
         total = sum(w.drops * self._rows(w) for w in missing)
-        with DropProgress(label, total, shown=self._progress and total > 0) as bar:
+        with DropProgress(label, total, shown=total > 0 and self._progress) as bar:
             found = run_tasks(
                 [partial(self._simulate, w) for w in missing],
                 self._workers,

@@ -9,7 +9,7 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import cycle_times, forecast, forecast_from
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 

@@ -3,12 +3,12 @@
 import pytest
 import trimesh
 
-from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.look_alike_notes import (
+from resting_aspects_ros.api.forecast_result import (
     counted_apart_texts,
     divided_class_texts,
     look_alike_texts,
 )
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.find import find_aspects
 
 

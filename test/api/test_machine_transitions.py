@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.measured_trials import machine_transitions
+from resting_aspects_ros.api.roadmap import machine_transitions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.intervals import intervals

@@ -13,7 +13,6 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.drop_counter import DropCounter
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
@@ -170,19 +169,16 @@ def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
     assert distribution.counts.tolist() == result.distribution.counts.tolist()
 
 
-def test_the_log_of_interrupted_drops_is_closed(workers, tmp_path, monkeypatch):
+def test_the_log_of_interrupted_drops_is_closed(workers, tmp_path):
     counted = []
 
-    def interrupt(self, poses):
+    def interrupt(poses, ids):
         counted.append(len(poses))
-        count(self, poses)
         if len(counted) == 2:
             raise KeyboardInterrupt
 
-    count = DropCounter._count
-    monkeypatch.setattr(DropCounter, '_count', interrupt)
     with pytest.raises(KeyboardInterrupt):
-        ra.drop('tetrahedron', drops=2000, workers=workers, log=tmp_path)
+        ra.drop('tetrahedron', 2000, workers=workers, log=tmp_path, consumers=[interrupt])
     (log,) = tmp_path.iterdir()
     assert (log / 'metadata.yaml').is_file()
     assert ra.read_log(log).distribution.drops == sum(counted)

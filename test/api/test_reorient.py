@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.transition_counter import compare_matrices
+from resting_aspects_ros.api.runner import compare_matrices
 from resting_aspects_ros.simulation.starts import GivenStates, Noise
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
 

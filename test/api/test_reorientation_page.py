@@ -11,8 +11,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.measured_trials import MeasuredComparison, MeasuredPair
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
 from resting_aspects_ros.api.reorientation_files import (
     MEASURED,
@@ -23,6 +22,7 @@ from resting_aspects_ros.api.reorientation_files import (
     retention_page,
 )
 from resting_aspects_ros.api.retention import RetentionResult
+from resting_aspects_ros.api.roadmap import MeasuredComparison, MeasuredPair
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.transitions import matrix_fields, retention_fields
 from resting_aspects_ros.simulation.actions import Kick, NamedAction

@@ -16,8 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resting_aspects_ros.api import roadmap
-from resting_aspects_ros.api.measured_trials import compare_measured, with_measured
-from resting_aspects_ros.api.roadmap import read_roadmap, roadmap_document
+from resting_aspects_ros.api.roadmap import (
+    compare_measured,
+    read_roadmap,
+    roadmap_document,
+    with_measured,
+)
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE

@@ -7,9 +7,9 @@ import warnings
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import (
+from resting_aspects_ros.api.conditions import (
     has_level_floor,
+    simulated_shapes,
     surroundings,
     surroundings_text,
     warn_of_surroundings,

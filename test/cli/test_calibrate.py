@@ -5,8 +5,10 @@ import json
 import pytest
 import yaml
 
-from resting_aspects_ros.cli.main import DONE, INTERRUPTED, WRONG_INPUT
+from resting_aspects_ros.cli import life_cycle
+from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, WRONG_INPUT
 from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces, surfaces_file
+from resting_aspects_ros.simulation.interruption import Interruption
 
 COUNTS = """
 surface: {surface}
@@ -85,14 +87,12 @@ def test_wrong_input_is_one_line(run, tmp_path, changes, words, message):
 
 
 def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):
-    from resting_aspects_ros.cli.verbs import calibrate
-
-    class Asked(calibrate.Interruption):
+    class Asked(Interruption):
         def __enter__(self):
             self.asked = True
             return self
 
-    monkeypatch.setattr(calibrate, 'Interruption', Asked)
+    monkeypatch.setattr(life_cycle, 'Interruption', Asked)
     ended = run('calibrate', counts, *FEW)
     assert (ended.returncode, ended.stdout) == (INTERRUPTED, '')
     assert 'there is no result' in ended.stderr

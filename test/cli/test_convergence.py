@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.drop_counter import check_convergence
-from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.runner import DropProgress, check_convergence
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from resting_aspects_ros.api.output_files import POSES_HEADER
+from resting_aspects_ros.api.result import POSES_HEADER
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.job import make_job

@@ -13,7 +13,7 @@ from contextlib import suppress
 import pytest
 import trimesh
 
-from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.report.page import Page
 from resting_aspects_ros.simulation.workers import MAX_DEATHS
 

@@ -556,7 +556,7 @@ def test_from_log_repeats_the_recorded_drops(
 def test_from_log_refuses_a_log_without_drops(log_of, dropped, part, refused):
     folder = log_of(part('l_bracket'), dropped[0], [dropped[1].between(0, 0)])
     assert refused('drop', '--from-log', folder).endswith(
-        f'invalid --from-log {str(folder)!r}: expected a log with drops'
+        f'invalid log {str(folder)!r}: expected a log with drops'
     )
 
 
@@ -587,10 +587,10 @@ def test_from_log_refuses_flags_that_the_log_defines(run, log, words, says):
 def test_from_log_refuses_a_log_without_drops_or_part(run, log, refused):
     empty, bare = log('empty', 0), log('bare', 1, described=False)
     assert refused('drop', '--from-log', empty) == (
-        f'error: invalid --from-log {str(empty)!r}: expected a log with drops'
+        f'error: invalid log {str(empty)!r}: expected a log with drops'
     )
     assert refused('drop', '--from-log', bare).endswith(
-        f'invalid --from-log {str(bare)!r}: expected a log with the description of its part'
+        f'invalid log {str(bare)!r}: expected a log with the description of its part'
     )
     assert 'it has no .mcap file' in refused('drop', '--from-log', empty.parent)
     assert refused('drop').startswith('error: missing part: expected a name, ')
@@ -634,5 +634,5 @@ def test_all_commands_refuse_a_non_log_with_equal_errors(refused, tmp_path, word
         (tmp_path / 'logs' / name / f'{name}_0.mcap').touch()
     (tmp_path / 'text.txt').write_text('hello')
     for path, says in NO_LOGS.items():
-        line = refused(*words.split(), path).replace('--from-log: ', '')
+        line = refused(*words.split(), path)
         assert line == f'error: {says}; expected the folder of a run, or an .mcap file'

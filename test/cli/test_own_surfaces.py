@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.cli.main import make_parser
 from resting_aspects_ros.cli.verbs import COMMANDS
 from resting_aspects_ros.simulation.conditions import QUANTITIES

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.classify import read_pose_csv
-from resting_aspects_ros.api.output_files import POSES_HEADER
+from resting_aspects_ros.api.result import POSES_HEADER
 from resting_aspects_ros.errors import InvalidValueError
 
 # An orientation with four different numbers.

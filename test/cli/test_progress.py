@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from resting_aspects_ros.api import progress
+from resting_aspects_ros.api import runner
 
 WORDS = ('drop', 'l_bracket', '--drops', 1500, '--workers', 2)
 
@@ -57,8 +57,8 @@ def test_a_pipe_gets_lines_with_the_rate(run):
 
 
 def test_pipe_gets_no_line_twice(monkeypatch, capsys):
-    monkeypatch.setattr(progress, 'LINE_PERIOD', 0.0)
-    with progress.DropProgress('part', 10) as shown:
+    monkeypatch.setattr(runner, 'LINE_PERIOD', 0.0)
+    with runner.DropProgress('part', 10) as shown:
         for done in (0, 0, 3, 3, 7, 7):
             shown.update(done)
         shown.end(7)  # the precision was reached early
@@ -69,8 +69,8 @@ def test_pipe_gets_no_line_twice(monkeypatch, capsys):
 
 def test_slow_drops_have_a_rate(monkeypatch, capsys):
     seconds = iter([0.0, 80.0, 81.0])
-    monkeypatch.setattr(progress.time, 'monotonic', lambda: next(seconds))
-    with progress.DropProgress('part', 100) as shown:
+    monkeypatch.setattr(runner.time, 'monotonic', lambda: next(seconds))
+    with runner.DropProgress('part', 100) as shown:
         shown.update(10)
         shown.update(100)
     rates = [line.split('  ')[1] for line in capsys.readouterr().err.splitlines()]

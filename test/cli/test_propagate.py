@@ -5,8 +5,8 @@ import json
 import pytest
 import yaml
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
+from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.cli.life_cycle import DONE, FAILED, WRONG_INPUT
 from resting_aspects_ros.errors import OutputError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.studies.propagate import PropagatedResult
@@ -76,7 +76,7 @@ def test_full_disk_does_not_lose_the_result(run, calibration, monkeypatch):
         (['--propagate', 'absent.json'], "invalid calibration 'absent.json'"),
         (['--propagate', 'FILE', '--friction', '0.3'], 'invalid --friction'),
         (['--propagate', 'FILE', '--surface', 'steel'], 'invalid --surface steel'),
-        (['--propagate', 'FILE', '--log', 'logs'], 'invalid --log: expected only without'),
+        (['--propagate', 'FILE', '--log', 'logs'], "invalid --log 'logs': expected only"),
         (['--propagate', 'FILE', '--drops', '15'], 'invalid drops 15: expected at least 16'),
     ],
 )

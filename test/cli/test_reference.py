@@ -10,11 +10,11 @@ import re
 import pytest
 from doc_pages import PAGES, code, first_cells, section
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
 from resting_aspects_ros.aspects.estimate import METHODS
-from resting_aspects_ros.cli import main, verbs
+from resting_aspects_ros.cli import life_cycle, main, verbs
 from resting_aspects_ros.part.library import EXPECTED
 from resting_aspects_ros.simulation.actions import KINDS
 from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf, quantities_of
@@ -102,7 +102,9 @@ def test_every_surface_is_listed(surfaces):
 
 def test_every_exit_code_is_listed():
     listed = [int(cell) for cell in first_cells(section(COMMANDS, '## Exit codes and output'))]
-    assert listed == sorted([main.DONE, main.FAILED, main.WRONG_INPUT, main.INTERRUPTED])
+    assert listed == sorted(
+        [life_cycle.DONE, life_cycle.FAILED, life_cycle.WRONG_INPUT, life_cycle.INTERRUPTED]
+    )
 
 
 def test_maximum_of_drops_is_that_of_a_run():

@@ -8,7 +8,7 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api import reorient
-from resting_aspects_ros.cli import reorient_run
+from resting_aspects_ros.api.runner import Runner
 from resting_aspects_ros.errors import EngineError
 
 WORDS = ('reorient', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
@@ -75,14 +75,14 @@ def test_several_actions_are_compared_in_a_table(run_in, tmp_path):
 
 
 def test_error_in_the_second_action_keeps_the_results(run_in, tmp_path, monkeypatch):
-    make = reorient_run.make_actions
+    count = Runner.count
 
-    def dies_in_toss(planned, *others, **options):
-        if planned.action.name == 'toss':
+    def dies_in_toss(self, *others, label='', **options):
+        if 'toss' in label:
             raise EngineError('the workers died')
-        return make(planned, *others, **options)
+        count(self, *others, label=label, **options)
 
-    monkeypatch.setattr(reorient_run, 'make_actions', dies_in_toss)
+    monkeypatch.setattr(Runner, 'count', dies_in_toss)
     ended = run_in(tmp_path, *WORDS, '--action', 'tap,toss', '--json', '--out', 'o')
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1] == 'error: the workers died; the result has 40 actions'
@@ -95,13 +95,13 @@ def test_error_in_the_second_action_keeps_the_results(run_in, tmp_path, monkeypa
 
 
 def test_ctrl_c_in_the_check_keeps_the_result(run_in, tmp_path, monkeypatch):
-    check = reorient.check_in_finer_steps
+    check = reorient.repeat_actions_in_finer_steps
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         return check(*arguments)
 
-    monkeypatch.setattr(reorient, 'check_in_finer_steps', interrupted)
+    monkeypatch.setattr(reorient, 'repeat_actions_in_finer_steps', interrupted)
     ended = run_in(tmp_path, *WORDS, '--check-convergence', '--json')
     assert ended.returncode == 130
     assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
@@ -128,7 +128,7 @@ def test_folder_of_measured_trials_is_not_overwritten(run_in, saved):
     before = (saved[0] / 'roadmap.json').read_bytes()
     ended = run_in(saved[0], *WORDS, '--measured', 'roadmap.json', '--out', '.')
     assert ended.returncode == 2
-    assert 'another folder' in ended.stderr
+    assert 'whose trials would be lost' in ended.stderr
     assert (saved[0] / 'roadmap.json').read_bytes() == before
 
 

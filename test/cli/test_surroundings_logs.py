@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.plan_drops import plan_drops
+from resting_aspects_ros.api.plan import plan_drops
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import LogError

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from resting_aspects_ros.api import surroundings
+from resting_aspects_ros.api import conditions
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.surroundings import surroundings_names
 
@@ -81,7 +81,7 @@ def test_wedging_is_named_before_the_drops(refused, monkeypatch):
     def end(text):
         raise InvalidValueError(text)
 
-    monkeypatch.setattr(surroundings, 'warn', end)
+    monkeypatch.setattr(conditions, 'warn', end)
     groove = ['--surroundings', 'v_groove', '--set', 'opening=28deg']
     assert 'parts can wedge in the groove' in refused('drop', 'tetrahedron', *groove)
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.cli.feeder_demo_layout import foxglove_layout
+from resting_aspects_ros.cli.feeder_display import foxglove_layout
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg, missing_text
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.conditions import with_surroundings
 from resting_aspects_ros.client import (
     AnswerTimeoutError,
     NotAvailableError,

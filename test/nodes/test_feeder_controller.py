@@ -21,7 +21,7 @@ from resting_aspects_interfaces.msg import (
 from scipy.stats import binomtest
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from

@@ -27,7 +27,7 @@ from std_msgs.msg import Header
 from resting_aspects_ros.api.drift import drift_test, watch_drift
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client.client import RestingAspectsClient

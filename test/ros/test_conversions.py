@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
-from resting_aspects_ros.api.surroundings import surroundings
+from resting_aspects_ros.api.conditions import surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, PartError
 from resting_aspects_ros.ros import conversions

@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.surroundings import without_drops
+from resting_aspects_ros.api.conditions import without_drops
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE, SIDE
 from resting_aspects_ros.errors import InvalidValueError

@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import FeederAction
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
-from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import InvalidValueError

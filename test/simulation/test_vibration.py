@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, kstest
 
-from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
@@ -340,10 +340,10 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     assert beyond[~lost].max() < 0
     assert n / 8 < lost.sum() < n
     assert (poses.status[~lost] == RestStatus.SETTLED).all()
-    counter = TransitionCounter(no_actions(aspects), run, 0.0)
-    counter.count(poses)
-    assert counter.matrix.counts[:, -1].sum() == lost.sum()
-    assert counter.matrix.actions.tolist() == [n / 5] * 5
+    tally = TransitionTally(no_actions(aspects), run.drops)
+    tally.add(poses, aspect_ids(aspects, poses))
+    assert tally.matrix.counts[:, -1].sum() == lost.sum()
+    assert tally.matrix.actions.tolist() == [n / 5] * 5
 
 
 # -- While the plate moves in Bullet --------------------------------------------------------------

@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, ncx2
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.statistics.comparison import (
+    UNIT,
+    DropCounts,
+    batch_scatter,
+    compare,
+    p_of_window,
+)
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import (
     MAX_SHIFT,
@@ -17,7 +23,6 @@ from resting_aspects_ros.statistics.drift import (
     largest_deviation,
     parts_needed,
 )
-from resting_aspects_ros.statistics.g_test import UNIT, batch_scatter, p_of_window
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 TWO = np.array([0.7, 0.3])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2_contingency, fisher_exact, power_divergence
 
-from resting_aspects_ros.statistics.g_test import (
+from resting_aspects_ros.statistics.comparison import (
     MAX_UNITS,
     batch_scatter,
     g_statistic,

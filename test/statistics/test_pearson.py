@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2_contingency, chisquare, fisher_exact
 
-from resting_aspects_ros.statistics.pearson import MIN_EXPECTED, TABLES, p_of_one, p_of_two
+from resting_aspects_ros.statistics.comparison import MIN_EXPECTED, TABLES, p_of_one, p_of_two
 
 # Tolerance of a p value by random tables: five standard errors.
 FIVE_ERRORS = 5 * math.sqrt(0.25 / TABLES)
@@ -91,7 +91,7 @@ def test_chi_square_is_used_from_five_expected_drops():
 def test_chi_square_and_random_tables_agree_for_many_drops(monkeypatch):
     one, other = counts(30, 60, 110), counts(45, 55, 100)
     by_formula, _ = p_of_two(one, other, generator())
-    monkeypatch.setattr('resting_aspects_ros.statistics.pearson.MIN_EXPECTED', math.inf)
+    monkeypatch.setattr('resting_aspects_ros.statistics.comparison.MIN_EXPECTED', math.inf)
     by_tables, source = p_of_two(one, other, generator())
     assert source == 'monte carlo'
     assert by_tables == pytest.approx(by_formula, abs=FIVE_ERRORS)

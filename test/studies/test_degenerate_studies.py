@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.points import Case

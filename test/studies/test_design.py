@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.conditions import given_conditions
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.actions import Kick, NamedAction
 from resting_aspects_ros.simulation.surroundings import named_surroundings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import Plane
 from resting_aspects_ros.studies.design import Setting

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import chi2_contingency
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.conditions import given_conditions
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.studies.design import Setting

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.statistics.distribution import OUTSIDE as OTHER
 from resting_aspects_ros.studies.propagate import (

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.surroundings import contacts_in, scene_of, with_surroundings
+from resting_aspects_ros.api.conditions import (
+    contacts_in,
+    scene_of,
+    shipped_surfaces,
+    with_surroundings,
+)
 from resting_aspects_ros.aspects.support import EDGE, NONE
 from resting_aspects_ros.studies.objective import WantedContacts, finder_in, read_contacts
 

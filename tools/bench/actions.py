@@ -7,7 +7,7 @@ from validation.dropper import SEED
 
 from bench.case import COST_DROPS, cost, example_part
 from bench.report import Section, Table
-from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_actions, shipped_surfaces
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job

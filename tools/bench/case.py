@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from validation.dropper import ROOT, SEED
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.part import Part

@@ -17,8 +17,7 @@ from bench.case import COST_DROPS, Trial, cost, example_part
 from bench.mujoco import mujoco_loop
 from bench.plain import plain_loop
 from bench.report import Section, Table
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.conditions import shipped_surfaces, with_surroundings
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 

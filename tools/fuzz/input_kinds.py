@@ -13,7 +13,7 @@ import yaml
 import resting_aspects_ros as ra
 from fuzz.step_text import step_text
 from resting_aspects_ros.api.classify import read_pose_csv
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.count_files import read_counts, read_observed
 from resting_aspects_ros.api.given_states import read_state_csv
 from resting_aspects_ros.api.grasps import check_grasps

@@ -9,8 +9,7 @@ from rich.progress import track
 from scipy.stats import chi2, chi2_contingency
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.surroundings import aspects_in, with_surroundings
+from resting_aspects_ros.api.conditions import aspects_in, shipped_actions, with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job

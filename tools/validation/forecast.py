@@ -26,8 +26,8 @@ from resting_aspects_ros.feeding.tray_simulation import (
     forecast_controller,
     simulate,
 )
+from resting_aspects_ros.statistics.comparison import p_of_window
 from resting_aspects_ros.statistics.drift import parts_needed
-from resting_aspects_ros.statistics.g_test import p_of_window
 from validation.dropper import SEED
 from validation.feeder_events import simulated_picks
 

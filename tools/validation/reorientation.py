@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.reorient import drop_for_start
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import Kick
@@ -107,8 +107,16 @@ def _memory(dropper: Dropper, parts: list[Part], strongest: dict[str, Counts]) -
     yield '|---|---|---|---|---|---|---|---|'
     generator = np.random.default_rng(SEED)
     for part in parts:
-        drop, _ = drop_for_start(part, conditions, DROPS, SEED, dropper.workers, shown=False)
-        drop = drop.by_class()
+        result = ra.drop(
+            part,
+            DROPS,
+            surface=conditions,
+            seed=SEED,
+            workers=dropper.workers,
+            keep_poses=False,
+            force=True,
+        )
+        drop = result.distribution.by_class()
         outside = [drop.unclassified, drop.unsettled, drop.failed, drop.lost, drop.sliding]
         dropped = np.array([[*drop.counts.tolist(), *outside]])
         rows = strongest[part.name]

@@ -10,7 +10,7 @@ import trimesh
 from scipy.stats import chi2_contingency
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.conditions import with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.job import make_job

@@ -8,7 +8,7 @@ from rich.progress import track
 from scipy.stats import chi2
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.surroundings import aspects_in, with_surroundings
+from resting_aspects_ros.api.conditions import aspects_in, with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.job import KERNEL, make_job

@@ -3,15 +3,12 @@
 import argparse
 import json
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.cli.options import add_workers
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer
+from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
+from resting_aspects_ros.cli.options import add_workers, parse_integer
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -27,7 +24,6 @@ EXAMPLES = """examples:
   resting_aspects calibrate thick_glass.yaml thin_glass.yaml
 """
 DOCUMENT, ENTRY, PICTURE = 'calibration.json', 'surface.yaml', 'calibration.png'
-INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,8 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     folders = {name: _folder(arguments.out, name, len(surfaces)) for name in surfaces}
     results: list[CalibrationResult] = []
-    with Interruption() as stop, ExitStack() as stack:
-        workers = start_workers(arguments, stack)
+    with session(arguments) as started:
         for name, path in zip(surfaces, arguments.counts, strict=True):
             result = calibrate(
                 path,
@@ -107,18 +102,16 @@ def run(arguments: argparse.Namespace) -> int:
                 rounds=arguments.rounds,
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
-                workers=workers,
-                progress=True,
-                stopped=lambda: stop.asked,
+                **started.options,
             )
             results.append(result)
             _write(result, folders[name], quiet=arguments.json)
-            if stop.asked:
+            if started.stop.asked:
                 break
         _compare(results, as_json=arguments.json)
-        if stop.asked:
+        if started.stop.asked:
             print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
-        return INTERRUPTED if stop.asked else 0
+        return INTERRUPTED if started.stop.asked else 0
 
 
 def _compare(results: list['CalibrationResult'], *, as_json: bool) -> None:
@@ -141,7 +134,7 @@ def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
     """Return the folder of a surface, which can be written; None if nothing is saved."""
     if out is None:
         return None
-    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.api.result import check_output, make_folder
 
     folder = out if surfaces == 1 else out / surface
     make_folder('--out', folder)
@@ -158,7 +151,7 @@ def _write(result: 'CalibrationResult', folder: Path | None, *, quiet: bool) -> 
             print(f'\n{result.surface_entry(uncertainty=False)}', end='')
     if folder is None:
         return
-    from resting_aspects_ros.api.output_files import whole_file
+    from resting_aspects_ros.api.result import whole_file
 
     written = []
     for name, text in ((DOCUMENT, result.to_json), (ENTRY, result.surface_entry)):

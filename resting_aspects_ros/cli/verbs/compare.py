@@ -9,8 +9,8 @@ from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_output,
+    parse_share,
 )
-from resting_aspects_ros.cli.values import parse_share
 from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.api.result import check_output, make_folder
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
     """Request and show the distribution, and wait for the log; returns the path of the log."""
-    from resting_aspects_ros.api.progress import DropProgress
+    from resting_aspects_ros.api.runner import DropProgress
     from resting_aspects_ros.cli.console import print_result
     from resting_aspects_ros.cli.verbs.request import result_from
     from resting_aspects_ros.client.client import RestingAspectsClient

@@ -2,10 +2,10 @@
 
 import argparse
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from resting_aspects_ros.cli.life_cycle import session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
@@ -13,10 +13,10 @@ from resting_aspects_ros.cli.options import (
     add_part,
     add_workers,
     flag_of,
+    parse_integer,
+    parse_share,
 )
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
@@ -135,9 +135,9 @@ def run(arguments: argparse.Namespace) -> int:
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.api.drift import watch_drift
+    from resting_aspects_ros.api.forecast_result import counted_apart_texts
     from resting_aspects_ros.api.load_part import load_part
-    from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
-    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.api.result import check_output, make_folder
     from resting_aspects_ros.aspects.find import find_aspects
     from resting_aspects_ros.cli.console import make_console
     from resting_aspects_ros.statistics.drift import check_windows
@@ -170,16 +170,18 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
         from resting_aspects_ros.cli.options import requested_conditions
 
         conditions = requested_conditions(arguments)
-        with ExitStack() as stack:
-            return drop(
+        with session(arguments) as started:
+            result = drop(
                 part,
-                DEFAULT_DROPS if arguments.drops is None else arguments.drops,
+                arguments.drops,
                 surface=conditions,
                 seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
-                workers=start_workers(arguments, stack),
                 keep_poses=False,
-                progress=True,
+                **started.options,
             )
+        if not result.complete:
+            raise StoppedError('interrupted')
+        return result
     from resting_aspects_ros.api.count_files import counted_drops
     from resting_aspects_ros.api.counts import check_same_part
 

@@ -1,9 +1,9 @@
 """`resting_aspects drop`: drop a part on this machine, without ROS nodes."""
 
 import argparse
-from contextlib import ExitStack
 from pathlib import Path
 
+from resting_aspects_ros.cli.life_cycle import session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
@@ -13,11 +13,10 @@ from resting_aspects_ros.cli.options import (
     add_run,
     add_surroundings,
     add_workers,
+    parse_integer,
+    parse_share,
 )
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.conditions import quantities_of
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Noise
 
@@ -140,25 +139,15 @@ def _is_folder(given: list[str]) -> bool:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
-        confidence = parse_share('--confidence', arguments.confidence)
-        # The workers are stopped last, so that the result is written even if stopping them fails.
-        workers = start_workers(arguments, stack)
+    confidence = parse_share('--confidence', arguments.confidence)
+    with session(arguments) as started:
+        # These imports are slow because of NumPy.
+        from resting_aspects_ros.cli import drop_run
+
         # With --parts, one part is a name in that folder, even if there is a folder of this name.
         if len(arguments.part) > 1 or (arguments.parts is None and _is_folder(arguments.part)):
-            from resting_aspects_ros.cli.drop_batch_run import drop_batch_and_show
-
-            return drop_batch_and_show(arguments, workers, confidence, stop)
+            return drop_run.drop_batch_and_show(arguments, started, confidence)
         arguments.part = arguments.part[0] if arguments.part else None
         if arguments.propagate is not None:
-            from resting_aspects_ros.cli.drop_propagated_run import drop_propagated_and_show
-
-            return drop_propagated_and_show(arguments, workers, confidence, stop)
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.cli.drop_request import requested_drops
-        from resting_aspects_ros.cli.drop_run import drop_and_show
-
-        request = requested_drops(arguments)
-        if not arguments.force:
-            request.check_height()
-        return drop_and_show(arguments, request, workers, confidence, stop)
+            return drop_run.drop_propagated_and_show(arguments, started, confidence)
+        return drop_run.drop_and_show(arguments, started, confidence)

@@ -4,10 +4,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.api.result import check_output, make_folder
 from resting_aspects_ros.cli.forecast_options import add_cell
-from resting_aspects_ros.cli.options import add_output
-from resting_aspects_ros.cli.values import parse_integer
+from resting_aspects_ros.cli.options import add_output, parse_integer
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 

@@ -1,26 +1,34 @@
 """`resting_aspects forecast`: parts per minute of a feeder with a camera and a robot."""
 
 import argparse
-import signal
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.cli.action_options import add_action_values
-from resting_aspects_ros.cli.forecast_options import add_cell, add_pickable
+from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
+from resting_aspects_ros.cli.forecast_options import (
+    add_cell,
+    add_pickable,
+    parse_gripper,
+    parse_tray,
+    requested_times,
+)
+from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session, text_file
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
     add_output,
     add_part_place,
     add_workers,
+    parse_integer,
+    parse_numbers,
+    parse_share,
+    requested_conditions,
 )
-from resting_aspects_ros.cli.result_folder import make_result_folder
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -39,7 +47,6 @@ EXAMPLES = """examples:
   resting_aspects forecast hex_nut --pickable-classes 1 --parts-on-tray 40
 """
 DOCUMENT, PICTURE = 'forecast.json', 'forecast.png'
-INTERRUPTED = 130
 PER_ASPECT = 200
 
 
@@ -118,21 +125,91 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
-        confidence = parse_share('--confidence', arguments.confidence)
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.cli.forecast_run import make_forecasts, requested_forecasts
+    confidence = parse_share('--confidence', arguments.confidence)
+    with session(arguments) as started:
+        # These imports are slow because of NumPy and shapely.
+        from resting_aspects_ros.api.forecast import forecast_each
+        from resting_aspects_ros.api.forecast_result import (
+            save_forecast_picture,
+            write_forecast_report,
+        )
+        from resting_aspects_ros.api.load_part import load_part
 
-        requested = requested_forecasts(arguments, confidence)
-        part_name = requested.parts[0].name
-        out = make_result_folder(arguments, part_name, (DOCUMENT, PICTURE), _check_report)
-        workers = start_workers(arguments, stack)
-        results = make_forecasts(requested, workers, lambda: stop.asked)
-        if not results:
-            print('interrupted; there is no forecast', file=sys.stderr)
-            return INTERRUPTED
-        _write(results, out, arguments)
-        return 0
+        options = _options(arguments)
+        sets = _sets(arguments)
+        parts = [
+            load_part(name, arguments.unit, arguments.parts, arguments.body)
+            for name in arguments.part
+        ]
+        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), _check_report)
+        requests = list(zip(parts, sets, strict=True))
+        results = forecast_each(requests, confidence=confidence, **options, **started.options)
+        first, *others = results
+        files: dict[str, Callable[[Path], object]] = {
+            DOCUMENT: text_file(partial(first.to_json, others))
+        }
+        if not arguments.report:
+            files[PICTURE] = partial(save_forecast_picture, results)
+        show = partial(_show, results, as_json=arguments.json)
+        report = partial(write_forecast_report, results) if arguments.report else None
+        finish(arguments, out, files, show, report)
+        return DONE
+
+
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the forecast that the flags request; raises InvalidValueError."""
+    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
+
+    arguments.action = arguments.action or DEFAULT_ACTION
+    actions = requested_actions(arguments)
+    if len(actions) > 1:
+        raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
+    options = requested_times(arguments)
+    if arguments.grasps is not None:
+        # The import of shapely is only needed here.
+        from resting_aspects_ros.api.grasps import load_grasps
+
+        if arguments.gripper is not None:
+            raise InvalidValueError('invalid --gripper: expected none with --grasps')
+        if len(arguments.part) > 1:
+            raise InvalidValueError('invalid --grasps: expected a single part')
+        options['grasps'] = load_grasps(arguments.grasps)
+    if arguments.gripper is not None:
+        options['gripper'] = parse_gripper(arguments.gripper)
+    return options | {
+        'action': actions[0],
+        'tray': parse_tray(arguments.tray),
+        'clearance': parse_quantity('--clearance', arguments.clearance, 'm'),
+        'parts_on_tray': arguments.parts_on_tray,
+        'max_picks': arguments.max_picks,
+        'minutes': parse_quantity('--minutes', arguments.minutes, ''),
+        'controller': arguments.controller,
+        'per_aspect': arguments.per_aspect,
+        'drops': arguments.drops,
+        'seed': arguments.seed,
+        'surface': requested_conditions(arguments),
+    }
+
+
+_Sets = list[tuple[tuple[int, ...] | None, tuple[int, ...] | None]]
+
+
+def _sets(arguments: argparse.Namespace) -> list[_Sets]:
+    """Return for each part the requested sets of ids or of numbers of classes."""
+    by_id = arguments.pickable is not None
+    flag = '--pickable' if by_id else '--pickable-classes'
+    texts = arguments.pickable if by_id else arguments.pickable_classes
+    numbers = [parse_numbers(flag, text) for text in texts]
+    sets: _Sets = [(each, None) if by_id else (None, each) for each in numbers]
+    parts = len(arguments.part)
+    if parts == 1 or len(sets) == 1:
+        return [sets] * parts
+    if len(sets) != parts:
+        raise InvalidValueError(
+            f'invalid {flag}: {len(sets)} sets for {parts} parts: expected one set, or one for '
+            'each part'
+        )
+    return [[each] for each in sets]
 
 
 def _check_report(flag: str, out: Path) -> None:
@@ -142,43 +219,11 @@ def _check_report(flag: str, out: Path) -> None:
     check_forecast_report(flag, out)
 
 
-def _write(
-    results: 'Sequence[ForecastResult]', out: Path | None, arguments: argparse.Namespace
-) -> None:
-    """Save and print the results, even if a step fails; the slow report is last."""
-    from resting_aspects_ros.api.output_files import whole_file
-
-    first, *others = results
-    written = []
-    try:
-        if out is not None:
-            with whole_file(out / DOCUMENT) as file:
-                file.write_text(first.to_json(others), encoding='utf-8')
-            written.append(out / DOCUMENT)
-            if not arguments.report:
-                from resting_aspects_ros.api.forecast_result import save_forecast_picture
-
-                save_forecast_picture(results, out / PICTURE)
-                written.append(out / PICTURE)
-    finally:
-        if arguments.json:
-            sys.stdout.write(first.to_json(others))
-        else:
-            _show(results)
-    if written and not arguments.json:
-        print(f'Written: {", ".join(str(path) for path in written)}', flush=True)
-    if arguments.report and out is not None:
-        # Everything else is saved, so Ctrl-C may end the report at once.
-        catch(signal.default_int_handler)
-        from resting_aspects_ros.api.forecast_result import write_forecast_report
-
-        page = write_forecast_report(results, out)
-        if not arguments.json:
-            print(f'Report: {page}')
-
-
-def _show(results: 'Sequence[ForecastResult]') -> None:
-    """Print a sentence for each result, then the table, and notes."""
+def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:
+    """Print a sentence for each result, then the table, and notes; or a document."""
+    if as_json:
+        sys.stdout.write(results[0].to_json(results[1:]))
+        return
     from resting_aspects_ros.cli.console import make_console, show_table
     from resting_aspects_ros.report.forecast import cell_text, controlled_text, forecast_table
 

@@ -9,8 +9,8 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part_place,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError, located, shown
+from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.vision.camera import Pinhole

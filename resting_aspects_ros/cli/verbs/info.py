@@ -6,8 +6,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
-from resting_aspects_ros.api.surroundings import surroundings_text
+from resting_aspects_ros.api.conditions import (
+    condition_facts,
+    surface_text,
+    surroundings_text,
+    when_text,
+)
 from resting_aspects_ros.cli.console import make_console, print_table, show_table
 from resting_aspects_ros.cli.options import (
     add_output,

@@ -1,9 +1,12 @@
 """`resting_aspects optimise`: the conditions with the most of the wanted aspects."""
 
 import argparse
-from contextlib import ExitStack
+import sys
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from resting_aspects_ros.cli.life_cycle import exit_code, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
@@ -11,11 +14,17 @@ from resting_aspects_ros.cli.options import (
     add_part,
     add_surroundings,
     add_workers,
+    changed_conditions,
+    parse_integer,
+    parse_numbers,
+    parse_share,
 )
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import NamedAction
+    from resting_aspects_ros.studies.optimum import OptimiseResult
 
 DESCRIPTION = """Find the conditions, within given ranges, in which most parts come to rest in
 wanted aspects, or whose distribution has the least entropy. Fresh drops at the
@@ -27,6 +36,8 @@ EXAMPLES = """examples:
   resting_aspects optimise part.stl --vary height=5mm:0.2 --wanted 1 --out best
   resting_aspects optimise l_bracket --vary height=20mm:0.2 --minimise-entropy
 """
+
+DOCUMENT, POINTS = 'optimum.json', 'points.csv'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,10 +112,69 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
-        confidence = parse_share('--confidence', arguments.confidence)
+    confidence = parse_share('--confidence', arguments.confidence)
+    with session(arguments) as started:
         # These imports are slow because of NumPy.
-        from resting_aspects_ros.cli.optimise_run import optimise_and_show
+        from resting_aspects_ros.api.conditions import requested_surroundings
+        from resting_aspects_ros.api.load_part import load_part
+        from resting_aspects_ros.simulation.conditions import all_surfaces
+        from resting_aspects_ros.studies.design import parse_ranges
+        from resting_aspects_ros.studies.optimise import optimise
+        from resting_aspects_ros.studies.optimum import PAGE
 
-        workers = start_workers(arguments, stack)
-        return optimise_and_show(arguments, workers, confidence, stop)
+        conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
+        part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+        out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
+        result = optimise(
+            part,
+            parse_ranges(arguments.vary),
+            wanted=_numbers('--wanted', arguments.wanted),
+            wanted_classes=_numbers('--wanted-classes', arguments.wanted_classes),
+            wanted_contacts=arguments.wanted_contacts,
+            minimise_entropy=arguments.minimise_entropy,
+            surface=conditions.changed(**changed_conditions(arguments)),
+            surroundings=requested_surroundings(arguments.surroundings, arguments.set),
+            action=_action(arguments),
+            budget=arguments.budget,
+            seed=arguments.seed,
+            confidence=confidence,
+            **started.options,
+        )
+        files = {DOCUMENT: result.save_json, POINTS: result.save_csv}
+        show = partial(_show, result, as_json=arguments.json)
+        finish(arguments, out, files, show, result.report)
+        return exit_code(f'{result.drops} of {result.budget} drops', complete=result.complete)
+
+
+def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
+    """Return the action that is done to parts that were dropped; raises InvalidValueError."""
+    from resting_aspects_ros.api.conditions import shipped_actions
+    from resting_aspects_ros.simulation.actions import Actions
+
+    if arguments.action is not None:
+        known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+        return known.get(arguments.action)
+    if arguments.actions is not None:
+        raise InvalidValueError(
+            f'invalid --actions {str(arguments.actions)!r}: expected only with --action'
+        )
+    return None
+
+
+def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
+    return None if text is None else parse_numbers(flag, text)
+
+
+def _show(result: 'OptimiseResult', *, as_json: bool) -> None:
+    from resting_aspects_ros.cli.console import make_console, show_table
+
+    if as_json:
+        sys.stdout.write(result.to_json())
+        return
+    with analysis('the tables of the result'):
+        console = make_console()
+        show_table(console, result.candidate_table())
+        if result.facts:
+            show_table(console, result.factor_table())
+        for note in result.notes:
+            console.print(note, markup=False, highlight=False)

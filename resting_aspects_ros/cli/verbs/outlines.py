@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
 )
-from resting_aspects_ros.cli.values import parse_quantity
+from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.outlines import OutlinesResult
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.outlines import check_sheet_name, outlines
-    from resting_aspects_ros.api.output_files import check_output
+    from resting_aspects_ros.api.result import check_output
 
     out, sheet = arguments.out, arguments.counting_sheet
     scale = _px_per_mm(arguments)
@@ -91,7 +91,7 @@ def _write(
     result: 'OutlinesResult', out: Path | None, scale: float, sheet: Path | None
 ) -> list[str]:
     """Write the requested files; returns lines that name them."""
-    from resting_aspects_ros.api.output_files import check_output
+    from resting_aspects_ros.api.result import check_output
 
     if out is not None:
         result.check_output('--out', out, scale)

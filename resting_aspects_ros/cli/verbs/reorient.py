@@ -1,10 +1,10 @@
 """`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
 
 import argparse
-from contextlib import ExitStack
 from pathlib import Path
 
 from resting_aspects_ros.cli.action_options import add_action_values
+from resting_aspects_ros.cli.life_cycle import session
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
@@ -13,10 +13,9 @@ from resting_aspects_ros.cli.options import (
     add_part,
     add_surroundings,
     add_workers,
+    parse_integer,
+    parse_share,
 )
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
@@ -119,10 +118,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
-        confidence = parse_share('--confidence', arguments.confidence)
+    confidence = parse_share('--confidence', arguments.confidence)
+    with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.reorient_run import reorient_and_show
 
-        workers = start_workers(arguments, stack)
-        return reorient_and_show(arguments, workers, confidence, stop)
+        return reorient_and_show(arguments, started, confidence)

@@ -4,13 +4,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.progress import ShownProgress
+from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.options import (
     add_ros_args,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.input_files import is_printable
+from resting_aspects_ros.input_files import is_printable, parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition

@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.output_files import check_output
+from resting_aspects_ros.api.result import check_output
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_output,
@@ -22,7 +22,7 @@ from resting_aspects_ros.simulation.job import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
-    from resting_aspects_ros.api.progress import DropProgress
+    from resting_aspects_ros.api.runner import DropProgress
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _estimate(arguments, stop)
         drops, precision = requested_number(arguments)
         # These imports take a second, and --help does not need them.
-        from resting_aspects_ros.api.progress import DropProgress
+        from resting_aspects_ros.api.runner import DropProgress
         from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.statistics.intervals import max_drops

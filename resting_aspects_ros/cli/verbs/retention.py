@@ -1,12 +1,19 @@
 """`resting_aspects retention`: how strong a disturbance makes a part leave each aspect."""
 
 import argparse
-import signal
 import sys
-from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from resting_aspects_ros.cli.life_cycle import (
+    exit_code,
+    finish,
+    partial_result,
+    result_folder,
+    session,
+    text_file,
+)
 from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
@@ -14,11 +21,12 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
     add_workers,
+    parse_integer,
+    parse_share,
+    requested_conditions,
 )
-from resting_aspects_ros.cli.result_folder import make_result_folder
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
-from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.errors import StoppedError
+from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 
 if TYPE_CHECKING:
@@ -34,7 +42,6 @@ EXAMPLES = """examples:
   resting_aspects retention hex_nut --max-lift 20mm --friction 0.4 --json
 """
 DOCUMENT, PICTURE = 'retention.json', 'retention.png'
-INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,38 +88,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
-        confidence = parse_share('--confidence', arguments.confidence)
-        lift = arguments.max_lift
-        max_lift = None if lift is None else parse_quantity('--max-lift', lift, 'm')
+    confidence = parse_share('--confidence', arguments.confidence)
+    lift = arguments.max_lift
+    with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.load_part import load_part
         from resting_aspects_ros.api.retention import retention
-        from resting_aspects_ros.cli.options import requested_conditions
 
-        conditions = requested_conditions(arguments)
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-        out = make_result_folder(arguments, part.name, (DOCUMENT, PICTURE), _check_report)
-        result = retention(
+        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE), _check_report)
+        simulate = partial(
+            retention,
             part,
             arguments.per_height,
-            surface=conditions,
-            max_lift=max_lift,
+            surface=requested_conditions(arguments),
+            max_lift=None if lift is None else parse_quantity('--max-lift', lift, 'm'),
             seed=arguments.seed,
             confidence=confidence,
             engine=arguments.engine,
-            workers=start_workers(arguments, stack),
-            progress=True,
-            stopped=lambda: stop.asked,
+            **started.options,
         )
+        result, failure = partial_result(simulate)
         if not result.curves:
-            print('interrupted; no part was disturbed', file=sys.stderr)
-            return INTERRUPTED
-        _write(result, out, arguments)
-        if not result.complete:
-            print('interrupted; the curves have fewer disturbances', file=sys.stderr)
-            return INTERRUPTED
-        return 0
+            raise failure or StoppedError('interrupted; no part was disturbed')
+        files = {DOCUMENT: text_file(result.to_json)}
+        if not arguments.report:
+            files[PICTURE] = result.save_picture
+        report = result.report if arguments.report else None
+        finish(arguments, out, files, partial(_show, result, as_json=arguments.json), report)
+        disturbed = sum(int(curve.parts.sum()) for curve in result.curves)
+        has = f'{disturbed} of {result.run.drops} disturbances'
+        return exit_code(has, complete=result.complete, failure=failure)
 
 
 def _check_report(flag: str, out: Path) -> None:
@@ -122,36 +128,12 @@ def _check_report(flag: str, out: Path) -> None:
     check_reorientation_report(flag, out, ())
 
 
-def _write(result: 'RetentionResult', out: Path | None, arguments: argparse.Namespace) -> None:
-    """Save and print the result, even if a step fails; the slow report is last."""
-    from resting_aspects_ros.api.output_files import whole_file
+def _show(result: 'RetentionResult', *, as_json: bool) -> None:
     from resting_aspects_ros.cli.console import make_console, show_table
     from resting_aspects_ros.report.transitions import retention_table
 
-    written = []
-    try:
-        if out is not None:
-            with whole_file(out / DOCUMENT) as file:
-                file.write_text(result.to_json(), encoding='utf-8')
-            written.append(out / DOCUMENT)
-            if not arguments.report:
-                result.save_picture(out / PICTURE)
-                written.append(out / PICTURE)
-    finally:
-        if arguments.json:
-            sys.stdout.write(result.to_json())
-        else:
-            show_table(
-                make_console(),
-                retention_table(result.curves, result.title, result.run.conditions.gravity),
-            )
-    if written and not arguments.json:
-        print(f'Written: {", ".join(str(path) for path in written)}', flush=True)
-    if arguments.report and out is not None:
-        # Everything else is saved, so Ctrl-C may end the report at once.
-        catch(signal.default_int_handler)
-        from resting_aspects_ros.api.reorientation_files import write_retention_report
-
-        page = write_retention_report(result, out)
-        if not arguments.json:
-            print(f'Report: {page}')
+    if as_json:
+        sys.stdout.write(result.to_json())
+        return
+    table = retention_table(result.curves, result.title, result.run.conditions.gravity)
+    show_table(make_console(), table)

@@ -2,24 +2,22 @@
 
 import argparse
 import textwrap
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_surroundings,
     add_workers,
+    parse_integer,
+    parse_share,
 )
-from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.interruption import Interruption
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
-INTERRUPTED = 130
 WIDTH = 80  # of the text
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
@@ -103,16 +101,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
-    with Interruption() as stop, ExitStack() as stack:
+    with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.studies.study import run_study
 
         spec, folder = _requested(arguments)
-        workers = start_workers(arguments, stack)
-        result = run_study(
-            spec, folder, workers=workers, progress=True, stopped=lambda: stop.asked
-        )
-        return _show(result, folder)
+        return _show(run_study(spec, folder, **started.options), folder)
 
 
 def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
@@ -146,7 +140,7 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 
 
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
-    from resting_aspects_ros.api.surroundings import requested_surroundings
+    from resting_aspects_ros.api.conditions import requested_surroundings
     from resting_aspects_ros.cli.options import changed_conditions
     from resting_aspects_ros.studies.design import parse_ranges
 

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from resting_aspects_ros.api.surroundings import surroundings_text, without_drops
+from resting_aspects_ros.api.conditions import surroundings_text, without_drops
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part

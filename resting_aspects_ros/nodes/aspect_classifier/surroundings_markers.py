@@ -11,7 +11,7 @@ from resting_aspects_interfaces.msg import SurroundingsDescription
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from resting_aspects_ros.api.surroundings import scene_of
+from resting_aspects_ros.api.conditions import scene_of
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.part.part import Part

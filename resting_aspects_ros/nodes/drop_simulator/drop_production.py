@@ -7,7 +7,7 @@ from contextlib import aclosing, closing
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
-from resting_aspects_ros.api.surroundings import aspects_in
+from resting_aspects_ros.api.conditions import aspects_in
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import EngineError

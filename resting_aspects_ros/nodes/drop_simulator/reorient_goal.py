@@ -6,9 +6,14 @@ from rclpy.action.server import ServerGoalHandle
 from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction
 
-from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.plan_actions import PlannedActions, check_actions, plan_actions
-from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
+from resting_aspects_ros.api.conditions import shipped_actions
+from resting_aspects_ros.api.plan import (
+    PlannedActions,
+    PlannedDrops,
+    check_actions,
+    plan_actions,
+    plan_drops,
+)
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part

@@ -12,8 +12,7 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.api.plan_actions import PlannedActions
-from resting_aspects_ros.api.plan_drops import PlannedDrops
+from resting_aspects_ros.api.plan import PlannedActions, PlannedDrops
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers
@@ -47,7 +46,7 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.status import BusyError
 from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, transitions_msg
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids, count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 T = TypeVar('T')
@@ -152,7 +151,7 @@ class ReorientServer:
         except Exception as raised:  # noqa: BLE001 - the result keeps the actions made before
             error = raised
         result = ReorientPart.Result()
-        if planned.counter.done:
+        if planned.tally.done:
             made = _result(planned, part, dropped)
             result.transitions = self._publish(
                 made, ended=True, long_run=await self._long_run(made)
@@ -185,15 +184,15 @@ class ReorientServer:
         self, goal: ReorientGoal, planned: PlannedActions, part: Part, dropped: Distribution
     ) -> None:
         """Make and count the actions of a goal; raises CanceledError and EngineError."""
-        counter, published = planned.counter, time.monotonic()
+        tally, published = planned.tally, time.monotonic()
         chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
         try:
             async with aclosing(chunks):
                 async for chunk in chunks:
-                    counter.count(chunk)
+                    tally.add(chunk, aspect_ids(tally.aspects, chunk))
                     self._actions.add(len(chunk))
                     goal.add_actions(len(chunk))
-                    if counter.complete:
+                    if tally.complete:
                         return
                     if time.monotonic() - published >= PUBLISH_PERIOD:
                         published = time.monotonic()
@@ -228,7 +227,5 @@ class ReorientServer:
 
 
 def _result(planned: PlannedActions, part: Part, dropped: Distribution) -> ReorientResult:
-    counter = planned.counter
-    return ReorientResult(
-        counter.matrix, planned.action, planned.run, part, dropped, counter.complete
-    )
+    tally = planned.tally
+    return ReorientResult(tally.matrix, planned.action, planned.run, part, dropped, tally.complete)

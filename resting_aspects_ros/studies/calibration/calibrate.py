@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.calibration.checks import (
@@ -54,8 +53,8 @@ def calibrate(
     discrepancy: bool = True,
     seed: int = DEFAULT_SEED,
     workers: int | Workers | None = None,
-    progress: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
 ) -> CalibrationResult:
     """Find the restitution and the friction of a surface from parts that were counted on it.
 
@@ -82,8 +81,8 @@ def calibrate(
         Of the drops, and of all random numbers.
     workers : int or Workers, optional
         Number of workers, one for each core by default; or workers to use.
-    progress : bool
-        Show progress on standard error.
+    progress : bool or callable
+        As for `drop`.
     stopped : callable
         Ends early if it returns True: the result is that of the rounds that are complete.
 
@@ -99,7 +98,7 @@ def calibrate(
         A part cannot be used.
     EngineError
         Workers died repeatedly.
-    KeyboardInterrupt
+    StoppedError
         It was stopped before the first round was complete.
 
     Examples
@@ -144,7 +143,7 @@ def calibrate(
             note=expect,
         )
         if fit is None:
-            raise KeyboardInterrupt('interrupted in the first round of drops: there is no result')
+            raise StoppedError('interrupted in the first round of drops: there is no result')
         bar.end(simulate.made)
     return summarise(fit, seed)
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.g_test import g_statistic
+from resting_aspects_ros.statistics.comparison import g_statistic
 from resting_aspects_ros.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.counts_file import CountedPart
 from resting_aspects_ros.studies.calibration.posterior import (

@@ -8,15 +8,15 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.given_states import CountsByState
-from resting_aspects_ros.api.plan_actions import named_action, plan_actions
-from resting_aspects_ros.api.plan_drops import plan_drops
+from resting_aspects_ros.api.plan import named_action, plan_actions, plan_drops
 from resting_aspects_ros.api.roadmap import roadmap_document
-from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.bullet_engine import WallWorld
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
 from resting_aspects_ros.simulation.workers import drop_range
+from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.statistics.transitions import no_actions
 
@@ -60,11 +60,12 @@ def test_an_aspect_that_does_not_occur_is_left_out_and_named(dropped, wall):
     conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall)
     with pytest.warns(UserWarning, match='no part came to rest in aspect'):
         plan = plan_actions(dropped.part, named_action('tap'), conditions, per_aspect=5, rests=one)
-    assert (plan.counter.ids, plan.run.drops) == ((found,), 5)
-    plan.counter.count(dropped.poses.between(0, 5))
-    assert plan.counter.complete
-    assert plan.counter.matrix.actions.tolist() == (5 * (np.arange(6) + 1 == found)).tolist()
-    assert np.isnan(plan.counter.matrix.probability).any(axis=1).sum() == 5
+    assert (plan.tally.ids, plan.run.drops) == ((found,), 5)
+    some = dropped.poses.between(0, 5)
+    plan.tally.add(some, aspect_ids(plan.tally.aspects, some))
+    assert plan.tally.complete
+    assert plan.tally.matrix.actions.tolist() == (5 * (np.arange(6) + 1 == found)).tolist()
+    assert np.isnan(plan.tally.matrix.probability).any(axis=1).sum() == 5
 
 
 def test_surroundings_in_which_nothing_rests_are_refused(dropped, wall):
@@ -113,8 +114,9 @@ def test_a_step_without_height_to_a_belt_of_equal_speed_keeps_every_aspect(
 ):
     step = ra.Step(belt_speed=0.2, step_height=1e-5, lower_speed=0.2)
     plan = belt_step('box_10x20x30', kind, step, **changes)
-    plan.counter.count(drop_range(plan.job, 0, 25))
-    counts = plan.counter.matrix.counts
+    poses = drop_range(plan.job, 0, 25)
+    plan.tally.add(poses, aspect_ids(plan.tally.aspects, poses))
+    counts = plan.tally.matrix.counts
     assert counts.sum() == 25
     assert (counts[:, :6] == np.diag(counts.sum(axis=1))).all()
 
@@ -197,9 +199,9 @@ def test_parts_that_slide_or_are_lost_are_not_counted_as_at_rest(dropped):
     by_state = CountsByState.none(1, len(aspects))
     by_state.add(poses, ids)
     assert by_state.counts.tolist() == [expected.tolist()]
-    counter = TransitionCounter(no_actions(aspects), dropped.run, 0.0)
-    counter.count(poses)
-    found = counter.matrix.counts.sum(axis=0)
+    tally = TransitionTally(no_actions(aspects), len(poses))
+    tally.add(poses, ids)
+    found = tally.matrix.counts.sum(axis=0)
     assert found[len(aspects) :].tolist() == expected[len(aspects) :].tolist()
 
 

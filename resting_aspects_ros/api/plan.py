@@ -1,15 +1,15 @@
-"""Plan an action on parts at rest in each aspect."""
+"""Plan drops of a part, and actions on parts at rest in each of its aspects."""
 
 import math
 import time
 import uuid
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.surroundings import aspects_in, scene_of
-from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
+from resting_aspects_ros.api.runner import Consumer, DropTally, TransitionTally
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -25,7 +25,8 @@ from resting_aspects_ros.simulation.job import (
     plan_run,
 )
 from resting_aspects_ros.simulation.scene import Scene
-from resting_aspects_ros.simulation.starts import Action, starts_of
+from resting_aspects_ros.simulation.starts import Action, Starts, starts_of
+from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution, no_drops
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
@@ -33,10 +34,13 @@ from resting_aspects_ros.statistics.intervals import (
     check_interval_method,
     check_precision,
     drops_for,
+    max_drops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import OUTCOMES, no_actions
 
+# In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
+MAX_HEIGHT = 500
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
@@ -47,6 +51,93 @@ MAX_LIFT = 200
 JETS = 20
 
 
+def new_run() -> dict[str, Any]:
+    """Return the id and the time of the start of a new run."""
+    return {'run_id': uuid.uuid4().hex[:12], 'started': time.time_ns()}
+
+
+def check_height(part: Part, conditions: DropConditions) -> None:
+    """Raise InvalidValueError if the height is probably in a wrong unit."""
+    limit = MAX_HEIGHT * part.hull_radius
+    if conditions.height > limit:
+        raise InvalidValueError(
+            f'invalid height {conditions.height:g} m: expected at most {MAX_HEIGHT} times the '
+            f'radius of {part.name}, {limit:.3g} m, or force (--force); values are in SI units '
+            f'unless they have a unit, such as {conditions.height:g}mm'
+        )
+
+
+@dataclass(frozen=True)
+class PlannedDrops:
+    """A run that is ready to be simulated.
+
+    ``empty`` is its distribution without drops, ``stop_at`` the precision at which it stops, and
+    ``contacts`` are its counts by contact with walls, None without walls.
+    """
+
+    job: DropJob
+    run: RunDescription
+    empty: Distribution
+    stop_at: float = 0.0
+    contacts: ContactCounts | None = None
+
+    def tally(self) -> DropTally:
+        """Return a tally of the run."""
+        return DropTally(self.empty, self.run.drops, self.stop_at)
+
+    @property
+    def consumers(self) -> list[Consumer]:
+        """What counts the poses beside the distribution."""
+        return [] if self.contacts is None else [self.contacts.add]
+
+
+def plan_drops(
+    part: Part,
+    conditions: DropConditions,
+    *,
+    drops: int,
+    seed: int,
+    first_drop: int = 0,
+    precision: float = 0.0,
+    stop_at: float | None = None,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    starts: Starts | None = None,
+    engine: str = '',
+) -> PlannedDrops:
+    """Find the aspects of a part and plan a run; raises InvalidValueError.
+
+    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
+    plan_run for ``starts`` and ``engine``.
+    """
+    check_interval_method(interval)
+    check_confidence(confidence)
+    landscape = Landscape(part)
+    scene = scene_of(part, conditions)
+    aspects = aspects_in(scene, find_aspects(part, landscape))
+    empty = no_drops(
+        aspects,
+        interval=interval,
+        confidence=confidence,
+        by_precision=precision > 0,
+    )
+    stop_at = precision if stop_at is None else stop_at
+    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
+    job, run = plan_run(
+        part,
+        conditions,
+        seed=seed,
+        drops=count,
+        first_drop=first_drop,
+        precision=precision,
+        **new_run(),
+        landscape=landscape,
+        starts=starts,
+        engine=engine,
+    )
+    return PlannedDrops(job, run, empty, stop_at, contacts_in(scene, part, aspects))
+
+
 @dataclass(frozen=True)
 class PlannedActions:
     """Actions that are ready to be simulated."""
@@ -54,7 +145,7 @@ class PlannedActions:
     action: NamedAction
     job: DropJob
     run: RunDescription
-    counter: TransitionCounter
+    tally: TransitionTally
 
 
 def plan_actions(
@@ -97,8 +188,7 @@ def plan_actions(
         seed=seed,
         drops=per_aspect * len(ids),
         precision=precision,
-        run_id=uuid.uuid4().hex[:12],
-        started=time.time_ns(),
+        **new_run(),
         landscape=landscape,
         starts=starts,
         engine=engine,
@@ -108,7 +198,7 @@ def plan_actions(
     empty = no_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
     )
-    return PlannedActions(action, job, run, TransitionCounter(empty, run, precision, ids))
+    return PlannedActions(action, job, run, TransitionTally(empty, run.drops, precision, ids))
 
 
 def check_actions(

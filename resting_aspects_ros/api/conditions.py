@@ -1,27 +1,44 @@
-"""Surroundings of drops: from their names, and what they are for the classification of poses.
+"""Conditions and surroundings as they are given, and in words.
 
-Warnings and hints state where parts wedge, and why they slide, are lost, or lean.
+Warnings and hints state where parts wedge, and why they slide, are lost, or lean. Where more than
+planes meet a part, texts say how part and surroundings are represented.
 """
 
 import dataclasses
 import functools
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import nnls
 
-from resting_aspects_ros.api.condition_text import shipped_surfaces, surface_text
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
-from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.errors import (
+    InvalidValueError,
+    PartError,
+    did_you_mean,
+    one_line,
+    shown,
+    warn,
+)
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
+from resting_aspects_ros.report.format import number_text
 from resting_aspects_ros.rotations import canonical, orientation_with_down, product, rotate
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.scene import Block, HalfSpace, Scene, make_scene
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    DropConditions,
+    Surfaces,
+    actions_file,
+    all_surfaces,
+)
+from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, make_scene
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,
@@ -34,6 +51,65 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     tray_from_scene,
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import Actions
+
+
+# -- Conditions -----------------------------------------------------------------------------------
+
+
+_NANOSECONDS = 1_000_000_000
+
+
+@functools.cache
+def shipped_surfaces() -> Surfaces:
+    """Return the surfaces of config/surfaces.yaml; the file is read once."""
+    return all_surfaces()
+
+
+def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) -> DropConditions:
+    """Return named or given conditions with the changes; raises InvalidValueError."""
+    conditions = (
+        surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
+    )
+    known = [field.name for field in dataclasses.fields(DropConditions)]
+    for name in changes:
+        if name not in known:
+            raise InvalidValueError(
+                f'invalid condition {shown(name)}: expected one of {", ".join(known)}'
+                f'{did_you_mean(name, known)}'
+            )
+    return conditions.changed(**changes) if changes else conditions
+
+
+@functools.cache
+def shipped_actions() -> 'Actions':
+    """Return the actions of config/actions.yaml; the file is read once."""
+    # This import is slow because of NumPy, which --help does not need.
+    from resting_aspects_ros.simulation.actions import Actions
+
+    return Actions.read(actions_file())
+
+
+def surface_text(conditions: DropConditions) -> str:
+    """Return the name of the surface and the changed conditions; see Surfaces.text."""
+    return one_line(shipped_surfaces().text(conditions))
+
+
+def condition_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
+    """Yield label and value of each condition."""
+    for name, quantity in QUANTITIES.items():
+        of = f' ({conditions.height_of.label})' if name == 'height' else ''
+        yield quantity.label, f'{getattr(conditions, name):g} {quantity.unit}'.rstrip() + of
+
+
+def when_text(started: int) -> str:
+    """Return a time, ns since the epoch, as '2025-01-31 12:00:00 UTC'."""
+    return f'{datetime.fromtimestamp(started / _NANOSECONDS, timezone.utc):%Y-%m-%d %H:%M:%S} UTC'
+
+
+# -- Surroundings ---------------------------------------------------------------------------------
 
 
 def surroundings(name: str | Path, **changes: Any) -> Surroundings:
@@ -288,3 +364,108 @@ def slide_reason(scene: Scene) -> str:
 
 def _degrees(angle: float) -> str:
     return f'{math.degrees(angle):.3g} degrees'
+
+
+# -- Simulated shapes -----------------------------------------------------------------------------
+
+
+# Shorter distances, m, are rounding errors.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedShapes:
+    """Shapes that the simulation uses instead of the real ones.
+
+    pieces : ConvexPieces
+        Of the part.
+    mesh : MeshBody or None
+        The mesh of the surroundings, with its flat sides as prisms and its other sides simplified.
+    """
+
+    pieces: ConvexPieces
+    mesh: MeshBody | None
+
+    def document(self) -> dict[str, Any]:
+        """Return the fields of a JSON document of drops."""
+        fields: dict[str, Any] = {'convex_pieces': self.pieces.summary()}
+        if self.mesh is not None:
+            fields['mesh_surface'] = {
+                'triangles': len(self.mesh.triangles),
+                'flat_sides': self.mesh.sides,
+                'prisms': len(self.mesh.prisms),
+                'remaining_triangles': _remaining(self.mesh),
+                'distance': self.mesh.distance,
+            }
+        return fields
+
+    def sentences(self) -> Iterator[str]:
+        """Yield a sentence about each shape."""
+        what = 'The edge meets' if self.mesh is None else 'The mesh meets'
+        yield pieces_text(self.pieces, what)
+        if self.mesh is not None:
+            yield _mesh_text(self.mesh)
+
+
+def simulated_shapes(part: Part | None, conditions: DropConditions) -> SimulatedShapes | None:
+    """Return the shapes that drops of a part use; None if only planes meet it, or not known.
+
+    They are not known without the part, without the mesh of the surroundings, and if CoACD is not
+    installed where a result of another machine is shown.
+    """
+    around = conditions.surroundings
+    if part is None or around is None or not around.known:
+        return None
+    try:
+        scene = scene_of(part, conditions)
+        if scene.flat:
+            return None
+        pieces = convex_pieces(part)
+    except PartError:
+        return None
+    return SimulatedShapes(
+        pieces, next((b for b in scene.bodies if isinstance(b, MeshBody)), None)
+    )
+
+
+def pieces_text(pieces: ConvexPieces, what: str) -> str:
+    """Return in words how far convex pieces are from the part; ``what`` meets the part."""
+    number = len(pieces.corners)
+    missing, excess = (_millimetres(each) for each in (pieces.missing, pieces.excess))
+    return (
+        f'{what} the part as {number} convex {"piece" if number == 1 else "pieces"}: at '
+        f'most {missing} mm of it are missing, at most {excess} mm are extra, and the volume '
+        f'differs by {100 * pieces.volume_error:+.1f} %.'
+    )
+
+
+def _millimetres(length: float) -> str:
+    return number_text(1000 * length) if length >= ROUNDING else '0'
+
+
+def _mesh_text(mesh: MeshBody) -> str:
+    remaining = _number(_remaining(mesh), 'triangle')
+    if not mesh.prisms and not mesh.distance:
+        return f'The part meets the {remaining} of the mesh.'
+    simulated = []
+    if mesh.prisms:
+        sides = _number(mesh.sides, 'flat side')
+        prisms = _number(len(mesh.prisms), 'convex prism')
+        simulated.append(f'{prisms}, into which the triangles of {sides} are merged')
+    if mesh.distance:
+        away = _millimetres(mesh.distance)
+        simulated.append(f'{remaining}, which are at most {away} mm away from its curved sides')
+    elif _remaining(mesh):
+        simulated.append(f'its other {remaining}')
+    return (
+        f'The mesh of {len(mesh.triangles):,} triangles is simulated as '
+        f'{", and ".join(simulated)}.'
+    )
+
+
+def _remaining(mesh: MeshBody) -> int:
+    return len(mesh.triangles if mesh.remaining is None else mesh.remaining)
+
+
+def _number(number: int, what: str) -> str:
+    return f'{number:,} {what}{"" if number == 1 else "s"}'

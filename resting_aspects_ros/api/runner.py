@@ -1,0 +1,568 @@
+"""The runner: makes the drops or actions of a run and counts them, with progress and a stop.
+
+A run is a job (part, conditions, starts) with its description (seed and number). The runner passes
+each chunk of its poses, with the ids of their aspects, to a tally, which counts them and says when
+there are enough, and to consumers, such as a log.
+"""
+
+import dataclasses
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
+from rich.progress import Progress as ProgressBar
+
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.errors import EngineError, LogError, OutputError, warn
+from resting_aspects_ros.simulation.job import MAX_DROPS, DropJob, RunDescription
+from resting_aspects_ros.simulation.workers import (
+    LocalWorkers,
+    Workers,
+    default_workers,
+    drop_chunks,
+)
+from resting_aspects_ros.statistics.distribution import (
+    Distribution,
+    History,
+    aspect_ids,
+    count_poses,
+    no_drops,
+)
+from resting_aspects_ros.statistics.intervals import SIMULTANEOUS, bounds, checkpoints, is_precise
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+from resting_aspects_ros.statistics.transitions import TransitionMatrix, columns_of, no_actions
+
+# -- Progress -------------------------------------------------------------------------------------
+
+
+Self = TypeVar('Self', bound='TerminalDisplay')  # typing.Self is newer than Python 3.10
+LINE_PERIOD = 1.0  # s
+# Whether progress is shown on standard error; or a function that is called often with the numbers
+# done and in total.
+Progress = bool | Callable[[int, int], None]
+
+
+class TerminalDisplay:
+    """Context manager of a moving display on standard error, which ends with it."""
+
+    _moving: ProgressBar | Live | None = None  # None if standard error is not a terminal
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._moving is not None:
+            self._moving.stop()
+
+
+class ShownProgress(TerminalDisplay):
+    """Progress bar on standard error; no bar if that is not a terminal."""
+
+    def __init__(
+        self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
+    ) -> None:
+        self._bar: ProgressBar | None = None
+        if shown and sys.stderr.isatty():
+            text = TextColumn('{task.fields[text]}', markup=False)
+            title = TextColumn('{task.description}', markup=False)
+            console = Console(stderr=True)
+            self._moving = self._bar = ProgressBar(
+                title, BarColumn(), *columns, text, console=console
+            )
+            self._task = self._bar.add_task(what, total=total, text='')
+
+
+class DropProgress(ShownProgress):
+    """Progress display of drops and drops per second.
+
+    unit : str
+        What is counted: drops, or actions.
+    done : int
+        Drops made so far.
+    shown : bool or callable
+        False to count without display; a function is called instead of a display.
+    """
+
+    def __init__(
+        self, what: str, total: int, unit: str = 'drops', *, shown: Progress = True
+    ) -> None:
+        self._visible = shown is True
+        super().__init__(what, total, MofNCompleteColumn(), shown=self._visible)
+        self._report = shown if callable(shown) else None
+        self.done = 0
+        self._what = what
+        self._unit = unit
+        self._total = total
+        self._started = self._shown = time.monotonic()
+        self._updated = False
+        self._line = ''  # the last printed line
+
+    def update(self, done: int) -> None:
+        """Update the number of drops made."""
+        self.done = done
+        self._updated = True
+        if self._report is not None:
+            self._report(done, self._total)
+        now = time.monotonic()
+        seconds = max(now - self._started, 1e-9)
+        rate = f'{_rate_text(done / seconds)} {self._unit}/s' if done else ''
+        if self._bar is not None:
+            if 0 < done < self._total:
+                rate += f', {seconds * (self._total - done) / done:.0f} s left'
+            self._bar.update(self._task, completed=done, total=self._total, text=rate)
+            self._bar.start()
+        elif self._visible and (now - self._shown >= LINE_PERIOD or done == self._total):
+            line = f'{self._what}: {done} of {self._total} {self._unit}'
+            if line != self._line:  # a new rate alone is not printed
+                print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
+                self._line, self._shown = line, now
+
+    def expect(self, total: int) -> None:
+        """Change the number of drops that are expected."""
+        self._total = max(total, self.done)
+
+    def end(self, done: int) -> None:
+        """Show ``done`` as the total of the finished run; does nothing if no update was shown."""
+        if self._updated:
+            self._total = done
+            self.update(done)
+
+
+def _rate_text(rate: float) -> str:
+    """Return a rate with two digits, so that a slow one is not 0."""
+    return f'{rate:.0f}' if rate >= 10 else f'{rate:.1f}' if rate >= 1 else f'{rate:.2g}'
+
+
+# -- The runner -----------------------------------------------------------------------------------
+
+
+# How often progress is reported while a chunk is simulated, s.
+PROGRESS_PERIOD = 0.1
+# Called for each chunk of poses, in order, with the ids of their aspects, 0 for none.
+Consumer = Callable[[RestingPoses, npt.NDArray[np.int64]], None]
+
+
+def never() -> bool:
+    """Return False: the run is not stopped."""
+    return False
+
+
+class Tally(Protocol):
+    """Counts of the chunks of a run, which are added in order."""
+
+    @property
+    def aspects(self) -> AspectSet:
+        """The aspects that are counted."""
+
+    @property
+    def done(self) -> int:
+        """Number of drops or actions that are counted."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether no more are needed."""
+
+    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+        """Count a chunk, given the ids of its aspects."""
+
+
+@dataclass(frozen=True)
+class Runner:
+    """Workers, and how a run reports its progress and is stopped.
+
+    progress : bool or callable
+        Show progress on standard error, or call this often with the numbers done and in total.
+    stopped : callable
+        Called often; a run ends early when it returns True.
+    """
+
+    workers: Workers
+    progress: Progress = False
+    stopped: Callable[[], bool] = never
+
+    def count(
+        self,
+        job: DropJob,
+        run: RunDescription,
+        tally: Tally,
+        consumers: Sequence[Consumer] = (),
+        *,
+        label: str = '',
+        unit: str = 'drops',
+    ) -> None:
+        """Make the drops or actions of a run until the tally is complete; raises EngineError."""
+        with DropProgress(label or run.part, run.drops, unit, shown=self.progress) as bar:
+            with closing(drop_chunks(job, run, self.workers, warn)) as steps:
+                for step in steps:
+                    if isinstance(step, Future):
+                        while not self.stopped() and not wait([step], PROGRESS_PERIOD).done:
+                            bar.update(tally.done)
+                    else:
+                        ids = aspect_ids(tally.aspects, step)
+                        tally.add(step, ids)
+                        for consume in consumers:
+                            consume(step, ids)
+                        bar.update(tally.done)
+                    if self.stopped() or tally.complete:
+                        break
+            bar.end(tally.done)
+
+
+@contextmanager
+def make_runner(
+    workers: int | Workers | None = None,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
+) -> Iterator[Runner]:
+    """Yield a runner with the given workers, or with new ones, which are stopped at the end."""
+    with given_workers(workers) as pool:
+        yield Runner(pool, progress, stopped)
+
+
+@contextmanager
+def given_workers(given: int | Workers | None) -> Iterator[Workers]:
+    """Yield the given workers, or new ones of this machine, which are stopped at the end.
+
+    A number is that of the workers; None: one for each core.
+    """
+    if given is not None and not isinstance(given, int):
+        yield given
+        return
+    workers = LocalWorkers(default_workers() if given is None else given)
+    try:
+        yield workers
+    finally:
+        workers.stop()
+
+
+@contextmanager
+def keep_result(result: Callable[[], Any]) -> Iterator[None]:
+    """Give an error that ends the work the result that is complete so far.
+
+    It is the attribute ``result`` of EngineError, LogError and OutputError.
+    """
+    try:
+        yield
+    except (EngineError, LogError, OutputError) as error:
+        error.result = result()
+        raise
+
+
+class DropTally:
+    """Counts of drops by aspect, and how they developed.
+
+    Parameters
+    ----------
+    empty : Distribution
+        Without drops.
+    drops : int
+        Maximum number of drops.
+    precision : float
+        Maximum half width of the intervals at which the run stops; 0: make all drops.
+    """
+
+    def __init__(self, empty: Distribution, drops: int, precision: float = 0.0) -> None:
+        self.distribution, self.aspects = empty, empty.aspects
+        self.drops, self.precision = drops, precision
+        self.history = History(empty.aspects)
+
+    @property
+    def done(self) -> int:
+        """Number of drops."""
+        return self.distribution.drops
+
+    @property
+    def complete(self) -> bool:
+        """Whether all drops are counted, or enough for the precision."""
+        return self.distribution.stops(self.precision, self.drops)
+
+    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+        """Count a chunk, given the ids of its aspects."""
+        self.history.add(ids)
+        self.distribution += count_poses(self.aspects, poses, ids)
+
+
+class TransitionTally:
+    """Counts of actions by aspect before and after: action i is on a part in ``ids[i mod k]``.
+
+    Parameters
+    ----------
+    empty : TransitionMatrix
+        Matrix without actions.
+    actions : int
+        Maximum number of actions from all aspects together.
+    precision : float
+        Maximum half width of all intervals of the matrix at which the run stops; 0: never.
+    ids : sequence of int, optional
+        The k aspects from which actions start; by default all.
+    """
+
+    def __init__(
+        self,
+        empty: TransitionMatrix,
+        actions: int,
+        precision: float = 0.0,
+        ids: Sequence[int] = (),
+    ) -> None:
+        self.matrix, self.aspects = empty, empty.aspects
+        self.ids = tuple(ids) or tuple(range(1, len(empty.counts) + 1))
+        self.actions, self.precision, self.precise = actions, precision, False
+        self._rows = np.array(self.ids, dtype=np.int64) - 1
+        limit = max(1, actions // max(1, len(self.ids)))
+        self._checkpoints = [n for n in checkpoints(limit) if precision > 0]
+
+    @property
+    def done(self) -> int:
+        """Number of actions."""
+        return int(self.matrix.actions.sum())
+
+    @property
+    def complete(self) -> bool:
+        """Whether all actions are counted, or enough for the precision."""
+        return self.precise or self.done >= self.actions
+
+    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+        """Count a chunk, given the ids of its aspects."""
+        start = self._rows[np.arange(poses.first_drop, poses.end) % len(self._rows)]
+        end = columns_of(poses, ids, len(self.matrix.counts))
+        counts = np.zeros_like(self.matrix.counts)
+        np.add.at(counts, (start, end), 1)
+        self.matrix += dataclasses.replace(
+            self.matrix,
+            counts=counts,
+            sliding=int((poses.status == RestStatus.SLIDING).sum()),
+            energy_growth=float(poses.energy_growth.max(initial=0.0)),
+        )
+        self._check_precision()
+
+    def _check_precision(self) -> None:
+        actions = self.matrix.actions[self._rows]
+        while self._checkpoints and actions.min() >= self._checkpoints[0]:
+            del self._checkpoints[0]
+            m = self.matrix
+            self.precise = all(
+                is_precise(row, n, self.precision, m.interval, m.confidence)
+                for row, n in zip(m.counts[self._rows], actions.tolist(), strict=True)
+            )
+
+
+# -- Convergence ----------------------------------------------------------------------------------
+
+
+# Number of time steps of the check for each time step of the run.
+REFINEMENT = 2
+# The change of a share that the check is meant to detect.
+DETECTABLE_SHIFT = 0.01
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Change of a distribution when its drops are repeated with a finer time step.
+
+    time_step : float
+        The finer time step, s.
+    drops : int
+        Number of drops with each time step.
+    aspect : int
+        Id of the aspect whose share changes most.
+    shift : float
+        Change of its share of the drops that are in an aspect: fine minus coarse.
+    lower, upper : float
+        Bounds of the true shift; those of all aspects hold together with ``confidence``.
+    p_value : float
+        Probability that chance alone changes the shares at least as much.
+    enough : int
+        Number of drops, rounded up to one digit, with which the widest of these bounds would
+        detect DETECTABLE_SHIFT; 0 if a document of an earlier version does not have it.
+    """
+
+    time_step: float
+    drops: int
+    aspect: int
+    shift: float
+    lower: float
+    upper: float
+    confidence: float
+    p_value: float
+    enough: int = 0
+
+    def text(self) -> str:
+        """Return the change and a verdict, in lines of up to 80 columns."""
+        enough = ''
+        if not self.lower <= 0 <= self.upper:
+            verdict = 'not explained by chance'
+        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
+            verdict = f'too few drops to detect {100 * DETECTABLE_SHIFT:g} %'
+            enough = self._enough_text()
+        else:
+            verdict = 'explained by chance'
+        return (
+            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), aspect '
+            f'{self.aspect} changes most: {100 * self.shift:+.2g} points,\n'
+            f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
+            f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
+        )
+
+    def _enough_text(self) -> str:
+        if self.enough > MAX_DROPS:
+            return f'\nMore than the maximum of {MAX_DROPS} drops are needed.'
+        return f'\nAbout {self.enough} drops are needed.' if self.enough else ''
+
+
+def check_convergence(
+    coarse: Distribution, fine: Distribution, time_step: float, seed: int
+) -> Convergence | None:
+    """Compare the distribution of a run with that of the same drops with a finer time step.
+
+    The intervals are those of independent drops. They are conservative here, because both sets
+    start from the same states. Returns None if one of them has no drop in an aspect.
+    """
+    if not (coarse.counts.any() and fine.counts.any()):
+        return None
+    # This import is slow, and only needed for the check.
+    from resting_aspects_ros.statistics.comparison import compare
+
+    found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
+    lower, upper = found.largest_bounds
+    return Convergence(
+        time_step=time_step,
+        drops=fine.drops,
+        aspect=found.largest_aspect,
+        shift=found.largest_deviation,
+        lower=lower,
+        upper=upper,
+        confidence=found.confidence,
+        p_value=found.p_value,
+        enough=_required_drops(fine.drops, float((found.upper - found.lower).max())),
+    )
+
+
+def _required_drops(drops: int, max_width: float) -> int:
+    # The width of an interval is inversely proportional to the root of the number of drops.
+    drops = math.ceil(drops * (max_width / (2 * DETECTABLE_SHIFT)) ** 2)
+    step = 10 ** (len(str(drops)) - 1)
+    return -(-drops // step) * step
+
+
+def repeat_drops_in_finer_steps(
+    runner: Runner, job: DropJob, run: RunDescription, coarse: Distribution
+) -> Convergence | None:
+    """Repeat the drops of a run with a finer time step, and compare the distributions.
+
+    Returns None if it was stopped, or if the convergence could not be determined.
+    """
+    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
+    run = dataclasses.replace(run, drops=coarse.drops, precision=0.0, time_step=job.time_step)
+    fine = DropTally(no_drops(coarse.aspects, confidence=coarse.confidence), run.drops)
+    if coarse.drops:
+        runner.count(job, run, fine, label=f'{run.part} with a finer time step')
+    if not fine.complete:
+        return None
+    found = check_convergence(coarse, fine.distribution, run.time_step, run.seed)
+    if found is None:
+        warn('convergence could not be determined: no drop came to rest in an aspect')
+    return found
+
+
+@dataclass(frozen=True)
+class MatrixConvergence:
+    """Change of a transition matrix by symmetry class with a finer time step.
+
+    time_step : float
+        The finer time step, s.
+    actions : int
+        Number of actions with each time step.
+    row, column : int
+        Entry that changes most, both from 0; a column after the classes is one of OUTCOMES.
+    shift : float
+        Change of its probability: fine minus coarse.
+    lower, upper : float
+        Bounds of the true shift; those of all entries hold together with ``confidence``.
+    confidence : float
+    """
+
+    time_step: float
+    actions: int
+    row: int
+    column: int
+    shift: float
+    lower: float
+    upper: float
+    confidence: float
+
+    def text(self, columns: list[str]) -> str:
+        """Return the change and a verdict; ``columns`` are the names of classes and outcomes."""
+        if not self.lower <= 0 <= self.upper:
+            verdict = 'not explained by chance'
+        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
+            verdict = f'too few actions to detect {100 * DETECTABLE_SHIFT:g} %'
+        else:
+            verdict = 'explained by chance'
+        return (
+            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), the '
+            f'probability from {columns[self.row]} to {columns[self.column]} changes most:\n'
+            f'{100 * self.shift:+.2g} points, {verdict} ({100 * self.confidence:g} % interval '
+            f'{100 * self.lower:+.2g} to {100 * self.upper:+.2g}).'
+        )
+
+
+def repeat_actions_in_finer_steps(
+    runner: Runner, job: DropJob, run: RunDescription, coarse: TransitionTally, label: str
+) -> MatrixConvergence | None:
+    """Repeat the actions of a run with a finer time step; returns None if it was stopped."""
+    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
+    run = dataclasses.replace(run, drops=coarse.done, time_step=job.time_step)
+    fine = TransitionTally(no_actions(coarse.aspects), run.drops, ids=coarse.ids)
+    runner.count(job, run, fine, label=f'{label} with a finer time step', unit='actions')
+    return compare_matrices(coarse.matrix, fine.matrix, run.time_step) if fine.complete else None
+
+
+def compare_matrices(
+    coarse: TransitionMatrix, fine: TransitionMatrix, time_step: float
+) -> MatrixConvergence:
+    """Return the entry that changes most, by symmetry class.
+
+    The bounds are Newcombe's (1998, method 10) with those of Clopper and Pearson, and share the
+    error probability among all entries. They are conservative, because the actions start from the
+    same states.
+    """
+    # This import is slow, and only needed for the check.
+    from resting_aspects_ros.statistics.comparison import square_and_add
+
+    one, other = fine.by_class(), coarse.by_class()
+    # Bounds of a row hold together; the rows share the rest of the error probability.
+    confidence = 1 - (1 - coarse.confidence) / len(one.counts)
+    a, b = (m.counts / np.maximum(m.actions, 1)[:, None] for m in (one, other))
+    lower, upper = square_and_add(
+        a,
+        bounds(one.counts, one.actions, SIMULTANEOUS, confidence),
+        b,
+        bounds(other.counts, other.actions, SIMULTANEOUS, confidence),
+    )
+    row, column = divmod(int(np.abs(a - b).argmax()), a.shape[1])
+    return MatrixConvergence(
+        time_step=time_step,
+        actions=int(fine.actions.sum()),
+        row=row,
+        column=column,
+        shift=float((a - b)[row, column]),
+        lower=float(lower[row, column]),
+        upper=float(upper[row, column]),
+        confidence=coarse.confidence,
+    )

@@ -1,0 +1,189 @@
+"""The life cycle of a command that simulates: workers, interruption, files, messages, exit code.
+
+A command parses its flags, opens a `session`, calls a public function with the options of the
+session, and saves and shows the result with `finish`, even if it is a partial one.
+"""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from resting_aspects_ros.errors import (
+    EngineError,
+    LogError,
+    RestingAspectsError,
+    analysis,
+)
+from resting_aspects_ros.simulation.interruption import Interruption, catch
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.workers import Workers
+
+T = TypeVar('T')
+DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@dataclass(frozen=True)
+class Session:
+    """The workers of a command, and whether it was interrupted."""
+
+    workers: 'Workers'
+    stop: Interruption
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the functions that simulate."""
+        return {
+            'workers': self.workers,
+            'progress': True,
+            'stopped': lambda: self.stop.asked,
+        }
+
+
+@contextmanager
+def session(arguments: argparse.Namespace) -> Iterator[Session]:
+    """Start the workers that --workers or --scheduler requests, and note Ctrl-C inside the `with`.
+
+    The workers are stopped last, so that the result is written even if stopping them fails.
+    Raises InvalidValueError.
+    """
+    with Interruption() as stop, ExitStack() as stack:
+        yield Session(_start_workers(arguments, stack), stop)
+
+
+def _start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
+    # These imports are slow because of NumPy.
+    if arguments.scheduler is not None:
+        from resting_aspects_ros.simulation.workers import ClusterWorkers
+
+        cluster = ClusterWorkers(arguments.scheduler)
+        stack.callback(cluster.stop)
+        return cluster
+    from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
+
+    count = default_workers() if arguments.workers is None else arguments.workers
+    workers = LocalWorkers(count)
+    stack.callback(workers.stop)
+    return workers
+
+
+def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | None]:
+    """Return the result of a simulation; if it failed midway, what it has, and the error."""
+    try:
+        return simulate(), None
+    except (EngineError, LogError) as error:
+        if not error.result:
+            raise
+        return error.result, error
+
+
+def exit_code(has: str, *, complete: bool, failure: RestingAspectsError | None = None) -> int:
+    """Return the exit code, after a message if the result is not complete; raises the failure.
+
+    ``has`` tells how much the result has.
+    """
+    if failure is not None:
+        raise type(failure)(f'{failure}; the result has {has}')
+    if not complete:
+        print(f'interrupted; the result has {has}', file=sys.stderr)
+        return INTERRUPTED
+    return DONE
+
+
+# -- Files ----------------------------------------------------------------------------------------
+
+
+def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
+    """Return the flag that requests a folder, and the folder: None if nothing is saved."""
+    if arguments.out is None and getattr(arguments, 'report', False):
+        # This import is slow, and only needed for a report.
+        from resting_aspects_ros.api.report_files import default_folder
+
+        return '--report', default_folder(part)
+    return '--out', arguments.out
+
+
+def result_folder(
+    arguments: argparse.Namespace,
+    part: str,
+    files: Iterable[str],
+    check_report: Callable[[str, Path], None] = lambda *_: None,
+) -> Path | None:
+    """Make the folder of a result with the given files, and with a page if requested.
+
+    Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
+    cannot be written.
+    """
+    from resting_aspects_ros.api.result import check_output, make_folder
+
+    flag, out = requested_folder(arguments, part)
+    if out is None:
+        return None
+    make_folder(flag, out)
+    for name in files:
+        check_output(flag, out / name)
+    if getattr(arguments, 'report', False):
+        check_report(flag, out)
+    return out
+
+
+def text_file(text: Callable[[], str]) -> Callable[[Path], None]:
+    """Return what writes a text into a file."""
+
+    def save(path: Path) -> None:
+        from resting_aspects_ros.api.result import whole_file
+
+        with whole_file(path) as file:
+            file.write_text(text(), encoding='utf-8')
+
+    return save
+
+
+def finish(
+    arguments: argparse.Namespace,
+    out: Path | None,
+    files: Mapping[str, Callable[[Path], object]],
+    show: Callable[[], None],
+    report: Callable[[Path], Path] | None = None,
+    written: Sequence[Path] = (),
+) -> None:
+    """Save and show a result, each even if the other fails; the slow report is last.
+
+    Parameters
+    ----------
+    out : Path or None
+        Folder of the result; None to save nothing.
+    files : mapping of str to callable
+        What writes each file.
+    report : callable, optional
+        Writes the report into the folder, and returns its path.
+    written : sequence of Path
+        Files that are written already.
+    """
+    saved = []
+    try:
+        for path, save in [] if out is None else [(out / name, files[name]) for name in files]:
+            with analysis(f'the file {path.name}'):
+                save(path)
+                saved.append(path)
+    finally:
+        show()
+    paths = [*saved, *written]
+    if paths:
+        say(arguments, f'Written: {", ".join(str(path) for path in paths)}')
+    if report is not None and out is not None:
+        # Everything else is saved, so Ctrl-C may end the report at once.
+        catch(signal.default_int_handler)
+        with analysis('the report'):
+            say(arguments, f'Report: {report(out)}')
+
+
+def say(arguments: argparse.Namespace, line: str) -> None:
+    """Print a line, unless the output is a JSON document."""
+    if not arguments.json:
+        print(line, flush=True)
