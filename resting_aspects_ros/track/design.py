@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +56,7 @@ ALTERNATIVES = 3
 class _Option:
     """A trap with its margins (n,), m: positive if it passes a row, negative if it rejects it."""
 
-    trap: Trap
+    trap: Any
     margins: Array
 
 
@@ -164,7 +165,7 @@ class _Family:
         Whether a rejection of the row is certain: not if it rolls, or if its body catches an edge.
     """
 
-    trap: Trap
+    trap: Trap | Cut
     dimension: str
     critical: Array
     above: bool
@@ -284,9 +285,9 @@ def _undominated(options: Sequence[_Option], passed: Array, rejected: Array) -> 
 
 def _never_rejected(options: Sequence[_Option], others: npt.NDArray[np.int64]) -> list[int]:
     if not options:
-        return others.tolist()
+        return [int(k) for k in others]
     margins = np.array([option.margins for option in options])[:, others]
-    return others[(margins >= -LEAST).all(axis=0)].tolist()
+    return [int(k) for k in others[(margins >= -LEAST).all(axis=0)]]
 
 
 def _ordered(traps: Sequence[Trap]) -> tuple[Trap, ...]:

@@ -476,4 +476,5 @@ def outcomes(
     rows: Sequence[Orientation], trap: Trap, surface: Surface, part: Part
 ) -> list[Outcome]:
     """Return what a trap does to each orientation; a part that rolls is not known."""
-    return [Outcome('unknown') if row.rolls else trap.outcome(row, surface, part) for row in rows]
+    arrivals = [Arrival(row, surface, part) for row in rows]
+    return [Outcome('unknown') if a.row.rolls else trap.outcome(a) for a in arrivals]
