@@ -165,7 +165,7 @@ class _Family:
         Whether a rejection of the row is certain: not if it rolls, or if its body catches an edge.
     """
 
-    trap: Trap | Cut
+    trap: Any
     dimension: str
     critical: Array
     above: bool

@@ -37,6 +37,8 @@ WEDGE = 0.5e-3
 # than its critical length by less than this.
 DIP = 1.7e-3
 MAX_SIZE = 2.0
+# A part that is supported by less than this, m, falls.
+CERTAIN = 1e-6
 # Between which dimensions critical values are sought, m.
 SMALLEST, LARGEST = 1e-5, 0.5
 
@@ -175,7 +177,7 @@ class Cut:
         row, surface, span = arrival.row, arrival.surface, self.span()
         track = surface.area.difference(self.removed())
         places = None if span is None else passage(row, *span)
-        return least_margin(row, track, surface.roll, surface.pitch, places) > 0
+        return least_margin(row, track, surface.roll, surface.pitch, places) > CERTAIN
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
@@ -366,7 +368,7 @@ class Projection:
             shift = max(0.0, depth - nearest)
             pushed = dataclasses.replace(row, wall_top=min(row.height, self.high))
             track = surface.area
-            return least_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > 0
+            return least_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > CERTAIN
 
         critical = critical_value(passes, SMALLEST, LARGEST)
         margin = critical - self.depth
