@@ -132,14 +132,8 @@ class TrackResult(Result):
         unknown = [row.id for row in self.rows if row.rolls]
         if unknown:
             yield f'The part rolls in row {numbers_text(unknown)}: its outcome is not known.'
-        uncertain = sorted(
-            {
-                row.id
-                for of_trap in found.outcomes
-                for row, each in zip(self.rows, of_trap, strict=True)
-                if each.outcome in ('unknown', 'turn') and not row.rolls
-            }
-        )
+        ends = zip(self.rows, self._ends(), strict=True)
+        uncertain = [row.id for row, end in ends if end in ('unknown', 'turn') and not row.rolls]
         if uncertain:
             yield (
                 f'Statics does not tell what becomes of row {numbers_text(uncertain)}: only edges '
