@@ -209,7 +209,9 @@ def track_figure(
     axes.set_xlim(-1.8 * size, place)
     axes.set_ylim(min(-0.1 * width, low), 1.25 * width)
     axes.set_aspect('equal')
-    axes.set_xlabel('m', fontsize=8, color=FAINT)
+    axes.set_xlabel('mm', fontsize=8, color=FAINT)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}')
     axes.tick_params(labelsize=7, labelcolor=FAINT)
     axes.spines[['top', 'right', 'left']].set_visible(False)
     figure.tight_layout()
