@@ -7,7 +7,7 @@ of the track's forces at
 
 with the distance d of the centre of mass from the wall and its height h above the track. The part
 stays while such a point is in the convex hull of the contact region on the track (for a track
-without roll: Berretty, Goldberg, Overmars and van der Stappen 2001, IJRR 20:875). Friction of the
+without roll: Berretty, Goldberg, Overmars and van der Stappen 2001, IJRR 20). Friction of the
 track is left out: vibration averages it to zero.
 """
 
