@@ -5,7 +5,7 @@ import sys
 import tempfile
 import threading
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -346,6 +346,33 @@ class World:
         self._settle(self._add(states), settling)
         return settling
 
+    def follow(
+        self,
+        states: States,
+        ended: Callable[[States], npt.NDArray[np.bool_]],
+        limit: float,
+    ) -> States:
+        """Step parts from n states until each has ended, and return their last states.
+
+        ended : callable
+            Returns which of some parts have ended; asked often.
+        limit : float
+            Time after which all parts have ended, T.
+        """
+        bodies = self._add(states)
+        last = [np.array(each) for each in _arrays(states)]
+        moving, now = np.arange(len(states.position)), 0.0
+        while len(moving) and now < limit:
+            now = self._until_check(now)
+            here = self._states(bodies, moving)
+            for whole, part in zip(last, _arrays(here), strict=True):
+                whole[moving] = part
+            over = ended(here)
+            for i in moving[over].tolist():
+                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+            moving = moving[~over]
+        return States(*last)
+
     def _settle(self, bodies: list[int], settling: Settling) -> None:
         """Step until each part has ended, and remove it then."""
         now = 0.0
@@ -403,6 +430,10 @@ class World:
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
         return States(position, orientation, velocity, spin)
+
+
+def _arrays(states: States) -> tuple[Array, Array, Array, Array]:
+    return states.position, states.orientation, states.velocity, states.spin
 
 
 @lru_cache(maxsize=16)

@@ -18,6 +18,7 @@ COMMANDS = {
     'identify': 'tell from an outline in which aspect a part lies',
     'optimise': 'find the conditions with the most of the wanted aspects',
     'forecast': 'predict the parts per minute of a feeder with a camera and a robot',
+    'track': 'tell what passes the traps of a bowl or linear feeder',
     'drift': 'test whether counted parts still agree with the simulation',
     'classify': 'sort resting poses from a file into aspects',
     'compare': 'compare two distributions, or one with a count by hand',

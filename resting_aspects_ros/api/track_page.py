@@ -1,0 +1,88 @@
+"""The page of a track with traps."""
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from resting_aspects_ros.api.report_files import part_facts, run_facts
+from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
+from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.track.show import flow_figure, margin_text, track_figure
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.track import TrackResult
+
+PAGE, FIGURES = 'track.html', ('orientations', 'track', 'flow')
+
+
+def track_page(result: 'TrackResult') -> Page:
+    """Return the page: orientations, the track to scale, outcomes, and where the parts go."""
+    found, names = result.passage, result.trap_names
+    rows, *of_traps = result.tables()
+    rows.title = ''
+    sections = [
+        Section(
+            'Orientations on the track',
+            'orientations',
+            [
+                Chart(
+                    'orientations',
+                    'Each orientation from above at the wall, with its contact and its centre of '
+                    'mass',
+                    result.figure,
+                    'From above; the wall is the thick line, and parts move to the right. Blue: '
+                    'where the part touches the track. Cross: its centre of mass.',
+                    result.figure,
+                ),
+                rows,
+            ],
+        )
+    ]
+    if names:
+        draw = partial(track_figure, found.track.surface.width, names, result.cuts())
+        flow = partial(flow_figure, result.rows, names, found.outcomes)
+        items: list[Item] = [
+            Chart(
+                'track',
+                'The track from above with its traps, to scale',
+                partial(draw, result.wanted_outline()),
+                'To scale, from above, with the first wanted orientation before the traps.',
+                partial(draw, result.wanted_outline()),
+            ),
+            *of_traps,
+            Chart(
+                'flow',
+                'Share of the parts before and after each trap, by row',
+                flow,
+                'Share of the parts that arrive at each trap; numbers are rows, and grey is what '
+                'statics does not tell.',
+                flow,
+            ),
+        ]
+        sections.append(Section('Traps', 'traps', items))
+    run = result.drop.run
+    surface, track = found.track.surface, found.track
+    return Page(
+        file=PAGE,
+        title=run.part,
+        topic='track',
+        lead='What passes the traps of the track',
+        subtitle=result.title.split('\n')[0],
+        sections=sections,
+        reading=reading('track'),
+        facts={
+            'Part': part_facts(result.part, run, result.drop.distribution.aspects),
+            'Track': [
+                (each.label, f'{getattr(of, name):.4g} {each.unit}'.rstrip())
+                for of in (surface, track.wall, track)
+                for name, each in quantities_of(of).items()
+            ],
+            'Run': run_facts(run, result.drop.distribution.drops, 'drops'),
+        },
+        top=[Text(sentence, 'verdict') for sentence in result.sentences]
+        + (
+            [Text(f'Least margin of the design: {margin_text(result.margin)}.', 'verdict')]
+            if result.margin is not None
+            else []
+        ),
+        names=file_names(PAGE, FIGURES),
+    )
