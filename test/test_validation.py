@@ -4,66 +4,78 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.special import expit
+from scipy.stats import binom
 from validation import engine as validate_engine
 from validation import engines as validate_engines
 from validation.dropper import Dropper
-from validation.measured import cases
-from validation.sensitivity import fit
+from validation.fit import Posterior, polynomial_deviance
+from validation.measured import cases, deviance
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
-
-
-@pytest.fixture(scope='module')
-def problem():
-    generator = np.random.default_rng(1)
-    slopes = generator.standard_normal((12, 4))
-    return generator.standard_normal(12) / 20, slopes, generator.uniform(0.01, 0.05, 12)
-
-
-def best_step(residuals, slopes, deviations):
-    rows = slopes / deviations[:, None]
-    return np.linalg.lstsq(rows, -residuals / deviations, rcond=None)[0]
-
-
-def test_step_is_the_weighted_least_squares_solution(problem):
-    np.testing.assert_allclose(fit(*problem).step, best_step(*problem), atol=1e-12)
-
-
-def test_left_out_matches_a_fit_of_all_other_cases(problem):
-    residuals, slopes, deviations = problem
-    found = fit(*problem).left_out
-    for k in range(len(residuals)):
-        others = np.arange(len(residuals)) != k
-        step = best_step(residuals[others], slopes[others], deviations[others])
-        assert found[k] == pytest.approx(residuals[k] + slopes[k] @ step, abs=1e-10)
-
-
-def test_spread_matches_fits_to_noisy_measurements(problem):
-    residuals, slopes, deviations = problem
-    generator = np.random.default_rng(2)
-    n = 4000
-    noise = generator.standard_normal((n, len(residuals))) * deviations
-    steps = np.array([fit(residuals + each, slopes, deviations).step for each in noise])
-    # The standard error of a standard deviation is 1 / sqrt(2 n), of itself.
-    np.testing.assert_allclose(steps.std(axis=0), fit(*problem).spread, rtol=4 / np.sqrt(2 * n))
+from resting_aspects_ros.statistics.model_range import discrepancy
 
 
 @pytest.mark.slow
-def test_measured_faces_are_aspects_of_the_bodies():
-    for case in cases():
-        aspects = find_aspects(case.part)
-        down = np.array([a.down_in_part for a in aspects.aspects])
-        kinds = {a.id: case.hits(a.down_in_part[None]) for a in aspects.aspects}
-        on = [a for a in aspects.aspects if kinds[a.id]]
-        assert 0 < len(on) < len(aspects), case.name
-        # All faces that were counted, and the shares of all faces that were not are the rest.
-        assert case.hits(down) == sum(kinds.values())
-        assert 0 < case.share < 1
-    side = next(case for case in cases() if case.name.startswith('coin'))
-    assert [a.rolls for a in find_aspects(side.part).aspects if side.hits(a.down_in_part[None])]
+def test_counted_sides_are_some_aspects_of_the_bodies():
+    known = cases()
+    assert len(known) == 12
+    for case in known:
+        assert 0 < len(case.ids) < len(case.aspects), case.name
+        assert 0 < case.count < case.rolls
+    (side,) = (case for case in known if case.name.endswith('on its side'))
+    assert [a.rolls for a in side.aspects.aspects if a.id in side.ids] == [True]
+
+
+def test_deviance_is_twice_the_log_likelihood_ratio():
+    count, rolls, share = 30, 100, 0.2
+    ratio = binom.logpmf(count, rolls, count / rolls) - binom.logpmf(count, rolls, share)
+    assert deviance([count], [rolls], [share])[0] == pytest.approx(2 * ratio)
+
+
+def made_posterior(scale, rng, cases=12, points=200):
+    """Counts of which the model is off by a known scale, and points of one condition."""
+    position = rng.random(points)
+    slopes, middles = rng.normal(0, 2, cases), rng.normal(-1, 1, cases)
+    truth = middles + slopes * (position[0] - 0.5)
+    off = discrepancy(expit(truth), scale) * rng.standard_normal(cases)
+    rolls = np.full(cases, 1000)
+    counts = rng.binomial(rolls, expit(truth + off))
+    shares = expit(middles + slopes * (position[:, None] - 0.5))
+    return Posterior(counts, rolls, shares, 100_000), position
+
+
+def test_fit_finds_the_conditions_of_the_counts():
+    posterior, position = made_posterior(0.05, np.random.default_rng(1))
+    weights = posterior.weights().sum(axis=0)
+    mean = weights @ position
+    spread = np.sqrt(weights @ (position - mean) ** 2)
+    assert spread < 0.1  # of 0.29 before the counts
+    assert abs(mean - position[0]) < 3 * spread
+
+
+def test_ranges_of_cases_that_are_left_out_contain_their_share():
+    rng, inside, n = np.random.default_rng(2), 0, 0
+    for _ in range(25):
+        posterior, _ = made_posterior(0.4, rng)
+        for k in range(12):
+            low, _, high = posterior.range_of(k, 1.645, without=k)
+            inside += low <= posterior.counts[k] / posterior.rolls[k] <= high
+            n += 1
+    # The scale is estimated from 11 cases, and the measured share has noise of its own.
+    assert 0.8 < inside / n < 0.97
+
+
+def test_polynomial_through_all_cases_leaves_no_deviance():
+    counts, rolls = np.array([5, 40, 200, 370]), np.array([500, 400, 400, 400])
+    x = np.array([0.0, 1.0, 2.0, 3.0])
+    assert polynomial_deviance(x, counts, rolls, 3) == pytest.approx(0, abs=1e-6)
+    # Pearson's and the deviance test of equal shares agree nearly for large counts.
+    equal = polynomial_deviance(x[:2], np.array([110, 90]), np.array([200, 200]), 0)
+    assert equal == pytest.approx(4.0, rel=0.02)
 
 
 @pytest.fixture

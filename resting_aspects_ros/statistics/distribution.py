@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Optional
+from typing import TYPE_CHECKING, Optional
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,9 @@ from resting_aspects_ros.statistics.intervals import (
     stops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.statistics.model_range import ModelRange
 
 METHOD = 'drops'
 # Names of the counts of drops that are at rest in no aspect.
@@ -57,6 +60,8 @@ class Distribution:
         Maximum energy_growth of the drops, m g R; see RestingPoses.
     contacts : Placements or None
         The same drops by what they touch, if the surroundings have walls and this was counted.
+    model : ModelRange or None
+        Where the probabilities are on a real surface, if that is known; see model_range.
     """
 
     aspects: AspectSet
@@ -71,6 +76,7 @@ class Distribution:
     lost: int = 0
     sliding: int = 0
     contacts: Optional['Placements'] = None
+    model: Optional['ModelRange'] = None
 
     @property
     def drops(self) -> int:
@@ -112,12 +118,20 @@ class Distribution:
         """Return the distribution over the symmetry classes, in their order."""
         classes = [[a.id - 1 for a in members] for members in self.aspects.classes()]
         counts = np.array([self.counts[ids].sum() for ids in classes], dtype=np.int64)
-        return dataclasses.replace(self, counts=counts)
+        model = None if self.model is None else self.model.of_classes()
+        return dataclasses.replace(self, counts=counts, model=model)
+
+    def model_intervals(self) -> list[Interval | None]:
+        """Return count / drops of each aspect with its model range; None where it is not known."""
+        if self.model is None or not self.drops:
+            return [None] * len(self.counts)
+        rows = zip(self.counts.tolist(), self.model.by_aspect.tolist(), strict=True)
+        return [Interval(count / self.drops, *bounds) for count, bounds in rows]
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
         """Return the distribution over the drops of both: different drops of the same part.
 
-        It has no contacts.
+        It has no contacts and no model range.
         """
         if self.aspects.part_sha256 != other.aspects.part_sha256:
             raise ValueError('distributions of different parts cannot be added')
@@ -131,6 +145,7 @@ class Distribution:
             lost=self.lost + other.lost,
             sliding=self.sliding + other.sliding,
             contacts=None,
+            model=None,
         )
 
 

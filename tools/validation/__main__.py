@@ -1,7 +1,7 @@
 """Validation of drops and actions: convergence, two engines, comparison with measurements.
 
 Prints tables and writes docs/explanation/validation.md. Takes about four hours on two cores.
-`PYTHONPATH=tools .venv/bin/python -m validation world` runs and replaces only one section.
+`PYTHONPATH=tools .venv/bin/python -m validation thrown` runs and replaces only one section.
 """
 
 import datetime as dt
@@ -21,19 +21,21 @@ from validation.engine import convergence, decision
 from validation.engines import engines
 from validation.feeder import feeder
 from validation.identification import identification
+from validation.mujoco import mujoco
 from validation.reorientation import reorientation
 from validation.surroundings import surroundings
 from validation.surroundings_steps import surroundings_steps
+from validation.thrown import thrown
 from validation.tosses import tosses
-from validation.world import world
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
+    'mujoco': mujoco,
+    'tosses': tosses,
+    'thrown': thrown,
     'convergence': convergence,
     'engines': engines,
     'decision': decision,
-    'world': world,
-    'tosses': tosses,
     'reorientation': reorientation,
     'surroundings': surroundings,
     'surroundings_steps': surroundings_steps,

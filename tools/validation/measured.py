@@ -1,114 +1,132 @@
 """Dice, coins and blocks whose resting aspects were counted by hand or by a machine.
 
-Only their proportions are published; all are taken to be about 20 mm in size. Sources:
-
-* Steel square cuboids: The Mathematical Gazette, note 97.16, 2013; students' rolls by hand.
-* Thick coin: 1000 flips by hand.
-* Near cube: rolled by a machine onto plexiglas; a cube whose one axis is short by a share s (up
-  to 13 %) lies on the two faces across it in 1/3 (1 + 2 s) of rolls. A cube had no bias in
-  640,934 rolls.
-* Die Binom3: Baktash, Sharp, Zhou, Crane, Jacobson, SIGGRAPH 2025; printed, rolled by hand.
+The counts are the files of config/counts, which state their sources. Only proportions are
+published; all bodies are taken to be about 20 mm in size.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
-from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.job import KERNEL, make_job
+from resting_aspects_ros.simulation.workers import Workers, submit_drops
+from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.statistics.intervals import Interval, intervals
+from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
+from validation.dropper import ROOT, SEED
 
-Array = npt.NDArray[np.float64]
-
-# mm: of the square faces of the cuboids and of the cubes, and of the coin's diameter; and of the
-# unit of the numbers that the die is published with, which makes it as large.
-SIZE = 20.0
-DIE_UNIT = 14.0
-# A pose is on a face if that points down within this.
-FACE_ANGLE = np.radians(5.0)
-# Besides sampling: neighbouring cuboids scatter by so much more than it explains.
-SCATTER = 0.02
-
-CUBOIDS = (
-    (0.47, 0.916, 332),
-    (0.75, 0.548, 799),
-    (0.93, 0.399, 516),
-    (1.16, 0.148, 1011),
-    (1.44, 0.052, 654),
-    (1.60, 0.017, 702),
-    (1.87, 0.009, 680),
-    (2.65, 0.006, 503),
-)
-SHORT = (0.03, 0.13)
-BINOM3 = np.array(
-    [
-        (-0.7935591, 0, 0.4791195),
-        (0.3202141, 0, 0.3201930),
-        (0.1539833, 0.3543327, 0.3400605),
-        (0.1539833, -0.3543327, 0.3400605),
-        (0.1619182, 0, -0.9735855),
-        (0.1602665, 0, 0.9658569),
-        (-0.7891129, 0, -0.4764671),
-        (0.3175497, 0, -0.3291496),
-        (0.1573784, 0.3514274, -0.3330442),
-        (0.1573784, -0.3514274, -0.3330442),
-    ]
-)
-BINOM3_FACES = ((0.910, 0.415, -0.004), (0.910, -0.415, -0.004))
+COUNTS = ROOT / 'config' / 'counts'
+# Files of bodies that were rolled by hand or by a machine on a table.
+ROLLED = ('steel_cuboids', 'thick_coin', 'near_cubes', 'die_binom3')
+# Files whose number of rolls is not published; their sources state what is assumed.
+ASSUMED = {'near_cubes'}
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A body, and the measured share of rolls that ended on some of its faces.
+    """A body, and how many of its rolls ended on some of its sides.
 
-    faces : (k, 3) float
-        Unit vectors of down in part for these faces; if empty, all directions across the z axis.
-    share : float
-        Measured share of rolls.
-    rolls : int
-        Number of rolls; 0 if it is not published.
+    ids : tuple of int
+        Aspects of these sides.
+    count, rolls : int
+        Rolls that ended on them, and all rolls.
+    assumed : bool
+        Whether the number of rolls is not published, but assumed.
     """
 
     name: str
     part: Part
-    faces: Array
-    share: float
+    ids: tuple[int, ...]
+    count: int
     rolls: int
-
-    def hits(self, down: Array) -> int:
-        """Return how many of the down directions, (n, 3), are on these faces."""
-        if len(self.faces):
-            return int(((down @ self.faces.T) > np.cos(FACE_ANGLE)).any(axis=1).sum())
-        return int((np.abs(down[:, 2]) < np.sin(FACE_ANGLE)).sum())
+    assumed: bool = False
 
     @property
-    def deviation(self) -> float:
-        """Standard deviation of the measurement, from sampling and scatter."""
-        sampling = self.share * (1 - self.share) / self.rolls if self.rolls else 0.0
-        return float(np.hypot(np.sqrt(sampling), SCATTER))
+    def share(self) -> float:
+        """Measured share of rolls."""
+        return self.count / self.rolls
+
+    @property
+    def interval(self) -> Interval:
+        """The measured share with its 95 % interval."""
+        return intervals([self.count], self.rolls)[0]
+
+    @cached_property
+    def landscape(self) -> Landscape:
+        """Landscape of the part."""
+        return Landscape(self.part)
+
+    @cached_property
+    def aspects(self) -> AspectSet:
+        """Aspects of the part."""
+        return find_aspects(self.part, self.landscape)
 
 
-def cases() -> list[Case]:
-    """Return all measured cases."""
-    ends = np.array([[0, 0, 1.0], [0, 0, -1.0]])
-    found = []
-    for thickness, share, rolls in CUBOIDS:
-        box = trimesh.creation.box((SIZE, SIZE, SIZE * thickness))
-        found.append(Case(f'cuboid {thickness:.2f}', _part(box), ends, share, rolls))
-    coin = trimesh.creation.cylinder(SIZE / 2, 0.577 * SIZE, sections=64)
-    found.append(Case('coin 0.577, on its side', _part(coin), np.zeros((0, 3)), 0.410, 1000))
-    for short in SHORT:
-        cube = trimesh.creation.box((SIZE, SIZE, SIZE * (1 - short)))
-        share = (1 + 2 * short) / 3
-        found.append(Case(f'cube, {100 * short:.0f} % short', _part(cube), ends, share, 0))
-    die = trimesh.convex.convex_hull(BINOM3 * DIE_UNIT)
-    faces = np.array(BINOM3_FACES) / np.linalg.norm(BINOM3_FACES, axis=1, keepdims=True)
-    found.append(Case('die Binom3, faces 0 and 3', _part(die), faces, (43 + 31) / 329, 329))
-    return found
+def cases(files: Sequence[str] = ROLLED) -> list[Case]:
+    """Return the measured cases of some files of config/counts: the first group of each part."""
+    return [
+        Case(
+            part.name if len(part.names) > 2 else f'{part.name}, {_sides(part.names[0])}',
+            part.part,
+            part.groups[0],
+            int(part.counts[0]),
+            part.drops,
+            name in ASSUMED,
+        )
+        for name in files
+        for part in read_surface_counts(COUNTS / f'{name}.yaml').parts
+    ]
 
 
-def _part(mesh: trimesh.Trimesh) -> Part:
-    data = mesh.export(file_type='stl')
-    assert isinstance(data, bytes)
-    return part_from_bytes(data, 'stl', 'measured')
+def _sides(name: str) -> str:
+    named = {'z': 'square faces', 'side': 'on its side', 'end': 'on an end'}
+    return named.get(name, f'class {name}')
+
+
+def simulated(
+    known: Sequence[Case],
+    conditions: DropConditions,
+    drops: int,
+    workers: Workers,
+    *,
+    engine: str = KERNEL,
+) -> Array:
+    """Return the share of each case in simulated drops.
+
+    All conditions have the same random numbers, so that shares under two of them differ by less
+    than two independent runs.
+    """
+    shares = []
+    for case in known:
+        job = make_job(case.part, conditions, SEED, landscape=case.landscape, engine=engine)
+        hits = 0
+        for chunk in submit_drops(job, 0, drops, workers):
+            hits += int(np.isin(aspect_ids(case.aspects, chunk.result()), case.ids).sum())
+        shares.append(hits / drops)
+    return np.array(shares)
+
+
+def log_odds(share: npt.ArrayLike) -> Array:
+    """Return log(p / (1 - p))."""
+    p = np.asarray(share, dtype=np.float64)
+    return np.asarray(np.log(p / (1 - p)))
+
+
+def deviance(counts: npt.ArrayLike, rolls: npt.ArrayLike, shares: npt.ArrayLike) -> Array:
+    """Return 2 sum O log(O / E) over both outcomes of each case; shares of 0 and 1 are moved."""
+    c, n = np.asarray(counts, dtype=np.float64), np.asarray(rolls, dtype=np.float64)
+    p = np.clip(shares, 1e-6, 1 - 1e-6)
+    terms = [
+        np.where(k > 0, k * np.log(np.maximum(k, 1) / (n * q)), 0)
+        for k, q in ((c, p), (n - c, 1 - p))
+    ]
+    return np.asarray(2 * (terms[0] + terms[1]))

@@ -23,18 +23,17 @@ from resting_aspects_ros.simulation.job import BULLET, KERNEL
 from resting_aspects_ros.simulation.starts import Noise
 from validation.dropper import ROOT, SEED, Dropper
 
-TOSSES = ROOT / 'tools' / 'cube_tosses.csv'
+TOSSES = ROOT / 'tools' / 'validation' / 'cube_tosses.csv'
 PICTURE = ROOT / 'docs' / 'explanation' / 'cube_tosses.png'
 SIDE, MASS, MOMENT = 0.1048, 0.37, 0.00081  # m, kg, kg m^2
-REPLICATES = {KERNEL: 1000, BULLET: 100}
+REPLICATES = {KERNEL: 500, BULLET: 24}
 # The frequency of a face has the weight of 24 replicates, regardless of their number: otherwise
 # the few tosses that ended on a face that is never simulated would decide the log loss.
 WEIGHT = 24
 NOISE = Noise(orientation=0.02, velocity=0.02, spin=0.3)
-# Friction and restitution: the authors' own fit, and values around it.
+# Friction and restitution: the authors' own fit, and values around it; and those of `thrown`, of
+# which all faces are shown.
 CONTACTS = ((0.18, 0.125), (0.25, 0.2), (0.30, 0.05), (0.30, 0.35))
-# Of which all faces are shown.
-SHOWN = ((0.25, 0.2), KERNEL)
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 Array = npt.NDArray[np.float64]
@@ -43,6 +42,8 @@ Array = npt.NDArray[np.float64]
 def tosses(dropper: Dropper) -> Iterator[str]:
     """Compare the face that is most probable in simulation with the face that came down."""
     given = read_state_csv(TOSSES)
+    thrown = dropper.surfaces.get('thrown')
+    best = (thrown.friction, thrown.restitution)
     cube = _cube()
     down = _faces_down(cube)
     yield '## Tosses of a real cube'
@@ -62,10 +63,10 @@ def tosses(dropper: Dropper) -> Iterator[str]:
     )
     yield '|---|---|---|---|---|---|---|'
     shown = np.empty(0)
-    for contact in CONTACTS:
+    for contact in (*CONTACTS, best):
         for engine in (KERNEL, BULLET):
             probability = _probability(dropper, cube, engine, *contact)
-            if (contact, engine) == SHOWN:
+            if (contact, engine) == (best, KERNEL):
                 shown = probability
             right = probability.argmax(axis=1) == down
             loss = -np.log(probability[np.arange(len(down)), down])
@@ -75,10 +76,11 @@ def tosses(dropper: Dropper) -> Iterator[str]:
                 f'| {errors[0]:.3f} | {loss.mean():.3f} | {errors[1]:.3f} |'
             )
     yield ''
-    (friction, restitution), _ = SHOWN
+    friction, restitution = best
     yield (
-        f'The aims are a log loss of at most 0.51 and a share of at least 0.83 with friction '
-        f'{friction:g} and restitution {restitution:g}. '
+        f'The aims are a log loss of at most 0.49 and a share of at least 0.83 with friction '
+        f'{friction:g} and restitution {restitution:g}, the values of `thrown`, which were fitted '
+        'to other bodies. '
         'What limits it: a toss ends with several impacts, each of which multiplies errors of the '
         'recorded state, and friction and restitution are the same for all tosses. Calibration '
         f'of the kernel with friction {friction:g} and restitution {restitution:g}, all faces:'

@@ -1,0 +1,176 @@
+"""The range of a probability on a real surface, which is wider than its sampling interval.
+
+The sampling interval states how exact the simulation of these conditions is. The model range
+states where the probability on a real surface is, if nobody counted parts on it. On the log odds,
+three variances add up: that of the sampling; that between draws of the conditions that are not
+known exactly; and the discrepancy of the model, by which shares that were measured by hand and by
+machines differ from simulated ones beyond sampling.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, logit, ndtri
+
+from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import bounds
+
+# Standard deviation of the discrepancy on the log odds at a share of 1/2, and the power of
+# 4 p (1 - p) with which it grows for rare and for frequent outcomes. They are estimated on the
+# measured bodies of config/counts; see docs/explanation/validation.md, "Measured shares".
+DISCREPANCY, POWER = 0.3, 0.25
+# Odds are not computed of shares that are nearer to 0 or 1.
+_MIN_SHARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ModelRange:
+    """Ranges of the probabilities on a real surface.
+
+    by_aspect : (k, 2) float
+        Lower and upper bounds by aspect; NaN if they are not known.
+    by_class : (c, 2) float
+        The same by symmetry class.
+    uncertain : tuple of str
+        Conditions whose uncertainty the ranges cover. Empty: the conditions are taken as exact,
+        and the ranges cover only the discrepancy of the model.
+    """
+
+    by_aspect: Array
+    by_class: Array
+    uncertain: tuple[str, ...] = ()
+
+    def of_classes(self) -> 'ModelRange':
+        """Return the ranges of the symmetry classes in the place of those of the aspects."""
+        return dataclasses.replace(self, by_aspect=self.by_class)
+
+
+def discrepancy(shares: npt.ArrayLike, scale: float = DISCREPANCY) -> Array:
+    """Return the standard deviation of the model's discrepancy on the log odds of shares."""
+    p = np.clip(shares, _MIN_SHARE, 1 - _MIN_SHARE)
+    return np.asarray(scale * (4 * p * (1 - p)) ** -POWER)
+
+
+def between_variance(hits: npt.NDArray[np.bool_]) -> float:
+    """Return the variance of a probability between s draws of the conditions.
+
+    Drop i has the same random numbers in every draw, so that the outcomes are a two-way table of
+    draws and drops. The mean square of their interaction is the noise (two-way analysis of
+    variance with one observation in each cell; Scheffe, The Analysis of Variance, 1959, chapter
+    4.8). It is less than p (1 - p) if drops with the same numbers end alike.
+
+    Parameters
+    ----------
+    hits : (s, m) bool
+        Whether drop i of draw j ended in the outcome. 0 is returned for less than two of either.
+    """
+    s, m = hits.shape
+    if min(s, m) < 2:
+        return 0.0
+    of_draws, of_drops, mean = hits.mean(axis=1), hits.mean(axis=0), hits.mean()
+    squares = s * m * mean - m * (of_draws**2).sum() - s * (of_drops**2).sum() + s * m * mean**2
+    noise = squares / ((s - 1) * (m - 1))
+    return max(0.0, float(of_draws.var(ddof=1) - noise / m))
+
+
+def model_bounds(
+    counts: npt.ArrayLike,
+    drops: int,
+    between: Array,
+    confidence: float,
+    scale: float = DISCREPANCY,
+) -> Array:
+    """Return the lower and upper bounds (k, 2) of the probabilities on a real surface.
+
+    The distances of Wilson's bounds from the share, and the quantile of the other deviations, are
+    added in quadrature on the log odds (MOVER: Zou and Donner, Statistics in Medicine 27, 2008).
+
+    Parameters
+    ----------
+    counts : (k,) int
+        Drops in each outcome, over all draws of the conditions.
+    drops : int
+        Number of these drops.
+    between : (k,) float
+        Variance of each probability between draws of the conditions.
+    confidence : float
+        Of each range by itself.
+    scale : float
+        Discrepancy of the model at a share of 1/2.
+    """
+    c, n = np.asarray(counts, dtype=np.int64), max(drops, 1)
+    z = float(ndtri((1 + confidence) / 2))
+    share = (c + 0.5) / (n + 1)
+    spread = z * np.sqrt(discrepancy(share, scale) ** 2 + between / (share * (1 - share)) ** 2)
+    centre, found = logit(share), []
+    for bound, sign in zip(bounds(c, drops, confidence=confidence), (-1, 1), strict=True):
+        away = sign * (logit(np.clip(bound, _MIN_SHARE, 1 - _MIN_SHARE)) - centre)
+        wider = expit(centre + sign * np.hypot(np.maximum(away, 0), spread))
+        # What was never seen can be impossible, and what always occurred certain.
+        found.append(np.where((bound == 0) | (bound == 1), bound, wider))
+    return np.stack(found, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Outcomes of drops at draws of the conditions that are not known exactly.
+
+    ids : (s, m) int
+        Aspect of drop i of draw j; 0 if it ended in none.
+    uncertain : tuple of str
+        Conditions that differ between the draws.
+    """
+
+    ids: Counts
+    uncertain: tuple[str, ...]
+
+
+def with_model_range(
+    distribution: Distribution, draws: Draws | None = None, *, about_draws: bool = True
+) -> Distribution:
+    """Return the distribution with the ranges of its aspects and symmetry classes.
+
+    Each range holds by itself, with the confidence of the distribution, and contains the sampling
+    interval.
+
+    Parameters
+    ----------
+    distribution : Distribution
+        Drops under the nominal conditions.
+    draws : Draws, optional
+        Drops over the uncertainty of the conditions. None: the conditions are taken as exact.
+    about_draws : bool
+        Whether the ranges are about the shares of the draws; otherwise about those of the
+        distribution, for drops that were simulated in another way than the draws.
+    """
+    classes = distribution.by_class()
+    members = [[each.id for each in alike] for alike in distribution.aspects.classes()]
+    alone = [[each.id] for each in distribution.aspects.aspects]
+    rows = [
+        _ranges(given, groups, draws, about_draws=about_draws)
+        for given, groups in ((distribution, alone), (classes, members))
+    ]
+    uncertain = () if draws is None else draws.uncertain
+    return dataclasses.replace(distribution, model=ModelRange(rows[0], rows[1], uncertain))
+
+
+def _ranges(
+    given: Distribution, groups: list[list[int]], draws: Draws | None, *, about_draws: bool
+) -> Array:
+    """Return the ranges (g, 2) of groups of aspects, whose counts are those of ``given``."""
+    counts, drops = given.counts, given.drops
+    between = np.zeros(len(groups))
+    if draws is not None:
+        hits = [np.isin(draws.ids, ids) for ids in groups]
+        between = np.array([between_variance(each) for each in hits])
+        if about_draws:
+            counts = np.array([each.sum() for each in hits], dtype=np.int64)
+            drops = draws.ids.size
+    found = model_bounds(counts.reshape(-1), drops, between, given.confidence)
+    sampling = given.intervals()
+    lower, upper = ([getattr(each, name) for each in sampling] for name in ('lower', 'upper'))
+    low = np.minimum(found[:, 0], lower)
+    return np.stack([low, np.maximum(found[:, 1], upper)], axis=1)
