@@ -73,7 +73,7 @@ def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) 
     conditions = (
         surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
     )
-    known = [field.name for field in dataclasses.fields(DropConditions)]
+    known = [field.name for field in dataclasses.fields(DropConditions) if field.compare]
     for name in changes:
         if name not in known:
             raise InvalidValueError(

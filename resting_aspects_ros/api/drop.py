@@ -14,6 +14,7 @@ from resting_aspects_ros.api.conditions import (
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
+from resting_aspects_ros.api.model_range import add_model_range, missing_reason
 from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
 from resting_aspects_ros.api.runner import (
     Consumer,
@@ -59,6 +60,7 @@ def drop(
     noise: Noise = NO_NOISE,
     surroundings: str | Path | Surroundings | None = None,
     check_convergence: bool = False,
+    model_range: bool = True,
     engine: str = '',
     workers: int | Workers | None = None,
     keep_poses: bool = True,
@@ -103,6 +105,9 @@ def drop(
         result of `surroundings`. See `DropResult.contacts`.
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
+    model_range : bool
+        Also find where the probabilities on a real surface are, with 8000 drops over the
+        uncertainty of the surface; see `Distribution.model`.
     engine : str
         'kernel', 'cuda' (the kernel on a GPU), or 'bullet' as an independent check; '': the
         kernel, but Bullet where parts fall from an edge or touch blocks or a mesh.
@@ -190,6 +195,7 @@ def drop(
             loaded,
             by_state=by_state,
             check=check_convergence,
+            model_range=model_range,
             keep_poses=keep_poses,
             log=log,
             consumers=consumers,
@@ -215,6 +221,7 @@ def repeat_log(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     check_convergence: bool = False,
+    model_range: bool = True,
     engine: str = '',
     workers: int | Workers | None = None,
     keep_poses: bool = True,
@@ -232,7 +239,7 @@ def repeat_log(
         The folder of a run, or its .mcap file; or what `logged_drops` returns.
     drops, precision
         As for `drop`, if another number of drops is requested than the log has.
-    interval, confidence, check_convergence, engine, workers, keep_poses, consumers
+    interval, confidence, check_convergence, model_range, engine, workers, keep_poses, consumers
         As for `drop`.
     progress, stopped
         As for `drop`.
@@ -268,6 +275,7 @@ def repeat_log(
             planned,
             part,
             check=check_convergence,
+            model_range=model_range,
             keep_poses=keep_poses,
             consumers=consumers,
         )
@@ -314,6 +322,7 @@ def make_drops(
     *,
     by_state: CountsByState | None = None,
     check: bool = False,
+    model_range: bool = False,
     keep_poses: bool = True,
     log: str | Path | None = None,
     consumers: Sequence[Consumer] = (),
@@ -326,6 +335,7 @@ def make_drops(
     counts = [each.add for each in (planned.contacts, by_state) if each is not None]
     folder: Path | None = None
     convergence: Convergence | None = None
+    reason = missing_reason(planned.job) if model_range else ''
 
     def result() -> DropResult:
         return DropResult(
@@ -341,6 +351,7 @@ def make_drops(
             folder,
             by_state,
             planned.contacts,
+            reason,
         )
 
     warn_of_surroundings(planned.run.conditions, part.hull_radius)
@@ -348,6 +359,10 @@ def make_drops(
         with recorded(log, part, planned, tally) as (folder, to_log):
             everything = [*counts, *kept, *to_log, *consumers]
             runner.count(planned.job, planned.run, tally, everything)
+            if model_range and not runner.stopped():
+                tally.distribution = add_model_range(
+                    tally.distribution, part, planned.job, runner.workers, runner.stopped
+                )
         if check and not runner.stopped():
             convergence = repeat_drops_in_finer_steps(
                 runner, planned.job, planned.run, tally.distribution

@@ -52,6 +52,8 @@ class DropResult(Result):
         Counts by initial state, if the initial states were given.
     contacts : Placements or None
         Counts by what the parts touch, if the surroundings have walls.
+    no_model_range : str
+        Why the distribution has no model range, if one was requested.
     """
 
     distribution: Distribution
@@ -66,6 +68,7 @@ class DropResult(Result):
     log: Path | None = None
     by_state: CountsByState | None = None
     contacts: Placements | None = None
+    no_model_range: str = ''
 
     @property
     def title(self) -> str:
@@ -90,6 +93,7 @@ class DropResult(Result):
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,
+            'no_model_range': self.no_model_range or None,
             'history': self.history
             and [
                 {'drops': n, 'counts': row}

@@ -86,7 +86,7 @@ def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPa
     """
     loaded: Part | None
     if shares is None:
-        shares = drop(part, keep_poses=False)
+        shares = drop(part, keep_poses=False, model_range=False)
         loaded, aspects = shares.part, shares.distribution.aspects
         assert loaded is not None  # it was dropped
     else:

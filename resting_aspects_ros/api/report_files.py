@@ -16,6 +16,7 @@ from resting_aspects_ros.api.conditions import (
     when_text,
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
+from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -97,6 +98,7 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
         notes=notes,
         facts=_facts(result),
         history=result.history,
+        range_text=model_range_text(distribution, result.no_model_range),
         level_floor=has_level_floor(result.run.conditions),
         **more,
     )

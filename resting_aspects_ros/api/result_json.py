@@ -45,18 +45,21 @@ from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
 from resting_aspects_ros.simulation.surroundings import surroundings_from
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.model_range import ModelRange
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
     Seed: TypeAlias = int
     Numbering: TypeAlias = int
     Coordinate: TypeAlias = float
+    Share: TypeAlias = float
 else:
     Id = conint(strict=True, ge=1, le=MAX_COUNTED)
     Seed = conint(strict=True, ge=0, le=MAX_SEED)
     Numbering = Literal[ASPECT_NUMBERING]
     # Of a unit vector or a quaternion, which are rounded.
     Coordinate = confloat(strict=True, ge=-1.001, le=1.001) | conint(strict=True, ge=-1, le=1)
+    Share = confloat(strict=True, ge=0, le=1) | conint(strict=True, ge=0, le=1)
 Pair: TypeAlias = tuple[Number, Number]
 Vector: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
@@ -92,6 +95,15 @@ class ReportAspect(CountedAspect):
     basin_share: Number
     merged: Number = 0.0  # documents of earlier versions do not have it
     support: list[Pair]
+    model_lower: Share | None = None
+    model_upper: Share | None = None
+
+
+class RangedClass(BaseModel):
+    """The model range of a symmetry class."""
+
+    model_lower: Share | None = None
+    model_upper: Share | None = None
 
 
 class CountsDocument(BaseModel):
@@ -140,6 +152,9 @@ class RunDocument(CountsDocument):
     body: StrictInt | None = None
     unit: StrictStr | None = None
     history: list[HistoryRow] = []
+    model_uncertain: tuple[StrictStr, ...] | None = None
+    no_model_range: StrictStr | None = None
+    classes: Sequence[RangedClass] = ()
     convergence: Convergence | None = None
 
     def description(self) -> RunDescription:
@@ -238,6 +253,7 @@ def document_result(
             document.confidence,
             document.precision > 0,
             document.energy_growth,
+            model=_model(document, ordered),
         )
         distribution.intervals()
         history = _history(document, distribution)
@@ -251,7 +267,27 @@ def document_result(
         given.complete,
         document.convergence,
         history=history,
+        no_model_range=document.no_model_range or '',
     )
+
+
+def _model(document: RunDocument, aspects: Sequence[ReportAspect]) -> ModelRange | None:
+    """Return the model ranges of a document; raises ValueError if some are missing."""
+    if document.model_uncertain is None:
+        return None
+    tables = [
+        np.array([(each.model_lower, each.model_upper) for each in rows], dtype=np.float64)
+        for rows in (aspects, document.classes)
+    ]
+    by_aspect, by_class = (each.reshape(-1, 2) for each in tables)
+    classes = {each.symmetry_class for each in aspects}
+    found = np.concatenate([by_aspect, by_class])
+    if len(by_class) != len(classes) or not (found[:, 0] <= found[:, 1]).all():
+        raise ValueError('invalid model range: expected bounds of each aspect and class')
+    uncertain = document.model_uncertain
+    if unknown := set(uncertain) - set(QUANTITIES):
+        raise ValueError(f'invalid model_uncertain {shown(min(unknown))}: expected conditions')
+    return ModelRange(by_aspect, by_class, uncertain)
 
 
 def _part(

@@ -7,6 +7,7 @@ from rich.measure import Measurement
 
 from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import (
     contact_table,
@@ -43,15 +44,23 @@ def show_table(console: Console, table: Table) -> None:
 
 
 def print_table(
-    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
+    distribution: Distribution,
+    title: str,
+    part: Part | None = None,
+    *,
+    each: bool = False,
+    no_model_range: str = '',
 ) -> None:
     """Print the table of a distribution, with bounds for aspects that were never seen."""
     console = make_console()
     show_table(console, distribution_table(distribution, title, part, each=each))
-    if unseen := never_seen_text(distribution, each=each):
-        console.print(unseen, highlight=False)
-    if merged := merged_text(distribution.aspects):
-        console.print(merged, highlight=False)
+    texts = (
+        model_range_text(distribution, no_model_range),
+        never_seen_text(distribution, each=each),
+        merged_text(distribution.aspects),
+    )
+    for text in filter(None, texts):
+        console.print(text, highlight=False)
 
 
 def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> None:
@@ -66,7 +75,8 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     # The size shows if the mesh was read in a wrong unit.
     size = f', {size_text(part)}' if part else ''
     title = f'{result.run.part}{size}\n{result.subtitle}'
-    print_table(result.distribution, title, part, each=each)
+    missing = result.no_model_range
+    print_table(result.distribution, title, part, each=each, no_model_range=missing)
     if result.contacts is not None and result.contacts.placements:
         show_table(make_console(), contact_table(result.contacts, result.distribution))
     if shapes := simulated_shapes(part, result.run.conditions):

@@ -24,29 +24,22 @@ from resting_aspects_ros.cli.life_cycle import (
     result_folder,
     say,
 )
-from resting_aspects_ros.cli.options import (
-    changed_conditions,
-    flag_of,
-    parse_share,
-    requested_conditions,
-)
+from resting_aspects_ros.cli.options import flag_of, parse_share, requested_conditions
 from resting_aspects_ros.errors import InvalidValueError, OutputError, RestingAspectsError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces, quantities_of
+from resting_aspects_ros.simulation.conditions import QUANTITIES, quantities_of
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Noise
 from resting_aspects_ros.statistics.intervals import check_precision
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.batch import BatchEntry
-    from resting_aspects_ros.studies.propagate import UncertainSurface
 
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
-PROPAGATED = 'propagated.json'
 BATCH_FOLDER = Path('out') / 'batch'
 NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # Flags without an effect or a meaning: with a log, which has these values; without given states;
-# with a batch of parts; and with several conditions.
+# and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
     *('initial_states', 'log'),
@@ -54,11 +47,7 @@ _OF_A_LOG = (
 _OF_STATES = ('replicates', *NOISES)
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
-    *('check_convergence', 'propagate', 'json', 'each'),
-)
-_NOT_PROPAGATED = (
-    *('from_log', 'initial_states', 'replicates', 'log', 'poses', 'each', *NOISES),
-    *('check_convergence', 'precision'),
+    *('check_convergence', 'json', 'each'),
 )
 
 
@@ -82,6 +71,7 @@ def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]
         'precision': precision,
         'interval': arguments.interval,
         'confidence': confidence,
+        'model_range': not arguments.no_model_range,
     }
 
 
@@ -265,72 +255,3 @@ def _line(entry: 'BatchEntry') -> str:
     rows = sorted(class_rows(entry.result.distribution), key=lambda row: -row.count)[:TOP]
     shares = [f'{row.name} {100 * row.interval.probability:.1f} %' for row in rows]
     return f'{entry.case.part.name}: {", ".join(shares)}'
-
-
-# -- An uncertain surface -------------------------------------------------------------------------
-
-
-def drop_propagated_and_show(
-    arguments: argparse.Namespace, session: Session, confidence: float
-) -> int:
-    """Drop on a calibrated surface with its uncertainty, and show both intervals.
-
-    Returns the exit code. Raises RestingAspectsError for wrong input.
-    """
-    # This import is slow, and only needed for an uncertain surface.
-    from resting_aspects_ros.studies.propagate import DROPS, PAGE, SAMPLES, propagate
-
-    if arguments.part is None:
-        raise InvalidValueError('missing part: expected a name or a mesh file before --propagate')
-    refuse(arguments, _NOT_PROPAGATED, 'without --propagate')
-    if arguments.interval != 'wilson':
-        raise InvalidValueError(
-            f'invalid --interval {arguments.interval}: expected wilson with --propagate'
-        )
-    surface = _surface(arguments)
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    out = result_folder(arguments, part.name, (PROPAGATED, PAGE))
-    result = propagate(
-        part,
-        surface,
-        DROPS if arguments.drops is None else arguments.drops,
-        samples=min(SAMPLES, len(surface.draws)),
-        seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
-        confidence=confidence,
-        force=arguments.force,
-        **session.options,
-    )
-
-    def show() -> None:
-        print(result.to_json(), end='') if arguments.json else print(result)
-
-    finish(arguments, out, {PROPAGATED: result.save_json}, show, result.report)
-    return exit_code(f'{len(result.counts)} samples', complete=result.complete)
-
-
-def _surface(arguments: argparse.Namespace) -> 'UncertainSurface':
-    """Return the uncertain surface with the conditions that the flags change.
-
-    It is that of a calibration; without a file, the named one.
-    """
-    from resting_aspects_ros.studies.propagate import (
-        UncertainSurface,
-        named_surface,
-        uncertain_surface,
-    )
-
-    if not arguments.propagate:
-        given = named_surface(arguments.surface, all_surfaces(arguments.surfaces))
-    elif arguments.surface or arguments.surfaces:
-        raise InvalidValueError(
-            f'invalid --surface {arguments.surface or arguments.surfaces}: expected only with '
-            '--propagate without a file, whose surface it replaces'
-        )
-    else:
-        given = uncertain_surface(Path(arguments.propagate))
-    fitted = {name for draw in given.draws for name in draw}
-    for name in sorted(fitted & set(changed_conditions(arguments))):
-        raise InvalidValueError(
-            f'invalid {flag_of(name)}: expected only a condition that the calibration did not fit'
-        )
-    return UncertainSurface(requested_conditions(arguments, given.conditions), given.draws)

@@ -45,13 +45,9 @@ def distribution_document(
         part, ``down_in_part`` a unit vector, part frame, ``min_barrier`` m, null without another
         aspect. ``classes`` are the symmetry classes, whose counts are sums.
     """
-    rows = zip(
-        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
-    )
     classes = distribution.by_class()
-    class_rows = zip(
-        distribution.aspects.classes(), classes.counts, classes.intervals(), strict=True
-    )
+    rows = zip(distribution.aspects.aspects, _shares(distribution), strict=True)
+    class_rows = zip(distribution.aspects.classes(), _shares(classes), strict=True)
     own: dict[str, object] = {
         'drops': distribution.drops,
         'unclassified': int(distribution.unclassified),
@@ -63,18 +59,16 @@ def distribution_document(
         'aspect_numbering': ASPECT_NUMBERING,
         'confidence': distribution.confidence,
         'interval': distribution.interval,
-        'aspects': [
-            aspect_fields(aspect, part) | share_fields(int(count), interval)
-            for aspect, count, interval in rows
-        ],
+        'model_uncertain': None if distribution.model is None else distribution.model.uncertain,
+        'aspects': [aspect_fields(aspect, part) | share for aspect, share in rows],
         'classes': [
             {
                 'symmetry_class': members[0].symmetry_class,
                 'multiplicity': len(members),
                 'aspects': [aspect.id for aspect in members],
-                **share_fields(int(count), interval),
+                **share,
             }
-            for members, count, interval in class_rows
+            for members, share in class_rows
         ],
     }
     from_run = {str(name): plain(value) for name, value in run.items() if name not in own}
@@ -120,6 +114,21 @@ def share_fields(count: int, interval: Interval) -> dict[str, object]:
         'lower': interval.lower,
         'upper': interval.upper,
     }
+
+
+def _shares(distribution: Distribution) -> list[dict[str, object]]:
+    """Return the share of each aspect with its interval and its model range."""
+    rows = zip(
+        distribution.counts.tolist(),
+        distribution.intervals(),
+        distribution.model_intervals(),
+        strict=True,
+    )
+    return [
+        share_fields(count, interval)
+        | {'model_lower': model and model.lower, 'model_upper': model and model.upper}
+        for count, interval, model in rows
+    ]
 
 
 def numbers(array: npt.NDArray[np.float64]) -> list[Any]:

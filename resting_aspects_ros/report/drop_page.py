@@ -29,7 +29,11 @@ from resting_aspects_ros.report.drop_figures import (
     estimates_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import down_text, estimate_table, never_seen_text
+from resting_aspects_ros.report.drops import (
+    down_text,
+    estimate_table,
+    never_seen_text,
+)
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
@@ -140,6 +144,7 @@ def drop_page(
     estimates: Mapping[str, Array] | None = None,
     not_defined: Mapping[str, str] | None = None,
     measured: tuple[Comparison, ComparedResults] | None = None,
+    range_text: str = '',
     contacts: Table | None = None,
     level_floor: bool = True,
 ) -> Page:
@@ -162,6 +167,8 @@ def drop_page(
         By method, why it is not defined for the part.
     measured : (Comparison, ComparedResults), optional
         The counts by class with which the drops are compared.
+    range_text : str
+        What the model range covers, or why there is none.
     contacts : Table, optional
         What the parts touch in surroundings with walls, with pictures.
     level_floor : bool
@@ -173,7 +180,11 @@ def drop_page(
     shown = _outcome_rows(distribution, rows, drawn, part, level=level_floor)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
-    sections = [_aspect_section(shown, drops, spread, view=drawn.has_view, level=level_floor)]
+    sections = [
+        _aspect_section(
+            shown, drops, spread, view=drawn.has_view, level=level_floor, range_text=range_text
+        )
+    ]
     if contacts is not None and contacts.rows:
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
@@ -266,6 +277,8 @@ def _top(
     images = [drawn.oblique.get(k) for k in range(len(rows))]
     bars = largest_rows(shown)
     caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
+    if distribution.model is not None:
+        caption += ' The thin bars below are the model ranges.'
     if len(bars) < len(shown):
         caption += f' Bars are shown for the {len(bars)} largest of {len(shown)} outcomes.'
     if unseen := never_seen_text(distribution):
@@ -281,9 +294,17 @@ def _chart(name: str, draw: Any, caption: str) -> Chart:
 
 
 def _aspect_section(
-    shown: Sequence[OutcomeRow], drops: int, spread: str, *, view: bool, level: bool
+    shown: Sequence[OutcomeRow],
+    drops: int,
+    spread: str,
+    *,
+    view: bool,
+    level: bool,
+    range_text: str,
 ) -> Section:
     items: list[Item] = [ASPECTS.format(drops=drops, spread=spread)]
+    if range_text:
+        items.append(range_text)
     if not level:
         items.append(NOT_LEVEL)
     items.append(OutcomeRows(shown, drops, view))
@@ -365,7 +386,7 @@ def _outcome_rows(
     ``level`` is whether the parts lie on a level plane. If not, the facts that are true there say
     so.
     """
-    longest = max((row.interval.upper for row in rows), default=1.0)
+    longest = max((_upper(row) for row in rows), default=1.0)
     heights = millimetre_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
@@ -380,6 +401,8 @@ def _outcome_rows(
             _probability(row, distribution.drops),
             interval_text(row.interval),
             _bar(row.interval, longest),
+            '' if row.model is None else interval_text(row.model),
+            None if row.model is None else _bar(row.model, longest)[1:],
             _facts(row, height, part, classes, level=level) if row.aspects else (),
             _members(distribution, row) if len(row.aspects) > 1 else None,
             *drawn.pictures(k),
@@ -388,11 +411,18 @@ def _outcome_rows(
     ]
 
 
+def _upper(row: Row) -> float:
+    return row.interval.upper if row.model is None else max(row.interval.upper, row.model.upper)
+
+
 def _members(distribution: Distribution, row: Row) -> Table:
     """Return the table of the individual aspects of a row."""
-    headings = ('aspect', DOWN, 'count', 'probability', 'interval')
+    ranged = distribution.model is not None
+    headings = ['aspect', DOWN, 'count', 'probability', 'interval']
+    if ranged:
+        headings.append('model range')
     table = Table('', headings, texts={DOWN: None})
-    intervals = distribution.intervals()
+    intervals, ranges = distribution.intervals(), distribution.model_intervals()
     for aspect in row.aspects:
         k = aspect.id - 1
         table.add_row(
@@ -401,6 +431,7 @@ def _members(distribution: Distribution, row: Row) -> Table:
             str(distribution.counts[k]),
             probability_text(intervals[k]),
             interval_text(intervals[k]),
+            *([] if (model := ranges[k]) is None else [interval_text(model)]),
         )
     return table
 

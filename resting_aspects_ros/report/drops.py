@@ -34,8 +34,11 @@ from resting_aspects_ros.statistics.distribution import Distribution, Placements
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, intervals
 
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
-# and in a table of single aspects, which also has the column DOWN.
-_REST_WIDTH, _REST_WIDTH_OF_EACH = 26, 20
+# also with the model range, and with the mean of each aspect as well; and in a table of single
+# aspects, which also has the column DOWN.
+_REST_WIDTH, _REST_WIDTH_WITH_RANGE, _REST_WIDTH_OF_SEVERAL, _REST_WIDTH_OF_EACH = 26, 24, 16, 20
+# Heading of the model range.
+MODEL_RANGE = 'model\nrange'
 
 
 def distribution_table(
@@ -45,7 +48,8 @@ def distribution_table(
 
     Classes in which no drop ended have a row, too. The table fits 80 columns, needs no colour,
     and its cells are ASCII. Probabilities are in percent, with as many digits as their interval
-    justifies.
+    justifies. The model range is a column of its own, and in a table with a row for each aspect
+    below the interval.
 
     Parameters
     ----------
@@ -59,32 +63,49 @@ def distribution_table(
     """
     rows = aspect_rows(distribution) if each else class_rows(distribution)
     several = any(len(row.aspects) > 1 for row in rows)
+    ranged = distribution.model is not None
+    own_column = ranged and not each
+    interval = f'{100 * distribution.confidence:g} % interval'
     headings = (
         'aspects' if several else 'aspect',
         RESTS_ON,
         *([DOWN] if each else []),
         'proba-\nbility',
-        f'{100 * distribution.confidence:g} % interval',
+        f'{interval},\nmodel range' if ranged and each else interval,
+        *([MODEL_RANGE] if own_column else []),
         'count',
         *(['per\naspect'] if several else []),
     )
-    rest_width = _REST_WIDTH_OF_EACH if each else _REST_WIDTH
-    table = Table(title, headings, texts={RESTS_ON: rest_width, DOWN: None})
+    width = _REST_WIDTH_OF_EACH if each else _REST_WIDTH
+    if own_column:
+        width = _REST_WIDTH_OF_SEVERAL if several else _REST_WIDTH_WITH_RANGE
+    table = Table(title, headings, texts={RESTS_ON: width, DOWN: None})
     for row in rows:
         cells = [short_name(row), resting_on(part, row.aspects[0])]
         if each:
             cells.append(down_text(row.aspects[0]))
-        cells += shares(row.interval, row.count, distribution.drops)
+        probability, sampling, count = shares(row.interval, row.count, distribution.drops)
+        if own_column:
+            cells += [probability, sampling, model_text(row), count]
+        else:
+            both = f'{sampling}\n{model_text(row)}' if ranged else sampling
+            cells += [probability, both, count]
         if several:
             cells.append(_each_text(row, distribution.drops))
         table.add_row(*cells)
     table.add_section()
     for row in outside_rows(distribution):
         cells = ['', row.name, *([''] if each else [])]
-        table.add_row(*cells, *shares(row.interval, row.count, distribution.drops))
-    cells = ['', 'drops in total', *([''] if each else []), '', '', str(distribution.drops)]
-    table.add_row(*cells, bold=True)
+        probability, sampling, count = shares(row.interval, row.count, distribution.drops)
+        table.add_row(*cells, probability, sampling, *([NOTHING] if own_column else []), count)
+    empty = [''] * (2 + each + own_column)
+    table.add_row('', 'drops in total', *empty, str(distribution.drops), bold=True)
     return table
+
+
+def model_text(row: Row) -> str:
+    """Return the model range of a row, as '41 to 66 %'."""
+    return NOTHING if row.model is None else interval_text(row.model)
 
 
 def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:

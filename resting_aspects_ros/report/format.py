@@ -199,6 +199,8 @@ class Row:
     aspects : tuple of Aspect
         The aspects of one symmetry class, which look the same; empty if the drops are in no
         aspect.
+    model : Interval or None
+        The model range, if it is known.
     """
 
     name: str
@@ -206,6 +208,7 @@ class Row:
     interval: Interval
     colour: str
     aspects: tuple[Aspect, ...] = ()
+    model: Interval | None = None
 
 
 def class_rows(distribution: Distribution) -> list[Row]:
@@ -213,12 +216,12 @@ def class_rows(distribution: Distribution) -> list[Row]:
     classes = distribution.by_class()
     members = distribution.aspects.classes()
     return [
-        Row(aspects_text(alike), count, interval, colour, alike)
-        for alike, count, interval, colour in zip(
+        Row(aspects_text(alike), count, interval, aspect_colour(alike[0]), alike, model)
+        for alike, count, interval, model in zip(
             members,
             classes.counts.tolist(),
             classes.intervals(),
-            [aspect_colour(alike[0]) for alike in members],
+            classes.model_intervals(),
             strict=True,
         )
     ]
@@ -227,11 +230,15 @@ def class_rows(distribution: Distribution) -> list[Row]:
 def aspect_rows(distribution: Distribution) -> list[Row]:
     """Return a row for each aspect, even if several aspects look the same."""
     rows = zip(
-        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+        distribution.aspects.aspects,
+        distribution.counts.tolist(),
+        distribution.intervals(),
+        distribution.model_intervals(),
+        strict=True,
     )
     return [
-        Row(f'aspect {aspect.id}', int(count), interval, aspect_colour(aspect), (aspect,))
-        for aspect, count, interval in rows
+        Row(f'aspect {aspect.id}', count, interval, aspect_colour(aspect), (aspect,), model)
+        for aspect, count, interval, model in rows
     ]
 
 
@@ -261,7 +268,12 @@ def numbers_text(numbers: Sequence[int]) -> str:
     """Return ascending numbers as '3', '1 and 2', '1, 2 and 4' or '1 to 6'."""
     if len(numbers) > 2 and all(b == a + 1 for a, b in pairwise(numbers)):
         return f'{numbers[0]} to {numbers[-1]}'
-    *first, last = map(str, numbers)
+    return list_text([str(number) for number in numbers])
+
+
+def list_text(words: Sequence[str]) -> str:
+    """Return words as 'a', 'a and b' or 'a, b and c'."""
+    *first, last = words
     return f'{", ".join(first)} and {last}' if first else last
 
 

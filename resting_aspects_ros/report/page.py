@@ -147,6 +147,10 @@ class OutcomeRow:
         Pictures as data URIs.
     bar : (float, float, float)
         Length of the bar, and start and length of its whisker, as percentages of the width.
+    model : str
+        The model range.
+    model_bar : (float, float) or None
+        Start and length of its thinner bar, as percentages of the width.
     facts : tuple of (str, str, str)
         Properties of the aspect that follow from the shape: label, value, explanation.
     members : Table or None
@@ -161,6 +165,8 @@ class OutcomeRow:
     probability: str
     interval: str
     bar: tuple[float, float, float]
+    model: str = ''
+    model_bar: tuple[float, float] | None = None
     facts: tuple[tuple[str, str, str], ...] = ()
     members: Table | None = None
     oblique: str = ''

@@ -175,9 +175,17 @@ class HeightOf(IntEnum):
         return self.name.lower().replace('_', ' ')
 
 
+# Equally probable values of conditions that are not known exactly.
+Samples = tuple[Mapping[str, float], ...]
+
+
 @dataclass(frozen=True)
 class DropConditions:
     """Validated conditions of a drop. Friction and restitution belong to the pair of materials.
+
+    uncertainty : tuple of dict of str to float
+        Equally probable values of those that are not known exactly, such as `calibrate` writes.
+        They are no part of what is simulated: conditions that differ only in them are equal.
 
     Raises
     ------
@@ -230,6 +238,7 @@ class DropConditions:
     surface: str = ''
     # None: an infinite level plane.
     surroundings: Optional['Surroundings'] = None
+    uncertainty: Samples = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -252,13 +261,19 @@ class DropConditions:
         return (*self.values(), self.surroundings_key)
 
     @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Names of the conditions that are not known exactly."""
+        return tuple(self.uncertainty[0]) if self.uncertainty else ()
+
+    @property
     def surroundings_key(self) -> str:
         """The key of the surroundings; empty for an infinite level plane."""
         return '' if self.surroundings is None else self.surroundings.key
 
     def document(self) -> dict[str, object]:
         """Return the conditions as plain JSON types, with the surroundings as a mapping."""
-        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        fields = (each for each in dataclasses.fields(self) if each.compare)
+        values = {each.name: getattr(self, each.name) for each in fields}
         around = self.surroundings
         return {
             **values,
@@ -267,10 +282,16 @@ class DropConditions:
         }
 
     def changed(self, **changes: Any) -> 'DropConditions':
-        """Return conditions with other values; the surface's name is removed if they differ."""
+        """Return conditions with other values; the surface's name is removed if they differ.
+
+        If one of the uncertain values is changed, all of them are taken as known: they were
+        fitted or assumed together.
+        """
         new = dataclasses.replace(self, **changes)
         if new.key() == self.key():
             return self
+        if any(getattr(new, name) != getattr(self, name) for name in self.uncertain):
+            new = dataclasses.replace(new, uncertainty=())
         return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
@@ -343,18 +364,12 @@ EXPECTED = {
     f'{MIN_SAMPLES} to {MAX_SAMPLES} values each',
 }
 
-# Equally probable values of the conditions of a surface that are not known.
-Samples = tuple[Mapping[str, float], ...]
-
 
 class Surfaces:
-    """The named sets of conditions, and the samples of those that are not known exactly."""
+    """The named sets of conditions."""
 
-    def __init__(
-        self, sets: Mapping[str, DropConditions], samples: Mapping[str, Samples] | None = None
-    ) -> None:
+    def __init__(self, sets: Mapping[str, DropConditions]) -> None:
         self._sets = dict(sets)
-        self._samples = dict(samples or {})
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
@@ -371,7 +386,25 @@ class Surfaces:
 
     def samples(self, name: str = '') -> Samples:
         """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
-        return self._samples.get(name or DEFAULT_SURFACE, ())
+        return self.get(name).uncertainty
+
+    def uncertainty_of(self, conditions: DropConditions) -> Samples:
+        """Return equally probable values of what is not known exactly; empty if all is.
+
+        Conditions that were read from a log, a message or a document have none of their own.
+        Theirs are those of the surface with the same name, or with equal values of the conditions
+        that are uncertain there, such as a surface with another height.
+        """
+        if conditions.uncertainty:
+            return conditions.uncertainty
+        named = [each for each in self._sets.values() if each.surface == conditions.surface]
+        for known in (*named, *self._sets.values()):
+            same = all(
+                getattr(known, name) == getattr(conditions, name) for name in known.uncertain
+            )
+            if known.uncertain and same:
+                return known.uncertainty
+        return ()
 
     def named(self, conditions: DropConditions) -> DropConditions:
         """Return the conditions, without the surface's name if the surface has other values."""
@@ -400,7 +433,7 @@ class Surfaces:
     def extended(self, path: Path) -> 'Surfaces':
         """Return these surfaces and those of a file, which replace others of the same name."""
         own = Surfaces.read(path)
-        return Surfaces(self._sets | own._sets, self._samples | own._samples)  # noqa: SLF001
+        return Surfaces(self._sets | own._sets)  # noqa: SLF001
 
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
@@ -410,16 +443,15 @@ class Surfaces:
         if not isinstance(document, dict) or not document:
             raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
         sets: dict[str, DropConditions] = {}
-        samples: dict[str, Samples] = {}
         for name, entry in document.items():
             where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
             try:
                 check_name('a surface', name)
                 given = validated(SurfaceEntry, entry, expected=EXPECTED)
-                sets[name], samples[name] = _conditions(name, given)
+                sets[name] = _conditions(name, given)
             except InvalidValueError as error:
                 raise InvalidValueError(f'{where}: {error}') from None
-        return cls(sets, samples)
+        return cls(sets)
 
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:
@@ -440,8 +472,8 @@ def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
     return changes
 
 
-def _conditions(name: str, given: Any) -> tuple[DropConditions, Samples]:
-    """Return the conditions of a checked entry, and its samples; raises InvalidValueError."""
+def _conditions(name: str, given: Any) -> DropConditions:
+    """Return the conditions of a checked entry; raises InvalidValueError."""
     lists: dict[str, list[float]] = given.uncertainty
     sizes = {len(each) for each in lists.values()}
     if len(sizes) > 1 or not all(MIN_SAMPLES <= size <= MAX_SAMPLES for size in sizes):
@@ -455,4 +487,4 @@ def _conditions(name: str, given: Any) -> tuple[DropConditions, Samples]:
     found = DropConditions(surface=name, height_of=HeightOf[given.height_of], **values)
     for each in samples:
         found.changed(**each)
-    return found, samples
+    return dataclasses.replace(found, uncertainty=samples)

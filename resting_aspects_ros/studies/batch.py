@@ -378,6 +378,7 @@ def drop_batch(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     surroundings: str | Path | Surroundings | None = None,
+    model_range: bool = True,
     unit: str | None = None,
     force: bool = False,
     out: str | Path | None = None,
@@ -401,7 +402,9 @@ def drop_batch(
     seed : int
         Of the batch. Each part has a seed of its own, see `part_seed`, so that the drops of
         different parts are independent.
-    drops, surface, precision, interval, confidence, surroundings, force, workers, progress
+    drops, surface, precision, interval, confidence, surroundings, model_range, force
+        As for `drop`.
+    workers, progress
         As for `drop`.
     **conditions : float
         Conditions that differ from the surface, in SI units.
@@ -444,6 +447,7 @@ def drop_batch(
                     seed=part_seed(seed, part),
                     interval=interval,
                     confidence=confidence,
+                    model_range=model_range,
                     workers=pool,
                     keep_poses=False,
                     force=force,

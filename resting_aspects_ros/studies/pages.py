@@ -1,4 +1,4 @@
-"""The pages of studies, optima, propagated surfaces and batches, and their figures."""
+"""The pages of studies, optima and batches, and their figures."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from resting_aspects_ros.api.conditions import condition_facts, conditions_text
+from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.drop_page import PAGE
 from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
-    WIDE,
-    RowAxes,
     new_figure,
     percent_axis,
     plain_axes,
@@ -22,7 +20,6 @@ from resting_aspects_ros.report.figure import (
 from resting_aspects_ros.report.format import (
     COLOURS,
     GREY,
-    Row,
     aspect_colour,
     class_rows,
     rgb,
@@ -43,7 +40,6 @@ from resting_aspects_ros.report.page import (
 )
 from resting_aspects_ros.report.picture import draw_parts, picture_part, pose_parts
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import (
@@ -62,7 +58,6 @@ if TYPE_CHECKING:
 
     from resting_aspects_ros.studies.batch import BatchEntry, BatchResult, CaseComparison
     from resting_aspects_ros.studies.optimum import OptimiseResult
-    from resting_aspects_ros.studies.propagate import PropagatedResult
     from resting_aspects_ros.studies.study import StudyResult
 
 # Inches.
@@ -394,97 +389,6 @@ def facts_figure(result: 'OptimiseResult') -> 'Figure':
             axes.set_ylabel(text, size=8.5, color=TEXT)
     figure.tight_layout(pad=0.6)
     return figure
-
-
-def propagated_page(result: 'PropagatedResult', file: str) -> Page:
-    """Return the page of a distribution on a surface that is not known exactly."""
-    found, names = result.by_class, result.case.class_names
-    notes = [] if result.complete else ['The run was interrupted: some samples are missing.']
-    ends = {name: count for name, count in result.other_ends().items() if count}
-    if ends:
-        text = ', '.join(f'{count} {name}' for name, count in ends.items())
-        notes.append(f'{sum(ends.values())} of {result.drops} drops ended in no aspect: {text}.')
-    headings = (
-        'class',
-        'probability',
-        'by sampling alone',
-        'with the surface',
-        'part of the surface in the variance',
-    )
-    table = Table('', headings)
-    for name, one, both, part in zip(
-        names, found.sampling, found.total, found.part_of_surface.tolist(), strict=True
-    ):
-        table.add_row(
-            name,
-            f'{100 * one.probability:.2f} %',
-            f'{_percent(one)} %',
-            f'{_percent(both)} %',
-            f'{100 * part:.0f} %',
-        )
-    chart = Chart(
-        'shares',
-        'Bars of the probability of each aspect class with two intervals',
-        partial(propagated_figure, result),
-        'bar: mean probability; black: sampling interval; grey, wide: interval with the unknown '
-        'surface; dots: samples of the surface',
-    )
-    shares = (f'{100 * p:.1f} %' for p in found.means.tolist())
-    gallery = _gallery(names, case_colours(result.case), case_pictures(result.case), shares)
-    confidence = f'{100 * result.confidence:g}'
-    items: list[Item] = [Text(result.sentence(), 'verdict'), gallery, chart, table]
-    return Page(
-        file=file,
-        title=result.part.name,
-        topic='unknown surface',
-        lead='Probabilities on a surface that is not known exactly',
-        subtitle=f'{result.drops} drops, {result.drops_per_sample} at each of '
-        f'{len(result.counts)} samples of the surface, seed {result.seed}',
-        sections=[Section('Probabilities', 'shares', items)],
-        reading=reading('surface', confidence=confidence),
-        facts={'Conditions': _surface_facts(result)},
-        notes=notes,
-    )
-
-
-def propagated_figure(result: 'PropagatedResult') -> 'Figure':
-    """Return bars of the probabilities, with both intervals and the shares of the samples."""
-    found = result.by_class
-    rows = [
-        Row(name, int(count), interval, colour)
-        for name, count, interval, colour in zip(
-            result.case.class_names,
-            result.case.classes.sum(axis=0),
-            found.sampling,
-            case_colours(result.case),
-            strict=False,
-        )
-    ]
-    bands, top = RowAxes(rows, 0.5, WIDE, 0.4), 0.0
-    axes, shares = bands.axes, (result.case.classes / result.drops_per_sample).T
-    for row, total, y, own in zip(rows, found.total, bands.places.tolist(), shares, strict=True):
-        sampling = row.interval
-        axes.barh(y, sampling.probability, bands.data(0.3), color=row.colour, alpha=0.55)
-        axes.plot(own, [y - bands.data(0.17)] * len(own), '.', color=row.colour, alpha=0.5, ms=3)
-        axes.plot([total.lower, total.upper], [y, y], color=FAINT, linewidth=5, alpha=0.6)
-        axes.plot([sampling.lower, sampling.upper], [y, y], color=TEXT, linewidth=1.6)
-        top = max(top, total.upper, float(own.max()))
-    axes.set_xlim(0, min(1.0, 1.05 * top))
-    percent_axis(axes, 'x', min(1.0, 1.05 * top))
-    return bands.figure
-
-
-def _surface_facts(result: 'PropagatedResult') -> list[tuple[str, str]]:
-    """Return the surface, the range of each condition that was sampled, and the known ones."""
-    ranges = {}
-    for name in result.samples[0] if result.samples else ():
-        values, quantity = [sample[name] for sample in result.samples], QUANTITIES[name]
-        text = f'samples from {min(values):.3g} to {max(values):.3g} {quantity.unit}'
-        ranges[quantity.label] = text
-    return [
-        ('surface', result.conditions.surface or 'changed conditions of the calibrated surface'),
-        *((label, ranges.get(label, text)) for label, text in condition_facts(result.conditions)),
-    ]
 
 
 def _comparison_sections(

@@ -43,6 +43,12 @@ def test_the_example_of_the_readme_runs(run, tmp_path):
     assert (tmp_path / 'out' / 'l_bracket' / 'report.html').is_file()
 
 
+def test_the_numbers_of_the_page_on_trust(run):
+    (text,) = code('docs/explanation/trust.md', 'python')
+    (shown,) = [each for each in code('docs/explanation/trust.md', 'text') if 'counted' in each]
+    assert run(text, 'trust.md') == shown
+
+
 def test_conditions_of_your_own(run):
     (text,) = code('docs/how_to/choose_conditions.md', 'python')
     printed = run(f'{text}\nprint(result.run.conditions)', 'choose_conditions.md')

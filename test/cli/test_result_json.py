@@ -10,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.result_json import RunDocument, counts_of, read_document
+from resting_aspects_ros.api.result_json import (
+    RunDocument,
+    counts_of,
+    document_result,
+    read_document,
+)
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.simulation.conditions import QUANTITIES
@@ -68,7 +73,10 @@ def name_of(path):
     return ''.join(f'[{k}]' if isinstance(k, int) else f'.{k}' for k in path).lstrip('.')
 
 
-NOT_READ = ('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit')
+NOT_READ = (
+    *('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit'),
+    'no_model_range',
+)
 
 
 def read_places(document):
@@ -101,6 +109,7 @@ def test_error_names_field_and_value_of_a_wrong_type(original, refusal):
 def test_error_names_every_missing_field(original, refusal):
     _, document = original
     optional = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings', 'merged'}
+    optional |= {'model_uncertain', 'model_lower', 'model_upper'}
     for place, _ in read_places(document):
         if isinstance(place[-1], int) or place[-1] in optional:
             continue
@@ -212,3 +221,22 @@ def test_large_file_is_refused_without_reading(refused, tmp_path):
         file.truncate(1 << 40)
     for words in (('report',), ('classify',)):
         assert "'large' is too large: expected at most" in refused(*words, 'large')
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({('aspects', 0, 'model_lower'): None}, 'invalid model range'),
+        ({('aspects', 0, 'model_lower'): 0.9, ('aspects', 0, 'model_upper'): 0.1}, 'model range'),
+        ({('classes',): []}, 'invalid model range'),
+        ({('model_uncertain',): ['luck']}, 'luck'),
+    ],
+)
+def test_contradictory_model_ranges_are_refused(original, tmp_path, changes, said):
+    _, document = original
+    for place, value in changes.items():
+        document = changed(document, place, value)
+    path = tmp_path / 'f.json'
+    path.write_text(json.dumps(document), encoding='utf-8')
+    with pytest.raises(InvalidValueError, match=said):
+        document_result(path, None, None, None, None)

@@ -20,6 +20,7 @@ from resting_aspects_ros.report.format import (
 )
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.model_range import with_model_range
 
 ROW = re.compile(
     r'^ *(?P<id>\d[\d ,.a-z]*?)?  +(?P<words>[a-z].*?)  +'
@@ -151,6 +152,20 @@ def test_table_of_a_rolling_part_fits_80_columns(part):
     assert max(len(line) for line in text) <= 80
     assert not any('…' in line for line in text)
     assert 'axis  0.00  0.00 +1.00' in ''.join(text)
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 't_prism', 'hex_nut', 'cylinder_d20_h20'])
+def test_table_with_model_ranges_shows_them_in_80_columns(part, name):
+    shape = part(name)
+    aspects = find_aspects(shape)
+    counts = np.full(len(aspects), 150)
+    counts[-1] = 1
+    found = with_model_range(dataclasses.replace(no_drops(aspects), counts=counts, failed=3))
+    classes, each = (lines(found, part=shape, each=both) for both in (False, True))
+    assert max(len(line) for line in classes + each) <= 80
+    for text, rows in ((classes, found.by_class()), (each, found)):
+        for model in rows.model_intervals():
+            assert interval_text(model) in '\n'.join(text)
 
 
 def test_title_is_plain_text(aspects):

@@ -21,12 +21,11 @@ from resting_aspects_ros.api.identify import read_polygon
 from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.simulation.actions import Actions
-from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces
+from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.points import PointStore
-from resting_aspects_ros.studies.propagate import uncertain_surface
 from resting_aspects_ros.studies.study import read_spec
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
@@ -127,16 +126,8 @@ def yaml_kinds() -> dict[str, Kind]:
             lambda path: check_grasps(ra.load_grasps(path), known.placements, [1]),
             ((CONFIG / 'grasps' / 'l_bracket.yaml').read_bytes(),),
         ),
-        'calibration': Kind('calibration.json', uncertain_surface, (_json(CALIBRATION),)),
     }
 
-
-CALIBRATION = {
-    'schema_version': 1,
-    'surface': 'oak',
-    'conditions': {**dict.fromkeys(QUANTITIES, 0.05), 'height_of': 'LOWEST_POINT'},
-    'draws': [{'restitution': 0.5, 'friction': 0.3 + k / 100} for k in range(8)],
-}
 
 ROADMAP = {
     'format': 'bibazu_pose_roadmap_handover',

@@ -177,6 +177,7 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
                 surface=conditions,
                 seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
                 keep_poses=False,
+                model_range=False,
                 **started.options,
             )
         if not result.complete:

@@ -34,7 +34,7 @@ EXAMPLES = """examples:
   resting_aspects drop hex_nut --surroundings slope --set angle=12deg
   resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
-  resting_aspects drop l_bracket --propagate out/steel/calibration.json
+  resting_aspects drop l_bracket --surfaces my_surfaces.yaml --surface oak_table
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -113,12 +113,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='repeat the drops with half the time step, and show how much the result changes',
     )
     parser.add_argument(
-        '--propagate',
-        metavar='CALIBRATION.json',
-        nargs='?',
-        const='',
-        help='use the surface of a calibration with its uncertainty, or without a file that of '
-        '--surface, and show how much the uncertainty matters beside the sampling',
+        '--no-model-range',
+        action='store_true',
+        help='leave out the range of each probability on a real surface, and the drops for it',
     )
     add_output(parser)
     add_conditions(parser)
@@ -148,6 +145,4 @@ def run(arguments: argparse.Namespace) -> int:
         if len(arguments.part) > 1 or (arguments.parts is None and _is_folder(arguments.part)):
             return drop_run.drop_batch_and_show(arguments, started, confidence)
         arguments.part = arguments.part[0] if arguments.part else None
-        if arguments.propagate is not None:
-            return drop_run.drop_propagated_and_show(arguments, started, confidence)
         return drop_run.drop_and_show(arguments, started, confidence)

@@ -9,7 +9,6 @@ from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.checks import SurfaceComparison
 from resting_aspects_ros.studies.calibration.result import comparison_text, statements
-from resting_aspects_ros.studies.propagate import uncertain_surface
 
 TRUTH = (0.4, 0.6)
 
@@ -99,13 +98,6 @@ def test_document_is_json_with_the_conditions_and_draws(result):
     estimate = result.estimates[0]
     assert drawn.mean() == pytest.approx(estimate.mean, abs=4 * estimate.deviation / np.sqrt(200))
     assert document['parts'][0]['counts'] == result.fit.given.parts[0].counts.tolist()
-
-
-def test_document_and_result_are_uncertain_surfaces(result):
-    of_result, of_document = (uncertain_surface(each) for each in (result, result.document()))
-    assert of_result == of_document
-    assert of_result.conditions == result.conditions
-    assert list(of_result.draws) == result.draws()
 
 
 def test_picture_is_written(result, tmp_path):

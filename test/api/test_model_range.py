@@ -1,0 +1,105 @@
+"""The model range of a run: what it covers, when there is none, and that it is reproducible."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.api.result_json import document_result
+from resting_aspects_ros.simulation.starts import GivenStates
+
+
+@pytest.fixture(scope='module')
+def part():
+    return ra.load_part('box_10x20x30')
+
+
+@pytest.fixture
+def dropped(part, workers):
+    def dropped(drops=60, **values):
+        return ra.drop(part, drops, workers=workers, **values)
+
+    return dropped
+
+
+def test_range_covers_the_uncertain_conditions_of_the_surface(dropped):
+    model = dropped().distribution.model
+    assert model.uncertain == ('restitution', 'friction')
+    assert (model.by_aspect[:, 0] < model.by_aspect[:, 1]).all()
+    assert model.by_class.shape == (3, 2)
+
+
+def test_another_height_keeps_the_uncertainty_and_a_stated_friction_does_not(dropped):
+    assert dropped(height=0.1).distribution.model.uncertain == ('restitution', 'friction')
+    exact = dropped(friction=0.3).distribution.model
+    assert exact.uncertain == ()
+
+
+def test_conditions_without_their_uncertainty_have_that_of_the_shipped_surface(dropped):
+    known = shipped_surfaces().get('steel')
+    bare = type(known)(**known.document() | {'height_of': known.height_of, 'surroundings': None})
+    assert not bare.uncertainty
+    assert dropped(surface=bare).distribution.model.uncertain == known.uncertain
+
+
+def test_range_does_not_depend_on_the_workers(dropped, part):
+    one = dropped().distribution.model.by_aspect
+    np.testing.assert_array_equal(one, ra.drop(part, 60, workers=2).distribution.model.by_aspect)
+
+
+def test_uncertain_surface_widens_the_range(dropped):
+    """A height of 5 mm or 300 mm, at equal odds: the shares at both are within the range."""
+    mat, heights = shipped_surfaces().get('rubber_mat'), (0.005, 0.3)
+    ends = tuple({'height': height} for height in heights) * 4
+    model = dropped(surface=dataclasses.replace(mat, uncertainty=ends)).distribution.model
+    assert model.uncertain == ('height',)
+    exact = dropped(restitution=0.641).distribution.model
+    assert np.diff(model.by_class)[0] > np.diff(exact.by_class)[0]
+    for height in heights:
+        shares = dropped(1000, height=height, model_range=False).distribution.by_class()
+        for (low, high), each in zip(model.by_class, shares.intervals(), strict=True):
+            assert low < each.probability < high
+
+
+def test_range_of_bullet_is_about_its_own_shares(dropped):
+    result = dropped(60, engine='bullet')
+    for each in result.distribution.model_intervals():
+        assert each.lower <= each.probability <= each.upper
+
+
+@pytest.mark.parametrize('surroundings', ['slope', 'l_chute'])
+def test_surroundings_have_no_range_and_a_reason(dropped, surroundings):
+    result = dropped(20, surroundings=surroundings)
+    assert result.distribution.model is None
+    assert 'level' in result.no_model_range
+    assert result.document()['no_model_range'] == result.no_model_range
+
+
+def test_given_states_have_no_range_and_a_reason(dropped):
+    states = GivenStates(
+        position=np.array([[0.0, 0.0, 0.05]]),
+        orientation=np.array([[0.0, 0.0, 0.0, 1.0]]),
+        velocity=np.zeros((1, 3)),
+        spin=np.zeros((1, 3)),
+    )
+    result = dropped(None, initial_states=states, replicates=3)
+    assert result.distribution.model is None
+    assert 'states' in result.no_model_range
+
+
+def test_range_that_was_not_requested_is_no_omission(dropped):
+    result = dropped(model_range=False)
+    assert result.distribution.model is None
+    assert result.no_model_range == ''
+    assert result.document()['aspects'][0]['model_lower'] is None
+
+
+def test_document_is_read_back_with_its_range(dropped, tmp_path):
+    result = dropped()
+    result.save_json(tmp_path / 'result.json')
+    read = document_result(tmp_path / 'result.json', None, None, None, None).distribution.model
+    np.testing.assert_array_equal(read.by_aspect, result.distribution.model.by_aspect)
+    np.testing.assert_array_equal(read.by_class, result.distribution.model.by_class)
+    assert read.uncertain == result.distribution.model.uncertain
