@@ -11,6 +11,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects import aspect_set
 from resting_aspects_ros.aspects.aspect_set import AspectSet, Sweep
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
 # Indexed by their codes in the message Aspect.
@@ -29,6 +30,22 @@ def share_fields(counts: list[int], intervals: Sequence[Interval]) -> list[dict[
         {'count': k, 'probability': i.probability, 'lower': i.lower, 'upper': i.upper}
         for k, i in zip(counts, intervals, strict=True)
     ]
+
+
+def ranged_fields(distribution: Distribution) -> list[dict[str, object]]:
+    """Return the fields of the shares of a distribution, with its model range."""
+    shares = share_fields(distribution.counts.tolist(), distribution.intervals())
+    return [
+        share | model_fields(model)
+        for share, model in zip(shares, distribution.model_intervals(), strict=True)
+    ]
+
+
+def model_fields(model: Interval | None = None) -> dict[str, object]:
+    """Return the fields of a model range; 0 and 1 if it is not known."""
+    if model is None:
+        return {'model_lower': 0.0, 'model_upper': 1.0}
+    return {'model_lower': model.lower, 'model_upper': model.upper}
 
 
 def aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> list[Aspect]:

@@ -14,13 +14,20 @@ from resting_aspects_ros.aspects.estimate import Estimate
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
+from resting_aspects_ros.ros.aspect_conversions import (
+    aspect_msgs,
+    aspects_from,
+    model_fields,
+    ranged_fields,
+    share_fields,
+)
 from resting_aspects_ros.ros.contact_conversions import contact_msgs, contacts_from
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.job import RunDescription as Run
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.model_range import ModelRange
 
 
 def distribution_msg(
@@ -45,11 +52,8 @@ def distribution_msg(
         contacts=contact_msgs(distribution),
         contacts_uncounted=distribution.contacts.uncounted if distribution.contacts else 0,
         complete=complete,
-        **_rows(
-            distribution.aspects,
-            share_fields(distribution.counts.tolist(), distribution.intervals()),
-            share_fields(classes.counts.tolist(), classes.intervals()),
-        ),
+        model_uncertain=[] if distribution.model is None else distribution.model.uncertain,
+        **_rows(distribution.aspects, ranged_fields(distribution), ranged_fields(classes)),
     )
 
 
@@ -58,7 +62,12 @@ def estimate_msg(
 ) -> AspectDistribution:
     """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
     shares = [
-        share_fields([0] * len(each), [Interval(float(p), math.nan, math.nan) for p in each])
+        [
+            share | model_fields()
+            for share in share_fields(
+                [0] * len(each), [Interval(float(p), math.nan, math.nan) for p in each]
+            )
+        ]
         for each in (prediction.probabilities, prediction.class_probabilities())
     ]
     return AspectDistribution(
@@ -120,6 +129,7 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
         contacts=contacts_from(msg),
+        model=_model_from(msg),
     )
     ids = [aspect.id for aspect in msg.aspects]
     if distribution.drops != msg.drops or ids != list(range(1, len(ids) + 1)):
@@ -129,6 +139,17 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         )
     distribution.intervals()  # raises for an invalid interval method or confidence
     return distribution
+
+
+def _model_from(msg: AspectDistribution) -> ModelRange | None:
+    """Return the model ranges in a message; None if they are not known."""
+    by_aspect, by_class = (
+        np.array([(each.model_lower, each.model_upper) for each in rows]).reshape(-1, 2)
+        for rows in (msg.aspects, msg.classes)
+    )
+    if ((by_aspect == [0, 1]).all(axis=1)).all():
+        return None
+    return ModelRange(by_aspect, by_class, tuple(msg.model_uncertain))
 
 
 def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> Interval:

@@ -14,7 +14,7 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
+from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, ranged_fields
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.actions import (
@@ -89,7 +89,7 @@ def transitions_msg(
         run=run_msg(result.run),
         action=action_msg(result.action),
         aspect_numbering=ASPECT_NUMBERING,
-        aspects=aspect_msgs(drop.aspects, share_fields(drop.counts.tolist(), drop.intervals())),
+        aspects=aspect_msgs(drop.aspects, ranged_fields(drop)),
         drops=drop.drops,
         confidence=matrix.confidence,
         interval=matrix.interval,

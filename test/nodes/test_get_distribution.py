@@ -3,6 +3,7 @@
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 
 
@@ -28,6 +29,16 @@ def test_every_drop_is_counted_once(first, counts):
     for aspect in distribution.aspects:
         assert aspect.probability == aspect.count / 260
         assert aspect.lower < aspect.probability < aspect.upper
+
+
+def test_model_range_is_that_of_the_python_interface(first):
+    found = ra.drop('tetrahedron', 260, seed=7).distribution
+    shares = [(each.lower, each.upper) for each in found.model_intervals()]
+    distribution = first.distribution
+    assert [(each.model_lower, each.model_upper) for each in distribution.aspects] == shares
+    assert tuple(distribution.model_uncertain) == ('restitution', 'friction')
+    (of_class,) = distribution.classes
+    assert (of_class.model_lower, of_class.model_upper) == tuple(found.model.by_class[0])
 
 
 def test_run_is_described_completely(first, part, surfaces):

@@ -59,7 +59,7 @@ def test_document_contains_the_run(distribution):
 
 def test_aspect_has_the_fields_of_the_message(distribution, pytestconfig):
     expected = message_fields(pytestconfig, 'Aspect.msg')
-    assert len(expected) == 18
+    assert len(expected) == 20
     for aspect in distribution_document(distribution, RUN)['aspects']:
         assert set(aspect) == expected | {'rests_on'}
 

@@ -18,6 +18,7 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_from, 
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.model_range import Draws, with_model_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 from resting_aspects_ros.statistics.poses import RestingPoses as Poses
 
@@ -272,6 +273,22 @@ def test_invalid_conditions_are_rejected():
     message.friction = math.nan
     with pytest.raises(InvalidValueError, match='invalid friction nan: expected'):
         conversions.conditions_from(message)
+
+
+def test_model_range_round_trip(part):
+    aspects = find_aspects(part('t_prism'))
+    counts = np.arange(10, 10 + len(aspects))
+    without = Distribution(aspects, counts, 1, 2, 3)
+    draws = Draws(np.tile(np.arange(len(aspects) + 1), (8, 9)), ('friction',))
+    given = with_model_range(without, draws)
+    message = over_the_wire(distribution_msg(given, RUN, conversions.time_msg(17), complete=True))
+    found = distribution_from(message).model
+    assert found.uncertain == ('friction',)
+    np.testing.assert_array_equal(found.by_aspect, given.model.by_aspect)
+    np.testing.assert_array_equal(found.by_class, given.model.by_class)
+    message = distribution_msg(without, RUN, conversions.time_msg(17), complete=True)
+    assert distribution_from(over_the_wire(message)).model is None
+    assert {(each.model_lower, each.model_upper) for each in message.aspects} == {(0, 1)}
 
 
 def test_distribution_round_trip(part):

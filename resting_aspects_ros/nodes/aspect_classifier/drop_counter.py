@@ -6,6 +6,7 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import RestingPoses
 
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
+from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.publishers import DistributionPublisher
 from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies, Tally
@@ -36,6 +37,7 @@ class DropCounter:
     outputs : publishes the distributions
     logs : of earlier runs, which may have drops whose messages were too old to arrive
     client : requests drops that are missing
+    ranges : adds the model range at the end of a run
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class DropCounter:
         outputs: DistributionPublisher,
         logs: LogLoader,
         client: DropClient,
+        ranges: ModelRanges,
     ) -> None:
         self._node = node
         self._parts = parts
@@ -53,7 +56,9 @@ class DropCounter:
         self._outputs = outputs
         self._logs = logs
         self._client = client
+        self._ranges = ranges
         self._request = guarded_task(node, 'missing drops are not requested', self._request_again)
+        self._add_range = guarded_task(node, 'model range is missing', self._add_range_now)
         self._gone = False  # whether it was logged that the source of active runs is gone
         self.drops = RateCounter()
         subscribe(node, RestingPoses, RESTING_POSES, self._receive, POSES)
@@ -81,6 +86,14 @@ class DropCounter:
         tally.count(*self._parts.version(tally.run.part_sha256))
         self._outputs.change(tally)
         if tally.complete:
+            self._outputs.publish()
+            assert self._node.executor is not None  # it calls this
+            self._node.executor.create_task(self._add_range, tally)
+
+    async def _add_range_now(self, tally: Tally) -> None:
+        """Publish the distribution of a run that has ended again, with its model range."""
+        if await self._ranges.add(tally):
+            self._outputs.change(tally)
             self._outputs.publish()
 
     async def _request_again(self, tally: Tally, run: RunDescription) -> None:

@@ -12,6 +12,7 @@ from resting_aspects_interfaces.srv import GetDistribution
 from resting_aspects_ros import __version__
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.errors import EngineError
+from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies, Tally
 from resting_aspects_ros.nodes.drop_client import DropClient, drop_goal
@@ -57,8 +58,10 @@ class DistributionService:
         tallies: Tallies,
         client: DropClient,
         parts: PartRegistry,
+        ranges: ModelRanges,
     ) -> None:
         self._node = node
+        self._ranges = ranges
         self._surfaces = surfaces
         self._surroundings = surroundings
         self._default = default
@@ -93,6 +96,7 @@ class DistributionService:
         if found is None:
             await self._wait_for_simulator(request, sha)
             found = await self._extended(request, sha, conditions, drops)
+        await self._ranges.add(found)
         return self._message(found)
 
     async def _extended(

@@ -16,6 +16,7 @@ from resting_aspects_ros.nodes.aspect_classifier.forecast_service import Forecas
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.live import LIVE_PARAMETERS, LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
+from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
 from resting_aspects_ros.nodes.aspect_classifier.outlines import OutlineServices, OutlineStore
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
@@ -89,8 +90,10 @@ class AspectClassifier(Node):
         self._logs = LogLoader(self, folder, self._files, self._known, self._transitions)
         self._outputs = DistributionPublisher(self, self._parts, self._files)
         self._client = DropClient(self)
+        self._worker = FileWorker(self, MAX_SECONDS)  # of model ranges, drift tests and forecasts
+        ranges = ModelRanges(self, self._parts, surfaces, self._worker)
         self._counter = DropCounter(
-            self, self._parts, self._known, self._outputs, self._logs, self._client
+            self, self._parts, self._known, self._outputs, self._logs, self._client, ranges
         )
         self._answers = DistributionService(
             self,
@@ -100,11 +103,11 @@ class AspectClassifier(Node):
             self._known,
             self._client,
             self._parts,
+            ranges,
         )
         self._outlines = OutlineStore(self, self._files, self._parts, self._newest)
         ready = self._check_ready, self._client.is_ready
         self._vision = OutlineServices(self, self._parts, self._outlines, *ready)
-        self._worker = FileWorker(self, MAX_SECONDS)  # of drift tests and forecasts
         stored = self._parts, self._known, self._transitions
         self._monitor = LiveMonitor(self, *stored, self._worker)
         known = self._parts, self._transitions, self._monitor
