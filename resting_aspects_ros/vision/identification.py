@@ -21,9 +21,14 @@ from resting_aspects_ros.vision.fitting import (
     log_sum,
     unknown_likelihood,
 )
-from resting_aspects_ros.vision.known_part import Candidate, KnownPart
 from resting_aspects_ros.vision.perspective import perspective_fits
-from resting_aspects_ros.vision.rolling import NEGLIGIBLE, ViewFit, class_fits
+from resting_aspects_ros.vision.rolling import (
+    NEGLIGIBLE,
+    Candidate,
+    KnownPart,
+    ViewFit,
+    class_fits,
+)
 
 # -- Observed polygons ----------------------------------------------------------------------------
 

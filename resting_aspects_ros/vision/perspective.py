@@ -21,10 +21,16 @@ from resting_aspects_ros.vision.fitting import (
     mismatch,
     refined,
 )
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import vertical_order
 from resting_aspects_ros.vision.outline import rolled, silhouette
-from resting_aspects_ros.vision.rolling import REACH, ViewFit, Views, view_starts, weighted
+from resting_aspects_ros.vision.rolling import (
+    REACH,
+    KnownPart,
+    ViewFit,
+    Views,
+    view_starts,
+    weighted,
+)
 
 # Number of yaws at which a part is projected first, and maximum number of those that are refined.
 YAWS, TRIED = 8, 6
