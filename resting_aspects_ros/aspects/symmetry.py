@@ -47,12 +47,12 @@ STAGES = (5, 25, 125, 625)
 # up to the 3 degrees within which a pose belongs to an aspect.
 SAME_SIDE = np.radians(6.0)
 # Number of points that are processed at once, to limit the memory.
-BATCH = 200_000
+POINT_BATCH = 200_000
 # Combines the indices of a cell, -2000 to 2000, and the direction of a normal, 0 to 4, in one
 # number.
 _CELL_CODE = np.array([4000**2 * 125, 4000 * 125, 125, 25, 5, 1])
 # Sides of cells, R: the finest, the ratio of each step, and the number of steps up to about 3 R.
-FINEST, COARSER, LARGEST = 1e-3, 1.4, 24
+FINEST, COARSER, CELL_STEPS = 1e-3, 1.4, 24
 # Number of random rotations of each sample in the test for continuous symmetry.
 TURNS = 3
 
@@ -167,7 +167,7 @@ class SurfaceMatch:
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]
         for start, stop in pairwise(bounds):
             some = order[start:stop]
-            block = max(1, BATCH // (2 * len(some)))
+            block = max(1, POINT_BATCH // (2 * len(some)))
             parts = [left[i : i + block] for i in range(0, len(left), block)]
             held = [part[self._hold(rotations[part], some, play, reach)] for part in parts]
             left = np.concatenate(held) if held else left
@@ -240,7 +240,7 @@ def _thinned(points: Array, normals: Array, max_points: int) -> Indices:
     if len(points) <= max_points:
         return np.arange(len(points))
     # Search for the finest cells that are few enough; larger cells are fewer.
-    low, high = -1, LARGEST
+    low, high = -1, CELL_STEPS
     best = chosen(high)
     while high - low > 1:
         step = (low + high) // 2

@@ -336,7 +336,7 @@ DEGREE, MAX_ORDER = 8, 24
 # are noise of float32.
 DEFINING, NOISE = 1e-3, 3e-6
 # A smaller angle, rad, is rounding: the axes stay as they are, bit for bit.
-ROUNDING = 1e-9
+ROUNDED_ANGLE = 1e-9
 # From this number of triangles on, they are so small that their centroids are enough.
 _MANY_FACES = 50_000
 # Number of points of triangles at a time, to limit the memory.
@@ -386,7 +386,7 @@ def symmetric_top_axes(
     chosen, turn = up, np.eye(3)
     if down.exceeds(up):
         chosen, turn = down, np.diag([1.0, -1.0, -1.0])
-    angle = chosen.angle if abs(chosen.angle) > ROUNDING else 0.0
+    angle = chosen.angle if abs(chosen.angle) > ROUNDED_ANGLE else 0.0
     c, s = math.cos(angle), math.sin(angle)
     frame = axes[:, order] @ turn @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     found = np.empty((3, 3))
