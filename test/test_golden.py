@@ -132,7 +132,7 @@ def study_of_an_action():
 
 def optimise():
     result = ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=4000, seed=3)
-    counts = {'drops': result.drops, 'points': [row.tolist() for _, row, _ in result.points]}
+    counts = {'drops': result.drops, 'points': [row.tolist() for _, row in result.points]}
     return counts, {'certainty': result.certainty}, result
 
 

@@ -18,8 +18,8 @@ from resting_aspects_ros.aspects.aspect_set import (
 )
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.aspects.symmetry import find_symmetry
-from resting_aspects_ros.part.frames import triangle_points
 from resting_aspects_ros.part.hull import Polyhedron, coplanar_facets
+from resting_aspects_ros.part.mass import triangle_points
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import CURVED_STEP, CurvedEdges
 from resting_aspects_ros.rotations import (

@@ -32,7 +32,6 @@ from resting_aspects_ros.part.surface import (
     weld_groups,
 )
 
-SCENE_FORMATS = ('glb', '3mf')
 UNPACKED = 256 << 20  # maximum size of the files in a 3MF, bytes
 MAX_LISTED = 5
 # The words of the unit in a 3MF, as trimesh returns them. Lengths in a GLB are in metres.
@@ -398,7 +397,6 @@ def _closed_shells(
 # -- STEP files -----------------------------------------------------------------------------------
 
 
-STEP_FORMATS = ('step', 'stp')
 # Maximum distance between a curved surface and its triangles, mm, and maximum angle between
 # neighbouring triangles on it, rad. The others are tried if the triangles of a solid leave gaps.
 DEVIATIONS = ((0.01, 0.1), (0.005, 0.08), (0.02, 0.15), (0.002, 0.05), (0.05, 0.25), (0.01, 0.4))

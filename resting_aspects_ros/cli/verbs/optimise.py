@@ -174,7 +174,7 @@ def _show(result: 'OptimiseResult', *, as_json: bool) -> None:
     with analysis('the tables of the result'):
         console = make_console()
         show_table(console, result.candidate_table())
-        if result.facts:
+        if result.curves:
             show_table(console, result.factor_table())
         for note in result.notes:
             console.print(note, markup=False, highlight=False)
