@@ -7,6 +7,7 @@ from rich.measure import Measurement
 
 from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.cli.life_cycle import note_table
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import (
     contact_table,
@@ -35,6 +36,7 @@ def make_console() -> Console:
 
 def show_table(console: Console, table: Table) -> None:
     """Print a table without cutting off digits, even if it is wider than the terminal."""
+    note_table(table)
     before = console.width
     options = console.options.update(width=MAX_WIDTH)
     console.width = max(before, Measurement.get(console, options, table).maximum)

@@ -366,6 +366,7 @@ class Surfaces:
         if name not in self._sets:
             raise InvalidValueError(
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
+                f'{did_you_mean(name, self.names())}'
             )
         return self._sets[name]
 

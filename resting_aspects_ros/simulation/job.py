@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import JoinedMinima, join_minima
 from resting_aspects_ros.aspects.landscape import Landscape, RestRule
-from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.errors import EngineError, InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.hull import SAME_FACET
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
@@ -41,6 +41,10 @@ DEFAULT_SEED = 1
 DEFAULT_DROPS = 1000
 # The engines: the kernel, for parts that only touch planes, also on a GPU, and Bullet.
 KERNEL, CUDA, BULLET = 'kernel', 'cuda', 'bullet'
+NO_BULLET = (
+    'Bullet, which simulates drops on blocks, meshes and edges, is not installed: '
+    'pip install pybullet'
+)
 # The version of the law and its numerical parameters: poses of another version can differ.
 KERNEL_VERSION = '1'
 
@@ -481,8 +485,16 @@ def make_job(
 
 
 def engine_version(engine: str) -> str:
-    """Return the version of an engine; it is not imported, because only the workers need it."""
-    return version('pybullet') if engine == BULLET else KERNEL_VERSION
+    """Return the version of an engine; it is not imported, because only the workers need it.
+
+    Raises EngineError if Bullet is not installed.
+    """
+    if engine != BULLET:
+        return KERNEL_VERSION
+    try:
+        return version('pybullet')
+    except PackageNotFoundError:
+        raise EngineError(NO_BULLET) from None
 
 
 def _engine(wanted: str, scene: Scene, starts: Starts | None) -> str:

@@ -22,7 +22,7 @@ from resting_aspects_ros.logs.topics import (
     Qos,
     Topic,
 )
-from resting_aspects_ros.logs.writer import RunLog, lock_file
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.contents import logged_result
@@ -30,6 +30,7 @@ from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
+from resting_aspects_ros.system import lock_file
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/cell/parts/solid', PART_TYPE, Qos(1))
