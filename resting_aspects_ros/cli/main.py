@@ -88,7 +88,9 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
-    subparsers = parser.add_subparsers(metavar='COMMAND', required=True, help=argparse.SUPPRESS)
+    subparsers = parser.add_subparsers(
+        prog='resting_aspects', metavar='COMMAND', required=True, help=argparse.SUPPRESS
+    )
     requested = next((word for word in argv if not word.startswith('-')), '')
     if argv and requested == argv[0] and requested not in COMMANDS:
         parser.error(

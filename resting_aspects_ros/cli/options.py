@@ -14,13 +14,7 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
     Quantity,
 )
-from resting_aspects_ros.simulation.job import (
-    BULLET,
-    CUDA,
-    DEFAULT_DROPS,
-    KERNEL,
-    check_drops,
-)
+from resting_aspects_ros.simulation.limits import BULLET, CUDA, DEFAULT_DROPS, KERNEL, check_drops
 
 MAX_DIGITS = 20
 

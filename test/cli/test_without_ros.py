@@ -66,7 +66,8 @@ def test_other_commands_run(run_hidden, words):
 
 @pytest.mark.parametrize('command', GROUPS[ROS])
 def test_commands_of_ros_state_what_is_missing(run_hidden, command):
-    ended = run_hidden(command, *(['x'] if command in ('info', 'replay', 'recover', 'request') else []))
+    with_argument = command in ('info', 'replay', 'recover', 'request')
+    ended = run_hidden(command, *['x'][: int(with_argument)])
     assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
     assert 'rclpy' in ended.stderr or 'builtin_interfaces' in ended.stderr
 
