@@ -15,10 +15,10 @@ from bench.geometry import geometry
 from bench.hulls import hulls
 from bench.latency import latency
 from bench.memory import memory
+from bench.rates import rates
 from bench.report import machine, markdown, show
 from bench.surroundings import surroundings
 from bench.vision import vision
-from bench.ways import ways
 from resting_aspects_ros.simulation.workers import default_workers
 
 FIGURES = ROOT / 'out' / 'bench.json'
@@ -35,7 +35,7 @@ def main() -> None:
     conditions = machine()
     sections = []
     for measure in (
-        lambda: ways(default_workers()),
+        lambda: rates(default_workers()),
         actions,
         surroundings,
         command,

@@ -16,7 +16,7 @@ from rich.table import Table as RichTable
 from resting_aspects_ros import __version__
 from resting_aspects_ros.simulation.workers import default_workers
 
-PACKAGES = ('numba', 'pybullet', 'numpy', 'scipy', 'mujoco')
+PACKAGES = ('numba', 'pybullet', 'numpy', 'scipy')
 CPUINFO = Path('/proc/cpuinfo')
 
 

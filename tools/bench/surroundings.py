@@ -1,10 +1,7 @@
-"""What a drop in surroundings costs in each engine, beside a plain PyBullet loop and MuJoCo."""
+"""What a drop in surroundings costs in each engine."""
 
 import dataclasses
 import tempfile
-import time
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +10,12 @@ from rich.progress import track
 from validation.dropper import SEED
 
 import resting_aspects_ros as ra
-from bench.case import COST_DROPS, Trial, cost, example_part
-from bench.mujoco import mujoco_loop
-from bench.plain import plain_loop
+from bench.case import COST_DROPS, cost, example_part
 from bench.report import Section, Table
 from resting_aspects_ros.api.conditions import shipped_surfaces, with_surroundings
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 
-# Drops of each other engine.
-OTHER_DROPS = 125
 # Squares along each side of the mesh, of two triangles each, its side, m, and the height of its
 # corners above its middle, m.
 SQUARES, SIDE, RISE = 50, 0.3, 0.02
@@ -49,35 +42,18 @@ def surroundings() -> Section:
                 f'{first.milliseconds / found["plane"][job.engine]:.1f}',
             ]
         )
-    at_rest = dataclasses.replace(jobs[AT_REST], engine=BULLET)
-    others = {'plain_loop': _milliseconds(partial(plain_loop, at_rest))}
-    text = f'in a plain PyBullet loop {others["plain_loop"]:.1f} ms'
-    try:
-        others['mujoco'] = _milliseconds(partial(mujoco_loop, 1, at_rest))
-        text += f', in MuJoCo {others["mujoco"]:.1f} ms'
-    except ImportError as error:
-        text += f'; MuJoCo was skipped ({error})'
-    found[AT_REST] |= others
-    return Section('Surroundings', _text(text), [table], {'surroundings': found})
+    return Section('Surroundings', _text(), [table], {'surroundings': found})
 
 
-def _text(others: str) -> str:
+def _text() -> str:
     return (
         f'Processor time of one thread for a drop of {example_part().name} on `rubber_mat`: the '
         f'mean of {COST_DROPS[KERNEL]} in the kernel and {COST_DROPS[BULLET]} in Bullet. The mesh '
         f'is a square bowl of {2 * SQUARES**2} triangles, {1000 * SIDE:g} mm wide and '
         f'{1000 * RISE:g} mm deep, which only Bullet simulates. *Time*: simulated until the part '
         'is at rest. *Of a drop on the plane*: the ratio of the costs in the same engine, the '
-        'kernel where it can simulate both. With the same start, time step and rule of rest as in '
-        f'the first table, a drop in the chute with its belt at rest takes {others}.'
+        'kernel where it can simulate both.'
     )
-
-
-def _milliseconds(work: Callable[[int, int], Trial]) -> float:
-    """Return the processor time of a drop."""
-    started = time.process_time()
-    work(0, OTHER_DROPS)
-    return 1000 * (time.process_time() - started) / OTHER_DROPS
 
 
 def _jobs() -> dict[str, DropJob]:
