@@ -11,12 +11,13 @@ from resting_aspects_ros.report.table import NOTHING, Number, Table
 ENDINGS = ('.csv', '.xlsx')
 Value = str | float | None
 
-_NUMBER = r'([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)'
+_NUMBER, _UNIT = r'([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)', r'(?: (?P<unit>%|[a-zA-Z][a-zA-Z/0-9]*))?'
 # A number, an interval, a number with its interval in parentheses or below it.
 _PATTERNS = [
-    re.compile(each.replace('N', _NUMBER).replace('P', '(?: %)?'))
-    for each in ('NP', 'N to NP', r'N \(N to N\)', 'NP\nN(?: to |-)NP')
+    re.compile(each.replace('N', _NUMBER).replace('U', _UNIT))
+    for each in ('NU', 'N to NU', r'N \(N to N\)', 'N\nN(?: to |-)NU', 'N(?: %)\nN to NU')
 ]
+_WITH_UNIT = re.compile(f'.*[0-9)]{_UNIT}', re.DOTALL)
 # Ends of the headings of the columns of a cell with two and with three numbers.
 _ENDS = {1: ('',), 2: (' lower', ' upper'), 3: ('', ' lower', ' upper')}
 # What Excel does not accept in the name of a sheet, and its maximum length.
@@ -47,14 +48,14 @@ def table_values(table: Table) -> tuple[list[str], list[list[Value]]]:
             headings.append(heading)
             columns.append([_text(cell) for cell in cells])
             continue
-        numbers = [_numbers(cell) for cell in cells]
+        units, numbers = zip(*map(_parsed, cells), strict=True) if cells else ((), ())
+        present = {unit for unit, values in zip(units, numbers, strict=True) if values}
+        if len(present) > 1:  # of several units, those with a unit stay texts
+            numbers = tuple(() if unit else v for unit, v in zip(units, numbers, strict=True))
         count = max((len(each) for each in numbers), default=0) or 1
-        percent = '%' not in heading.replace(' % interval', '') and any(
-            each and '%' in cell for each, cell in zip(numbers, cells, strict=True)
-        )
         name, unit = _without_unit(heading)
-        if percent:
-            unit = ' (%)'
+        if not unit and len(present) == 1 and (found := present.pop()):
+            unit = f' ({found})'
         for j, end in enumerate(_ENDS[count]):
             headings.append(f'{name}{end}{unit}')
             columns.append(
@@ -72,16 +73,22 @@ def _without_unit(heading: str) -> tuple[str, str]:
     return (match[1], match[2]) if match else (heading, '')
 
 
-def _numbers(cell: str) -> tuple[float, ...]:
-    """Return the numbers of a cell; empty if it is a text, such as the ids '1 to 6'."""
+def _parsed(cell: str) -> tuple[str, tuple[float, ...]]:
+    """Return unit and numbers of a cell; none if it is a text, such as the ids '1 to 6'."""
     if isinstance(cell, Number):
+        match = _WITH_UNIT.fullmatch(cell)
         # Without the last digits of a float, in which 0.702 is 70.19999999999999 %.
-        return tuple(x if isinstance(x, int) else float(f'{x:.15g}') for x in cell.values)
+        values = (x if isinstance(x, int) else float(f'{x:.15g}') for x in cell.values)
+        return (match and match['unit']) or '', tuple(values)
     for pattern in _PATTERNS:
         match = pattern.fullmatch(cell)
-        if match and (len(match.groups()) != 2 or '%' in cell or '.' in cell):
-            return tuple(float(x) if set(x) & set('.e') else int(x) for x in match.groups())
-    return ()
+        if match is None:
+            continue
+        unit = match.groupdict().get('unit') or ''
+        texts = [x for x in match.groups() if x is not None and x != unit]
+        if len(texts) != 2 or unit or '.' in cell:
+            return unit, tuple(float(x) if set(x) & set('.e') else int(x) for x in texts)
+    return '', ()
 
 
 def _text(cell: str) -> str | None:

@@ -80,3 +80,18 @@ def test_both_formats_have_the_same_values(table, tmp_path):
 def test_other_endings_are_refused(tmp_path):
     with pytest.raises(InvalidValueError, match=r't\.ods'):
         check_ending('--table', tmp_path / 't.ods')
+
+
+@pytest.mark.parametrize(
+    ('cells', 'heading', 'values'),
+    [
+        (['60 mm', '161 mm'], 'x (mm)', [60, 161]),
+        (['60 mm', '5.0 %'], 'x', ['60 mm', '5.0 %']),
+        (['45', '5.0 %'], 'x', [45, '5.0 %']),
+        (['60', '-'], 'x', [60, None]),
+    ],
+)
+def test_common_unit_is_in_the_heading(cells, heading, values):
+    headings, rows = table_values(Table('', ('x',), rows=[[cell] for cell in cells]))
+    assert headings == [heading]
+    assert [row[0] for row in rows] == values
