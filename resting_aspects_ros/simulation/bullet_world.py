@@ -16,7 +16,7 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
-from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.job import NO_BULLET, DropJob
 from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import (
     Block,
@@ -47,8 +47,11 @@ def _silenced_stderr() -> Iterator[None]:
         os.close(null)
 
 
-with _silenced_stderr():  # pybullet prints its build time on import, in every process
-    import pybullet
+try:
+    with _silenced_stderr():  # pybullet prints its build time on import, in every process
+        import pybullet
+except ImportError:
+    raise EngineError(NO_BULLET) from None
 
 __all__ = ['compound', 'empty_client', 'pybullet']
 

@@ -274,6 +274,22 @@ class DropConditions:
         return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of normal errors of given states, for each component in tray axes."""
+
+    orientation: float = quantity(
+        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
+    )
+    velocity: float = quantity(
+        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
+    )
+    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
@@ -366,6 +382,7 @@ class Surfaces:
         if name not in self._sets:
             raise InvalidValueError(
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
+                f'{did_you_mean(name, self.names())}'
             )
         return self._sets[name]
 
