@@ -314,10 +314,10 @@ def file_names(page: str, figures: Sequence[str]) -> list[str]:
 
 def picture_uri(image: 'Image') -> str:
     """Return a picture as a data URI."""
-    from matplotlib.image import imsave
+    from PIL import Image as Picture
 
     file = io.BytesIO()
-    imsave(file, image, format='png')
+    Picture.fromarray((image * 255).round().astype('uint8')).save(file, format='png')
     return _data_uri('image/png', file.getvalue())
 
 
