@@ -168,9 +168,10 @@ def drop_page(
         Whether the parts lie on a level plane, as the pictures and the properties of the aspects
         assume.
     """
-    drawn = _DrawnRows(distribution, part)
+    drawn = DrawnRows(distribution, part)
     rows = [*drawn.rows, *drawn.outside]
-    shown = _outcome_rows(distribution, rows, drawn, part, level=level_floor)
+    longest = max((row.interval.upper for row in rows), default=1.0)
+    shown = outcome_rows(distribution, drawn, part, level=level_floor, longest=longest)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
     sections = [_aspect_section(shown, drops, spread, view=drawn.has_view, level=level_floor)]
@@ -206,10 +207,14 @@ def drop_page(
     )
 
 
-class _DrawnRows:
-    """The rows of a distribution, and the pictures of the part in them."""
+class DrawnRows:
+    """The rows of a distribution, and the pictures of the part in them.
 
-    def __init__(self, distribution: Distribution, part: Part | None) -> None:
+    pixels : int
+        Side of a picture; by default that of the page of the distribution.
+    """
+
+    def __init__(self, distribution: Distribution, part: Part | None, pixels: int = 0) -> None:
         self.rows = class_rows(distribution)
         self.outside = outside_rows(distribution)
         self.part = part and picture_part(part, distribution.aspects.aspects)
@@ -217,8 +222,9 @@ class _DrawnRows:
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
         order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
         self.pictured = sorted(order[:MAX_PICTURED_ROWS])
-        self.oblique = self._images(OBLIQUE)
-        self.above = self._images(FROM_ABOVE)
+        pixels = pixels or (PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS)
+        self.oblique = self._images(OBLIQUE, pixels)
+        self.above = self._images(FROM_ABOVE, pixels)
 
     @property
     def has_view(self) -> bool:
@@ -233,18 +239,17 @@ class _DrawnRows:
         small = downsample(oblique, len(oblique) // SMALL_PIXELS)
         return [picture_uri(image) for image in (oblique, self.above[k], small)]
 
-    def _images(self, view: Array) -> dict[int, Image]:
+    def _images(self, view: Array, pixels: int) -> dict[int, Image]:
         """Return the pictures by row index."""
         posed_parts = [self.posed_parts[k] for k in self.pictured]
         colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        pixels = PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS
         images = draw_parts(posed_parts, colours, pixels, view)
         return dict(zip(self.pictured, images, strict=True))
 
 
 def _top(
     shown: Sequence[OutcomeRow],
-    drawn: _DrawnRows,
+    drawn: DrawnRows,
     part: Part | None,
     distribution: Distribution,
     spread: str,
@@ -352,20 +357,24 @@ def _estimate_section(
     )
 
 
-def _outcome_rows(
+def outcome_rows(
     distribution: Distribution,
-    rows: Sequence[Row],
-    drawn: _DrawnRows,
+    drawn: DrawnRows,
     part: Part | None,
     *,
     level: bool,
+    longest: float,
 ) -> list[OutcomeRow]:
     """Return the texts and pictures of each row.
 
-    ``level`` is whether the parts lie on a level plane. If not, the facts that are true there say
-    so.
+    Parameters
+    ----------
+    level : bool
+        Whether the parts lie on a level plane. If not, the facts that are true there say so.
+    longest : float
+        The share at which a bar has the full width.
     """
-    longest = max((row.interval.upper for row in rows), default=1.0)
+    rows = [*drawn.rows, *drawn.outside]
     heights = millimetre_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
@@ -376,16 +385,23 @@ def _outcome_rows(
             short_name(row),
             _note(row),
             row.colour,
-            row.count,
-            _probability(row, distribution.drops),
-            interval_text(row.interval),
-            _bar(row.interval, longest),
-            _facts(row, height, part, classes, level=level) if row.aspects else (),
-            _members(distribution, row) if len(row.aspects) > 1 else None,
-            *drawn.pictures(k),
+            **share_fields(row, distribution.drops, longest),
+            facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
+            members=_members(distribution, row) if len(row.aspects) > 1 else None,
+            **dict(zip(('oblique', 'above', 'small'), drawn.pictures(k), strict=True)),
         )
         for k, (row, height) in enumerate(zip(rows, heights, strict=True))
     ]
+
+
+def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
+    """Return the fields of an OutcomeRow that change with the counts, for a longest share."""
+    return {
+        'count': row.count,
+        'probability': _probability(row, drops),
+        'interval': interval_text(row.interval),
+        'bar': _bar(row.interval, longest),
+    }
 
 
 def _members(distribution: Distribution, row: Row) -> Table:
