@@ -307,13 +307,7 @@ def plan_forecasts(
     **simulation: Any,
 ) -> 'PlannedForecasts':
     """Check and plan the forecasts of a part; see `forecast` for the arguments."""
-    known = KnownReorient(part) if isinstance(part, ReorientResult) else None
-    if known and (simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT):
-        raise InvalidValueError(
-            'invalid action or conditions: expected none with the result of reorient, which has '
-            'its own'
-        )
-    named = known.result.action if known else named_action(action)
+    named = part.action if isinstance(part, ReorientResult) else named_action(action)
     times = cycle_times(
         named,
         robot=robot,
@@ -328,7 +322,16 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation = known or plan_reorient(part, [named], per_aspect, **simulation)
+    reorientation: PlannedReorient | KnownReorient
+    if isinstance(part, ReorientResult):
+        if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
+            raise InvalidValueError(
+                'invalid action or conditions: expected none with the result of reorient, which '
+                'has its own'
+            )
+        reorientation = KnownReorient(part)
+    else:
+        reorientation = plan_reorient(part, [named], per_aspect, **simulation)
     loaded, aspects = reorientation.part, reorientation.aspects
     check_tray(loaded, aspects, cell, parts_on_tray)
     pickable = [pickable_aspects(aspects, *each) for each in sets]

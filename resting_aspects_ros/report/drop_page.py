@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -179,7 +180,8 @@ def drop_page(
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
     if measured is not None:
-        sections.append(_measured_section(drawn.rows, *measured))
+        items = list(comparison_items(drawn.rows, *measured))
+        sections.append(Section('Measured and simulated', 'comparison', items))
     if history is None and drops > 1:
         sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
     elif history is not None and len(history[0]) > 1 and drawn.rows:
@@ -297,9 +299,10 @@ def _aspect_section(
     return Section('Aspects', 'aspects', items)
 
 
-def _measured_section(
+def comparison_items(
     rows: Sequence[Row], comparison: Comparison, sides: ComparedResults
-) -> Section:
+) -> Iterator[Item]:
+    """Yield what shows the comparison of two sets of drops, with a row for each compared class."""
     confidence = f'{100 * comparison.confidence:g}'
     first, second = sides.labels
     labelled = [
@@ -309,23 +312,16 @@ def _measured_section(
         )
     ]
     draw = partial(comparison_figure, rows, labelled, difference_texts(comparison, sides))
-    chart = _chart(
+    yield _chart(
         'comparison',
         draw,
         'Bars show the share of each aspect in the drops that came to rest in an aspect, with '
         f'{confidence} % intervals (Wilson). The text beside the bars is the difference, {first} '
         f'minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
     )
-    return Section(
-        'Measured and simulated',
-        'comparison',
-        [
-            chart,
-            Text(verdict(comparison, [row.name for row in rows]), 'verdict'),
-            comparison_table(comparison, sides, ''),
-            Facts(list(measures(comparison, sides).items())),
-        ],
-    )
+    yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
+    yield comparison_table(comparison, sides, '')
+    yield Facts(list(measures(comparison, sides).items()))
 
 
 def _estimate_section(
@@ -379,29 +375,44 @@ def outcome_rows(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
     classes = distribution.aspects.classes()
-    return [
-        OutcomeRow(
-            row.name,
-            short_name(row),
-            _note(row),
-            row.colour,
-            **share_fields(row, distribution.drops, longest),
-            facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
-            members=_members(distribution, row) if len(row.aspects) > 1 else None,
-            **dict(zip(('oblique', 'above', 'small'), drawn.pictures(k), strict=True)),
+    found = []
+    for k, (row, height) in enumerate(zip(rows, heights, strict=True)):
+        share = share_fields(row, distribution.drops, longest)
+        oblique, above, small = drawn.pictures(k)
+        found.append(
+            OutcomeRow(
+                name=row.name,
+                short=short_name(row),
+                note=_note(row),
+                colour=row.colour,
+                count=row.count,
+                probability=share.probability,
+                interval=share.interval,
+                bar=share.bar,
+                facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
+                members=_members(distribution, row) if len(row.aspects) > 1 else None,
+                oblique=oblique,
+                above=above,
+                small=small,
+            )
         )
-        for k, (row, height) in enumerate(zip(rows, heights, strict=True))
-    ]
+    return found
 
 
-def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
-    """Return the fields of an OutcomeRow that change with the counts, for a longest share."""
-    return {
-        'count': row.count,
-        'probability': _probability(row, drops),
-        'interval': interval_text(row.interval),
-        'bar': _bar(row.interval, longest),
-    }
+@dataclass(frozen=True)
+class ShareFields:
+    """The texts and the bar of an OutcomeRow, which change with the counts."""
+
+    probability: str
+    interval: str
+    bar: tuple[float, float, float]
+
+
+def share_fields(row: Row, drops: int, longest: float) -> ShareFields:
+    """Return the texts and the bar of a row; a bar has the full width at the longest share."""
+    return ShareFields(
+        _probability(row, drops), interval_text(row.interval), _bar(row.interval, longest)
+    )
 
 
 def _members(distribution: Distribution, row: Row) -> Table:

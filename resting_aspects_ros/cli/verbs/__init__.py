@@ -6,6 +6,7 @@ Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Slow imports a
 
 # The help of each, in the order of the list. Only the module of the requested one is imported.
 COMMANDS = {
+    'studio': 'open a page in the browser: drop a CAD file, see how the part lies',
     'drop': 'drop a part and show how it comes to rest',
     'reorient': 'show how an action brings a part from aspect to aspect',
     'retention': 'show how strong a disturbance makes a part leave each aspect',
