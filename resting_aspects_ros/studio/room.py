@@ -1,7 +1,8 @@
-"""A room: the settings, the parts and the results of one tab of the browser, and its thread.
+"""A room: the settings, the parts and the results of one tab of the browser, and its threads.
 
-The event loop changes settings and never computes. The thread of the room works on the newest
-settings; a task sees in `stopped` that there are newer ones, so that no queue builds up.
+The event loop changes settings and never computes. A thread of the room works on the newest
+settings; a task sees in `stopped` that there are newer ones, so that no queue builds up. Another
+thread shows the newest settings, also while a task is done.
 """
 
 import dataclasses
@@ -86,9 +87,13 @@ class Room:
         self._requested, self._closed = 0, False
         self._number: int | None = None  # of the last change
         self._results: OrderedDict[Any, Any] = OrderedDict()
-        self._thread = threading.Thread(target=self._run, name='room', daemon=True)
-        self._thread.start()
-        self._show_settings()
+        self._revision = 1  # of the settings
+        self._threads = [
+            threading.Thread(target=task, name='room', daemon=True)
+            for task in (self._run, self._display)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     # -- What the event loop calls ------------------------------------------------------------
 
@@ -111,7 +116,7 @@ class Room:
             else:
                 self._publish('progress', {'text': 'changed; press "Drop now"'})
             self._number = number
-        self._show_settings()
+            self._revise()
 
     def work_now(self) -> None:
         """Work on the settings, also if they are not live."""
@@ -162,7 +167,8 @@ class Room:
             self._closed = True
             self._changed.notify_all()
         self.cancel()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def work(self, stopped: Callable[[], bool] | None = None) -> Work:
@@ -180,7 +186,23 @@ class Room:
             settings, opened, second, self._workers, stopped, self._publish, keep, self.folder
         )
 
-    # -- The thread ---------------------------------------------------------------------------
+    # -- The threads --------------------------------------------------------------------------
+
+    def _revise(self) -> None:
+        self._revision += 1
+        self._changed.notify_all()
+
+    def _display(self) -> None:
+        shown = 0
+        while True:
+            with self._changed:
+                while not self._closed and self._revision == shown:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                shown = self._revision
+            with self._reported(''):
+                self._show_settings()
 
     def _wake(self) -> None:
         self._requested += 1
@@ -231,14 +253,14 @@ class Room:
                 if side == 'first':
                     self.settings = self.settings.for_part(len(opened.names))
                     self._show_part(opened)
+                self._revise()
                 self._wake()
-            self._show_settings()
         if not newer():
             self._publish('opening', {'text': ''})
 
     @contextmanager
     def _reported(self, topic: str) -> Iterator[list[str]]:
-        """Publish an error as a sentence, and collect warnings of this thread."""
+        """Publish an error as a sentence if there is a topic; collect warnings of this thread."""
         with collected_warnings() as notes:
             problem = ''
             try:
@@ -250,7 +272,8 @@ class Room:
             except Exception as error:
                 logging.getLogger(__name__).exception('a tab failed')
                 problem = one_line(f'this could not be made ({type(error).__name__}: {error})')
-            self._publish(topic, {'text': _sentence(problem)})
+            if topic:
+                self._publish(topic, {'text': _sentence(problem)})
 
     def _kept(self, key: Any, make: Callable[[], Any], stopped: Callable[[], bool]) -> Any:
         """Return the value of a key, or make it, and keep it if it is complete."""
@@ -284,27 +307,31 @@ class Room:
 
     def _show_settings(self) -> None:
         with self._changed:
-            settings, opened = self.settings, self._parts['first']
-            source = shipped_surfaces().source(settings.conditions.surface)
-            named = settings.conditions.surface
-            html = controls_html(
-                'conditions',
-                surfaces=shipped_surfaces().names(),
-                sliders=condition_sliders(settings.conditions),
-                surroundings=surroundings_choices(),
-                dimensions=dimension_sliders(settings),
-                precisions=PRECISIONS,
-            )
-            self._publish('conditions', {'html': html})
-            resembles = source.partition('. ')[0].rstrip('.') + '.' if named else 'Own conditions.'
-            self._publish('resembles', {'text': resembles})
-            if opened is not None:
-                module = import_module(f'{__package__}.tabs.{settings.tab}')
-                controls = module.controls(settings, opened)
-                self._publish(f'{settings.tab}-controls', {'html': controls})
-            message = {'tab': settings.tab, 'values': dict(control_values(settings))}
-            numbered = {} if self._number is None else {'number': self._number}
-            self._publish('values', {**message, **numbered})
+            settings, opened, number = self.settings, self._parts['first'], self._number
+        surfaces = shipped_surfaces()
+        html = controls_html(
+            'conditions',
+            surfaces=surfaces.names(),
+            sliders=condition_sliders(settings.conditions),
+            surroundings=surroundings_choices(),
+            dimensions=dimension_sliders(settings),
+            precisions=PRECISIONS,
+        )
+        self._publish('conditions', {'html': html})
+        self._publish('resembles', {'text': _resembles(settings.conditions.surface)})
+        if opened is not None:
+            module = import_module(f'{__package__}.tabs.{settings.tab}')
+            controls = module.controls(settings, opened)
+            self._publish(f'{settings.tab}-controls', {'html': controls})
+        message = {'tab': settings.tab, 'values': dict(control_values(settings))}
+        self._publish('values', message if number is None else {**message, 'number': number})
+
+
+def _resembles(surface: str) -> str:
+    """Return what a surface resembles: the first clause of its source."""
+    if not surface:
+        return 'Own conditions.'
+    return _sentence(shipped_surfaces().source(surface).partition('. ')[0].partition(': ')[0])
 
 
 def examples() -> list[str]:
