@@ -67,7 +67,7 @@ setup(
     maintainer_email='maintainers@resting-aspects.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['report/page_files/*']},
+    package_data={NAME: ['report/page_files/*', 'studio/page_files/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
