@@ -1,18 +1,19 @@
 """Design the traps that pass a wanted orientation and reject all others, with the largest margin.
 
-Of each family of traps, the critical value of every row is known: the dimension at which the trap
-begins to reject it. A trap passes a row by a *margin*, the distance of its dimension from that
-value, or rejects it by one. The margin of a design is the smaller one of the margin by which all
-traps pass the wanted row, and of the least margin by which one of them rejects each other row. A
-rejection needs more than the band in which parts jam.
+Of each family of traps, two values of its dimension are known for every row: that from which all
+parts pass, and that from which all are rejected. Statics places the first at the critical value,
+and the second beyond the band in which parts jam. Simulated parts replace both by the ends of the
+*grey band*, between which only some of the parts pass at the speed of the track.
 
-Passive traps cannot raise the efficiency: they only reject. A higher rate needs another wanted
-row, or an action before the traps that turns parts.
+The margin of a design is the smaller one of the margin by which all traps pass the wanted row, and
+of the least margin by which one of them rejects each other row. Passive traps cannot raise the
+efficiency: they only reject. A higher rate needs another wanted row, or an action before the traps
+that turns parts.
 """
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,13 +34,14 @@ from resting_aspects_ros.track.traps import (
     Balcony,
     Canyon,
     Cut,
+    CutOut,
     Gap,
     Surface,
     Trap,
     Wiper,
 )
 
-MOST_TRAPS = 3
+MAX_TRAPS = 3
 # Rows whose critical values agree within this, m, are alike to these traps.
 SAME = 5e-5
 # Least margin of a design, m, and by how much a further trap must raise it.
@@ -50,14 +52,27 @@ STARTS = 8
 KEPT = 40
 # Alternatives that are returned.
 ALTERNATIVES = 3
+# Rows whose critical value is farther than this from the dimension of a trap, m, are not simulated
+# for it; and so often are the bands of the best design simulated.
+CLEAR, ROUNDS = 6e-3, 8
 
 
-@dataclass(frozen=True, eq=False)
-class _Option:
-    """A trap with its margins (n,), m: positive if it passes a row, negative if it rejects it."""
+@dataclass(frozen=True)
+class Band:
+    """The dimensions of a trap at which only some of the parts of a row pass.
 
-    trap: Any
-    margins: Array
+    passes : float
+        The dimension, m, from which all parts pass; infinite if there is none.
+    rejects : float
+        The dimension, m, from which all are rejected; infinite if there is none.
+    """
+
+    passes: float
+    rejects: float
+
+
+# Returns the band of a row and a trap, whose dimension with this name has the critical value.
+Measure = Callable[[Orientation, Any, str, float], Band]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +86,13 @@ class Design:
         one and those that are alike.
     margin : float
         Least margin, m.
+    bands : tuple of (Trap, str, int, Band)
+        Of simulated parts: trap, its dimension, row and band.
     """
 
     passage: Passage
     margin: float
+    bands: tuple[tuple[Trap, str, int, Band], ...] = ()
 
     @property
     def traps(self) -> tuple[Trap, ...]:
@@ -94,12 +112,15 @@ class DesignResult:
         Ids of the rows that no trap of the families separates from the wanted one, with it: for
         example its mirror image, because the traps are symmetric along the track.
     remaining : tuple of int
-        Ids of the rows that also pass the best set of traps if there is no design.
+        If there is no design: ids of the rows that no trap rejects which passes the wanted row.
+    others : tuple of (int, float)
+        If there is no design: rows for which there is one, and its margin, m, by statics.
     """
 
     designs: tuple[Design, ...]
     alike: tuple[int, ...]
-    remaining: tuple[int, ...]
+    remaining: tuple[int, ...] = ()
+    others: tuple[tuple[int, float], ...] = ()
 
 
 def design_traps(
@@ -108,92 +129,261 @@ def design_traps(
     track: Track,
     wanted: int,
     tolerance: Tolerance | None = None,
-    most: int = MOST_TRAPS,
+    most: int = MAX_TRAPS,
+    measure: Measure | None = None,
 ) -> DesignResult:
     """Return the sets of at most ``most`` traps that pass only one orientation.
 
     The traps of the track itself are not used; its surface, wall and speed are.
 
+    Parameters
+    ----------
+    measure : callable, optional
+        Simulates the bands that the best design depends on; by default statics tells them.
+
     Raises
     ------
     InvalidValueError
-        If the row is not known, or the part rolls in it.
+        If the row is not known, the part rolls in it, or the track does not support it.
     """
     ids = [row.id for row in rows]
     if wanted not in ids:
         raise InvalidValueError(
             f'invalid wanted orientation {shown(wanted)}: expected 1 to {len(ids)}'
         )
-    if not 1 <= most <= MOST_TRAPS:
-        raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MOST_TRAPS}')
+    if not 1 <= most <= MAX_TRAPS:
+        raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
     k = ids.index(wanted)
     if rows[k].rolls:
         raise InvalidValueError(
             f'invalid wanted orientation {wanted}: expected one in which the part does not roll'
         )
+    pass_traps(part, rows, replace(track, traps=()), (wanted,))
     families = list(_families(part, rows, track.surface))
-    same = _alike(families, k)
-    others = np.setdiff1d(np.arange(len(rows)), same)
-    options = [option for family in families for option in _options(family, same, others)]
-    alike = tuple(ids[j] for j in same.tolist())
-    found = list(_best(options, same, others, most))
-    if not len(others):
-        found = [(math.inf, ())]
-    designs = tuple(
-        Design(
-            pass_traps(part, rows, replace(track, traps=_ordered(traps)), alike, tolerance),
-            margin,
+    found = _Search(families, k, len(rows), most)
+    bands: dict[tuple[int, int], Band] = {}
+    for _ in range(ROUNDS if measure else 0):
+        wants = [pair for pair in found.decisive() if pair not in bands]
+        if not wants:
+            break
+        for f, j in wants:
+            family = families[f]
+            assert measure is not None
+            band = measure(rows[j], family.trap, family.dimension, float(family.critical[j]))
+            bands[f, j] = band
+            families[f] = family.with_band(j, band)
+        found = _Search(families, k, len(rows), most)
+    alike = tuple(ids[j] for j in found.same.tolist())
+
+    def made(best: '_Best') -> Design:
+        traps = _ordered([option.trap for option in best.options])
+        passage = pass_traps(part, rows, replace(track, traps=traps), alike, tolerance)
+        return Design(
+            passage,
+            best.margin,
+            tuple(
+                (option.trap, families[f].dimension, ids[j], band)
+                for option in best.options
+                for (f, j), band in bands.items()
+                if option.family == f
+            ),
         )
-        for margin, traps in found
-        if margin > LEAST
-    )
-    remaining = () if designs else tuple(ids[j] for j in _never_rejected(options, others))
-    return DesignResult(designs, alike, remaining)
+
+    designs = tuple(made(best) for best in found.best if best.margin > LEAST)
+    if designs:
+        return DesignResult(designs, alike)
+    remaining = tuple(ids[j] for j in found.never_rejected())
+    return DesignResult((), alike, remaining, _other_rows(families, rows, k, most))
+
+
+def asymmetric_cut(
+    part: Part, rows: Sequence[Orientation], surface: Surface, wanted: int, other: int
+) -> tuple[CutOut, float] | None:
+    """Return a triangular cut-out that passes one row and rejects another, and its margin, m.
+
+    It is as long and as wide as the part, and its size is between the critical ones of both rows.
+    None if neither the triangle nor its mirror image separates them.
+    """
+    by_id = {row.id: row for row in rows}
+    one, two = (Arrival(by_id[number], surface, part) for number in (wanted, other))
+    long, wide = one.row.length, one.row.width
+    best: tuple[CutOut, float] | None = None
+    for points in (
+        ((0.0, 0.0), (long, 0.0), (long, wide)),
+        ((0.0, 0.0), (long, 0.0), (0.0, wide)),
+        ((0.0, wide), (long, wide), (long, 0.0)),
+        ((0.0, wide), (long, wide), (0.0, 0.0)),
+    ):
+        cut = CutOut(1.0, points=points)
+        passes, rejects = (cut.critical(each, 'scale') for each in (one, two))
+        if math.isinf(passes) or math.isinf(rejects):
+            continue
+        margin = (passes - rejects) / 2 * min(long, wide)
+        if margin > LEAST and (best is None or margin > best[1]):
+            best = replace(cut, scale=round((passes + rejects) / 2, 3)), margin
+    return best
+
+
+# -- Families -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Family:
-    """Traps that differ in one dimension.
+    """Traps that differ in one dimension; ``sign`` times a value is larger where more pass.
 
     critical : (n,) float
-        Value of the dimension at which a row changes between pass and reject.
-    above : bool
-        Whether larger values pass.
-    band : float
-        Rejections with a smaller margin can jam, m.
+        Value of the dimension at which a row changes between pass and reject, by statics.
+    passes, rejects : (n,) float
+        Values, times the sign, above which a row passes, and below which it is rejected.
     certain : (n,) bool
         Whether a rejection of the row is certain: not if it rolls, or if its body catches an edge.
     """
 
     trap: Any
     dimension: str
+    sign: float
     critical: Array
-    above: bool
-    band: float
+    passes: Array
+    rejects: Array
     certain: npt.NDArray[np.bool_]
+
+    def with_band(self, j: int, band: Band) -> '_Family':
+        """Return the family with the simulated band of row j."""
+        passes, rejects = self.passes.copy(), self.rejects.copy()
+        passes[j] = self.sign * band.passes if math.isfinite(band.passes) else math.inf
+        rejects[j] = self.sign * band.rejects if math.isfinite(band.rejects) else -math.inf
+        return replace(self, passes=passes, rejects=rejects)
+
+    def margins(self, value: float) -> Array:
+        """Return margins (n,), m: positive if a row passes, negative if it is rejected."""
+        with np.errstate(invalid='ignore'):
+            above = np.nan_to_num(self.sign * value - self.passes, posinf=10, neginf=-10)
+            below = np.nan_to_num(self.sign * value - self.rejects, posinf=10, neginf=-10)
+        rejected = np.where(self.certain & (below < 0), below, 0.0)
+        return np.where(above > 0, above, rejected)
 
 
 def _families(part: Part, rows: Sequence[Orientation], surface: Surface) -> Iterator[_Family]:
     rolls = np.array([row.rolls for row in rows])
     line = np.array([is_line(row) for row in rows])
     height = np.array([row.height for row in rows])
-    yield _Family(Wiper(1.0), 'height', height, True, WEDGE, ~rolls)
     widest = max(row.width for row in rows)
+    yield _Family(Wiper(1.0), 'height', 1.0, height, height, height - WEDGE, ~rolls)
 
-    def made(trap: Cut, dimension: str, above: bool, band: float) -> _Family:
+    def made(trap: Cut, dimension: str, sign: float, band: float) -> _Family:
         found = np.array(
             [
                 math.nan if row.rolls else trap.critical(Arrival(row, surface, part), dimension)
                 for row in rows
             ]
         )
-        return _Family(trap, dimension, found, above, band, ~rolls & ~line)
+        certain = ~rolls & ~line
+        return _Family(trap, dimension, sign, found, sign * found, sign * found - band, certain)
 
-    yield made(Balcony(min(surface.width, widest)), 'width', True, 0.0)
-    yield made(Gap(0.01), 'length', False, DIP)
+    yield made(Balcony(min(surface.width, widest)), 'width', 1.0, 0.0)
+    yield made(Gap(0.01), 'length', -1.0, DIP)
     for start in np.linspace(0.1, 0.8, STARTS) * min(widest, surface.width):
         near = round(float(start), 4)
-        yield made(Canyon(near, 2 * surface.width), 'end', False, 0.0)
+        yield made(Canyon(near, 2 * surface.width), 'end', -1.0, 0.0)
+
+
+# -- Search ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Option:
+    """A trap of a family, by its index, with its margins (n,), m."""
+
+    trap: Any
+    family: int
+    margins: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The best set of traps of some kinds."""
+
+    margin: float
+    options: tuple[_Option, ...]
+
+
+class _Search:
+    """The sets of traps that pass row k and those that are alike, and reject all others."""
+
+    def __init__(self, families: Sequence[_Family], k: int, count: int, most: int) -> None:
+        self._families = families
+        self.same = _alike(families, k)
+        self._others = np.setdiff1d(np.arange(count), self.same)
+        self._options = [
+            option
+            for f, family in enumerate(families)
+            for option in _options(f, family, self.same, self._others)
+        ]
+        self.best = self._found(most) if len(self._others) else [_Best(math.inf, ())]
+
+    def _found(self, most: int) -> list[_Best]:
+        """Return the best set of each set of kinds, best first."""
+        if not self._options:
+            return []
+        margins = np.array([option.margins for option in self._options])
+        passed = margins[:, self.same].min(axis=1)
+        rejected = -margins[:, self._others]
+        # An option that passes by less and rejects each row by less than another of its kind goes.
+        kept = _undominated(self._options, passed, rejected)
+        best: dict[tuple[str, ...], _Best] = {}
+        for count in range(1, most + 1):
+            for chosen in itertools.combinations(kept, count):
+                kinds = tuple(self._options[c].trap.kind for c in chosen)
+                if len({*kinds}) < count:
+                    continue
+                index = list(chosen)
+                value = float(min(passed[index].min(), rejected[index].max(axis=0).min()))
+                known = best.get(kinds)
+                smaller = max(
+                    (b.margin for other, b in best.items() if {*other} < {*kinds}),
+                    default=-math.inf,
+                )
+                better = value > LEAST and value > smaller + BETTER
+                if better and (known is None or value > known.margin):
+                    best[kinds] = _Best(value, tuple(self._options[c] for c in chosen))
+        ordered = sorted(best.values(), key=lambda each: (-each.margin, len(each.options)))
+        return ordered[:ALTERNATIVES]
+
+    def decisive(self) -> Iterator[tuple[int, int]]:
+        """Yield family and row for each critical value on which the best set depends."""
+        if not self.best or not self.best[0].options:
+            return
+        options = self.best[0].options
+        margins = np.array([option.margins for option in options])
+        rejecting = margins.argmin(axis=0)
+        for place, option in enumerate(options):
+            family = self._families[option.family]
+            value = getattr(option.trap, family.dimension)
+            own = self._others[rejecting[self._others] == place]
+            for j in [*self.same.tolist(), *own.tolist()]:
+                apart = abs(value - family.critical[j])
+                if math.isfinite(apart) and apart < CLEAR:
+                    yield option.family, j
+
+    def never_rejected(self) -> list[int]:
+        """Return the rows that no option rejects."""
+        if not self._options:
+            return [int(j) for j in self._others]
+        margins = np.array([option.margins for option in self._options])[:, self._others]
+        return [int(j) for j in self._others[(margins >= -LEAST).all(axis=0)]]
+
+
+def _other_rows(
+    families: Sequence[_Family], rows: Sequence[Orientation], k: int, most: int
+) -> tuple[tuple[int, float], ...]:
+    """Return the rows for which there is a design, and its margin, m."""
+    found = []
+    for j, row in enumerate(rows):
+        if j != k and not row.rolls:
+            best = _Search(families, j, len(rows), most).best
+            if best and best[0].margin > LEAST:
+                found.append((row.id, best[0].margin))
+    return tuple(found)
 
 
 def _alike(families: Sequence[_Family], k: int) -> npt.NDArray[np.int64]:
@@ -208,86 +398,44 @@ def _alike(families: Sequence[_Family], k: int) -> npt.NDArray[np.int64]:
 
 
 def _options(
+    index: int,
     family: _Family,
     same: npt.NDArray[np.int64],
     others: npt.NDArray[np.int64],
 ) -> Iterator[_Option]:
     """Yield traps of a family that pass the wanted rows and reject at least one other."""
-    sign = 1.0 if family.above else -1.0
-    own = float((sign * family.critical[same]).max())
+    own = float(family.passes[same].max())
     if not math.isfinite(own):
-        if own == -math.inf:  # it passes every value: any value that rejects another row
-            own = float(np.nanmin(sign * family.critical[others], initial=math.inf)) - 1e-3
+        if own == -math.inf and np.isfinite(family.rejects[others]).any():
+            # It passes every value: any value that rejects another row.
+            rejects = family.rejects[others]
+            own = float(rejects[np.isfinite(rejects)].min()) - 1e-3
         else:
             return
-    beyond = sign * family.critical[others]
+    beyond = family.rejects[others]
     beyond = np.unique(beyond[np.isfinite(beyond) & (beyond > own + 2 * LEAST)])
-    values = np.concatenate([(own + beyond) / 2, (own + beyond - family.band) / 2])
-    for value in np.unique(np.round(sign * values, 6)).tolist():
-        if value <= 0 or sign * value <= own:
+    for value in np.unique(np.round(family.sign * (own + beyond) / 2, 6)).tolist():
+        if value <= 0 or family.sign * value <= own:
             continue
-        margins = np.nan_to_num(sign * (value - family.critical), nan=0.0, posinf=10, neginf=-10)
-        margins = np.where(margins < 0, np.minimum(margins + family.band, 0.0), margins)
-        margins = np.where((margins < 0) & ~family.certain, 0.0, margins)
+        margins = family.margins(value)
         if (margins[others] < -LEAST).any():
-            yield _Option(replace(family.trap, **{family.dimension: value}), margins)
-
-
-def _best(
-    options: Sequence[_Option],
-    same: npt.NDArray[np.int64],
-    others: npt.NDArray[np.int64],
-    most: int,
-) -> list[tuple[float, tuple[Trap, ...]]]:
-    """Return margins and sets of traps: the best one of each set of kinds, best first."""
-    if not options or not len(others):
-        return []
-    margins = np.array([option.margins for option in options])
-    passed = margins[:, same].min(axis=1)
-    rejected = -margins[:, others]
-    # An option that passes by less and rejects each row by less than another one of its kind goes.
-    kept = _undominated(options, passed, rejected)
-    best: dict[tuple[str, ...], tuple[float, tuple[Trap, ...]]] = {}
-    for count in range(1, most + 1):
-        for chosen in itertools.combinations(kept, count):
-            kinds = tuple(options[c].trap.kind for c in chosen)
-            if len({*kinds}) < count:
-                continue
-            index = list(chosen)
-            value = float(min(passed[index].min(), rejected[index].max(axis=0).min()))
-            known = best.get(kinds)
-            smaller = max(
-                (b[0] for other, b in best.items() if {*other} < {*kinds}), default=-math.inf
-            )
-            if value > LEAST and value > smaller + BETTER and (known is None or value > known[0]):
-                best[kinds] = value, tuple(options[c].trap for c in chosen)
-    return sorted(best.values(), key=lambda each: (-each[0], len(each[1])))[:ALTERNATIVES]
+            trap = replace(family.trap, **{family.dimension: value})
+            yield _Option(trap, index, margins)
 
 
 def _undominated(options: Sequence[_Option], passed: Array, rejected: Array) -> list[int]:
     kept: list[int] = []
     all_values = np.column_stack([passed, rejected])
-    for k, option in enumerate(options):
-        rivals = [
-            j for j, other in enumerate(options) if j != k and other.trap.kind == option.trap.kind
-        ]
-        better = [
-            j
-            for j in rivals
-            if (all_values[j] >= all_values[k]).all()
-            and ((all_values[j] > all_values[k]).any() or j < k)
-        ]
-        if not better:
+    kinds = np.array([option.trap.kind for option in options])
+    for k in range(len(options)):
+        rivals = all_values[kinds == kinds[k]]
+        numbers = np.flatnonzero(kinds == kinds[k])
+        as_good = (rivals >= all_values[k]).all(axis=1)
+        better = (rivals > all_values[k]).any(axis=1) | (numbers < k)
+        if not (as_good & better & (numbers != k)).any():
             kept.append(k)
     order = sorted(kept, key=lambda k: -float(np.minimum(all_values[k], 0.01).sum()))
     return sorted(order[:KEPT])
-
-
-def _never_rejected(options: Sequence[_Option], others: npt.NDArray[np.int64]) -> list[int]:
-    if not options:
-        return [int(k) for k in others]
-    margins = np.array([option.margins for option in options])[:, others]
-    return [int(k) for k in others[(margins >= -LEAST).all(axis=0)]]
 
 
 def _ordered(traps: Sequence[Trap]) -> tuple[Trap, ...]:
