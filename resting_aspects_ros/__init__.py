@@ -53,7 +53,7 @@ _MODULES = {
     'RestingAspectsError': 'errors',
     'RestingAspectsWarning': 'errors',
     'RetentionResult': 'api.retention',
-    'Track': 'track.description',
+    'Track': 'tracks.description',
     'TrackDesign': 'api.track_result',
     'TrackResult': 'api.track_result',
     'Step': 'simulation.actions',

@@ -30,20 +30,20 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.track.bands import measured_band
-from resting_aspects_ros.track.description import Track, read_track, read_track_file
-from resting_aspects_ros.track.design import (
+from resting_aspects_ros.tracks.bands import measured_band
+from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
+from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,
     DesignResult,
     asymmetric_cut,
     design_traps,
 )
-from resting_aspects_ros.track.orientations import Orientation, orientations_on
-from resting_aspects_ros.track.rate import Tolerance, pass_traps
-from resting_aspects_ros.track.sensor import confusion
-from resting_aspects_ros.track.show import margin_text
-from resting_aspects_ros.track.simulate import run_track
-from resting_aspects_ros.track.traps import Sensor, trap_text
+from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
+from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
+from resting_aspects_ros.tracks.sensor import confusion
+from resting_aspects_ros.tracks.show import margin_text
+from resting_aspects_ros.tracks.simulate import run_track
+from resting_aspects_ros.tracks.traps import Sensor, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.api.report_files import part_facts, run_facts
 from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
 from resting_aspects_ros.simulation.conditions import quantities_of
-from resting_aspects_ros.track.show import flow_figure, track_figure
+from resting_aspects_ros.tracks.show import flow_figure, track_figure
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.track_result import TrackResult

@@ -19,10 +19,10 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.format import numbers_text, share_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.intervals import Interval, intervals
-from resting_aspects_ros.track.design import Band
-from resting_aspects_ros.track.orientations import AT_WALL, Orientation, mirror_images
-from resting_aspects_ros.track.rate import Passage
-from resting_aspects_ros.track.show import (
+from resting_aspects_ros.tracks.design import Band
+from resting_aspects_ros.tracks.orientations import AT_WALL, Orientation, mirror_images
+from resting_aspects_ros.tracks.rate import Passage
+from resting_aspects_ros.tracks.show import (
     band_table,
     interval_words,
     margin_text,
@@ -32,8 +32,8 @@ from resting_aspects_ros.track.show import (
     row_table,
     trap_table,
 )
-from resting_aspects_ros.track.simulate import TrackRuns
-from resting_aspects_ros.track.traps import Cut, Trap, trap_text
+from resting_aspects_ros.tracks.simulate import TrackRuns
+from resting_aspects_ros.tracks.traps import Cut, Trap, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 if TYPE_CHECKING:
@@ -417,7 +417,7 @@ class TrackResult(Result):
 
     def figure(self) -> 'Figure':
         """Return each orientation from above, with its contact, and whether it passes."""
-        from resting_aspects_ros.track.show import rows_figure
+        from resting_aspects_ros.tracks.show import rows_figure
 
         outlines = [self._outline(row) for row in self.rows]
         regions = [self._supported(row) for row in self.rows]

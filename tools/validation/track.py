@@ -24,16 +24,16 @@ from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.statistics.intervals import intervals
-from resting_aspects_ros.track.description import Track, read_track
-from resting_aspects_ros.track.design import design_traps
-from resting_aspects_ros.track.orientations import (
+from resting_aspects_ros.tracks.description import Track, read_track
+from resting_aspects_ros.tracks.design import design_traps
+from resting_aspects_ros.tracks.orientations import (
     Orientation,
     PushedOutline,
     orientations_on,
 )
-from resting_aspects_ros.track.simulate import BREAKING, OUTCOMES, _job, _scene, run_over
-from resting_aspects_ros.track.support import is_line
-from resting_aspects_ros.track.traps import Arrival, Balcony, Gap
+from resting_aspects_ros.tracks.simulate import BREAKING, OUTCOMES, _job, _scene, run_over
+from resting_aspects_ros.tracks.support import is_line
+from resting_aspects_ros.tracks.traps import Arrival, Balcony, Gap
 from validation.dropper import SEED, Dropper
 
 Array = npt.NDArray[np.float64]

@@ -16,17 +16,17 @@ from resting_aspects_ros.report.format import (
 )
 from resting_aspects_ros.report.table import NOTHING, Table
 from resting_aspects_ros.statistics.intervals import Interval
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.rate import Passage
-from resting_aspects_ros.track.traps import Outcome
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.rate import Passage
+from resting_aspects_ros.tracks.traps import Outcome
 
 if TYPE_CHECKING:
     import shapely
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from resting_aspects_ros.track.design import Band
-    from resting_aspects_ros.track.simulate import TrackRuns
+    from resting_aspects_ros.tracks.design import Band
+    from resting_aspects_ros.tracks.simulate import TrackRuns
 
 # Colours of the outcomes, which colour-blind people distinguish.
 COLOURS = {

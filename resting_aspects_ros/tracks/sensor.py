@@ -12,7 +12,7 @@ import shapely
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.track.orientations import Orientation, same_orientation
+from resting_aspects_ros.tracks.orientations import Orientation, same_orientation
 from resting_aspects_ros.vision.fitting import OutlineNoise
 from resting_aspects_ros.vision.identification import identify, observed_polygon
 from resting_aspects_ros.vision.known_part import KnownPart

@@ -13,7 +13,7 @@ from resting_aspects_ros.simulation.conditions import (
     quantities_of,
     quantity,
 )
-from resting_aspects_ros.track.traps import (
+from resting_aspects_ros.tracks.traps import (
     KINDS,
     MAX_SIZE,
     Balcony,

@@ -37,11 +37,11 @@ from resting_aspects_ros.simulation.settling import CHECK_INTERVAL
 from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise, States
 from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.statistics.intervals import Interval, intervals
-from resting_aspects_ros.track.description import Track
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.rate import Passage
-from resting_aspects_ros.track.support import FAR
-from resting_aspects_ros.track.traps import (
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.rate import Passage
+from resting_aspects_ros.tracks.support import FAR
+from resting_aspects_ros.tracks.traps import (
     AirJet,
     Cut,
     Groove,

@@ -23,11 +23,11 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.track.description import Track
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.rate import Passage, Tolerance, pass_traps
-from resting_aspects_ros.track.support import is_line
-from resting_aspects_ros.track.traps import (
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
+from resting_aspects_ros.tracks.support import is_line
+from resting_aspects_ros.tracks.traps import (
     DIP,
     WEDGE,
     Arrival,

@@ -22,8 +22,8 @@ from resting_aspects_ros.simulation.conditions import (
     quantities_of,
     quantity,
 )
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.support import (
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.support import (
     FAR,
     critical_value,
     is_line,

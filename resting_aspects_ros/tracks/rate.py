@@ -21,9 +21,9 @@ from scipy.special import ndtr
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.track.description import Track
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.traps import Balcony, Outcome, Sensor, Trap, outcomes
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.traps import Balcony, Outcome, Sensor, Trap, outcomes
 
 # A tolerance is the half width that 3 standard deviations of a normal distribution fill.
 SIGMAS = 3.0

@@ -11,10 +11,10 @@ from typing import Any
 
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.track.description import Track
-from resting_aspects_ros.track.design import Band
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.simulate import OUTCOMES, run_over
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.design import Band
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.simulate import OUTCOMES, run_over
 
 # Distances from the critical value at which parts run, m, and parts at each.
 OFFSETS = (1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3)
