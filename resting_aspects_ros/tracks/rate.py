@@ -12,7 +12,7 @@ between the parts: at most 60 v / (L + spacing) of them arrive per minute.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.orientations import Orientation
-from resting_aspects_ros.tracks.traps import Balcony, Outcome, Sensor, Trap, outcomes
+from resting_aspects_ros.tracks.traps import MAX_SIZE, Balcony, Outcome, Sensor, Trap, outcomes
 
 # A tolerance is the half width that 3 standard deviations of a normal distribution fill.
 SIGMAS = 3.0
@@ -204,7 +204,8 @@ def pass_traps(
             raise InvalidValueError(
                 f'invalid wanted orientation {shown(each)}: expected 1 to {len(ids)}'
             )
-    entry = outcomes(rows, Balcony(track.surface.width), track.surface, part)
+    wide = replace(track.surface, width=MAX_SIZE)
+    entry = outcomes(rows, Balcony(track.surface.width), wide, part)
     entry = [Outcome('pass') if row.rolls else each for row, each in zip(rows, entry, strict=True)]
     for row, first in zip(rows, entry, strict=True):
         if row.id in wanted and first.outcome == 'reject':

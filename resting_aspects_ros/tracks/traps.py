@@ -357,7 +357,7 @@ class CutOut(Cut):
     scale: float = quantity(
         'scale', '', 'factor of all coordinates', high=100.0, above=True, default=1.0
     )
-    points: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
+    points: tuple[tuple[float, float], ...] = field(default=(), kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -544,7 +544,7 @@ KINDS: dict[str, type[Trap]] = {
 
 def make_trap(kind: str, values: Mapping[str, Any]) -> Trap:
     """Return the trap of a kind with these values, SI units; raises InvalidValueError."""
-    return made_from(KINDS, 'trap', kind, values)
+    return made_from(KINDS, 'trap', kind, values, ('points',) if kind == CutOut.kind else ())
 
 
 def read_trap(document: Any) -> Trap:
