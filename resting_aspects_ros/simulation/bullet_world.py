@@ -161,9 +161,13 @@ class World:
     ----------
     frame : (3,) float
         Velocity with which the world moves, R / T; by default ``DropJob.frame_velocity``.
+    breaking : float
+        Contacts persist until their points are this far apart, R. See CONTACT_BREAKING.
     """
 
-    def __init__(self, job: DropJob, frame: Array | None = None) -> None:
+    def __init__(
+        self, job: DropJob, frame: Array | None = None, breaking: float = CONTACT_BREAKING
+    ) -> None:
         client = empty_client()
         residual = SOLVER_RESIDUAL if job.scene.level else RESIDUAL
         if job.motion is not None:
@@ -181,7 +185,7 @@ class World:
             # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
-            contactBreakingThreshold=min(CONTACT_BREAKING, THIN_PART_FRACTION * job.min_height),
+            contactBreakingThreshold=min(breaking, THIN_PART_FRACTION * job.min_height),
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )

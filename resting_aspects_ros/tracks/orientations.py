@@ -277,15 +277,14 @@ def orientations_on(
     found: list[Orientation] = []
     for aspect, share in zip(aspects.aspects, shares, strict=True):
         corners = rotate(aspect.orientation, part.vertices - part.centre_of_mass)
-        below = points_below(part, corners, wall_height)
         order = _vertical_order(aspect, aspects.symmetry)
-        for yaw in PushedOutline(below).yaws(wall_friction, order):
+        for yaw in _pushed(part, aspect, corners, wall_height).yaws(wall_friction, order):
             made = _orientation(part, aspect, yaw, share, corners, wall_height)
             same = [
                 k
                 for k, each in enumerate(found)
                 if aspect.id not in each.aspects
-                and _alike(each.orientation, made.orientation, aspects.symmetry)
+                and same_orientation(each.orientation, made.orientation, aspects.symmetry)
             ]
             if same:
                 found[same[0]] = _joined(found[same[0]], made)
@@ -293,6 +292,20 @@ def orientations_on(
                 found.append(made)
     ordered = sorted(found, key=lambda each: (-each.probability, -each.high))
     return [replace(each, id=k) for k, each in enumerate(ordered, 1)]
+
+
+def _pushed(part: Part, aspect: Aspect, corners: Array, wall_height: float) -> PushedOutline:
+    """Return the outline of what the wall touches; raises InvalidValueError."""
+    try:
+        return PushedOutline(points_below(part, corners, wall_height))
+    except InvalidValueError:
+        if wall_height >= float(np.ptp(corners[:, 2])):
+            raise
+        raise InvalidValueError(
+            f'invalid height of the wall {1e3 * wall_height:g} mm: expected a wall that '
+            f'{part.name} cannot tip over in aspect {aspect.id}: its centre of mass is not above '
+            'what is lower than the wall'
+        ) from None
 
 
 def _orientation(
@@ -318,6 +331,29 @@ def _orientation(
         wall_top=min(top, wall_height),
         rolls=aspect.sweep.curved,
     )
+
+
+def mirror_images(rows: Sequence[Orientation], within: float) -> list[tuple[int, ...]]:
+    """Return for each row the ids of the other rows that are its mirror image along the track.
+
+    A trap that is symmetric along the track cannot separate them.
+
+    within : distance of the contacts, and of the dimensions, m
+    """
+
+    def alike(one: Orientation, other: Orientation) -> bool:
+        values = [
+            (row.height, row.com_height, row.yaw.distance, row.length, row.width, row.wall_top)
+            for row in (one, other)
+        ]
+        if np.abs(np.subtract(values[0], values[1])).max() > within:
+            return False
+        mirrored = shapely.transform(one.contact, lambda at: at * [-1.0, 1.0])
+        return bool(shapely.hausdorff_distance(mirrored, other.contact) < within)
+
+    return [
+        tuple(other.id for other in rows if other is not row and alike(row, other)) for row in rows
+    ]
 
 
 def points_below(part: Part, corners: Array, height: float) -> Array:
@@ -371,19 +407,21 @@ def _vertical_order(aspect: Aspect, symmetry: Symmetry | None) -> int:
     return int((np.abs(moved @ symmetry.axis) < ALIKE).sum())
 
 
-def _alike(one: Array, other: Array, symmetry: Symmetry | None) -> bool:
-    """Return whether a rotation of the part onto itself maps an orientation to the other."""
+def same_orientation(
+    one: Array, other: Array, symmetry: Symmetry | None, within: float = ALIKE
+) -> bool:
+    """Return whether a rotation of the part onto itself maps an orientation to the other, rad."""
     first, second = _matrix(one), _matrix(other)
     if symmetry is None:
-        return bool(np.abs(first - second).max() < ALIKE)
+        return bool(np.abs(first - second).max() < within)
     if symmetry.kind == 'spherical':
         return True
     for rotation in symmetry.rotations:
         turned = first @ rotation
         if symmetry.axis is not None:
-            near = np.abs((turned - second) @ symmetry.axis).max() < ALIKE
+            near = np.abs((turned - second) @ symmetry.axis).max() < within
         else:
-            near = np.abs(turned - second).max() < ALIKE
+            near = np.abs(turned - second).max() < within
         if near:
             return True
     return False

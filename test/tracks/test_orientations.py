@@ -11,7 +11,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.loading import part_from_bytes
-from resting_aspects_ros.track.orientations import PushedOutline, orientations_on
+from resting_aspects_ros.tracks.orientations import PushedOutline, orientations_on
 
 
 def rectangle(a, b):

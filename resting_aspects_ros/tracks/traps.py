@@ -22,8 +22,8 @@ from resting_aspects_ros.simulation.conditions import (
     quantities_of,
     quantity,
 )
-from resting_aspects_ros.track.orientations import Orientation
-from resting_aspects_ros.track.support import (
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.support import (
     FAR,
     critical_value,
     is_line,
@@ -58,12 +58,15 @@ class Outcome:
         How far the trap's dimension is from it, m; positive if the part passes.
     limited_by : str
         The dimension of the trap with the smallest margin.
+    share : float or None
+        Of a sensor: share of the parts that it lets pass.
     """
 
     outcome: Result
     critical: float = math.inf
     margin: float = math.inf
     limited_by: str = ''
+    share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -247,6 +250,48 @@ class Canyon(Cut):
         return {'start': (0.0, self.end - SMALLEST), 'end': (self.start + SMALLEST, LARGEST)}
 
 
+class _Strip(Canyon):
+    """A slit along the track into which a part can drop, and then goes on in another way."""
+
+    def outcome(self, arrival: Arrival) -> Outcome:
+        """Return what the trap does to an orientation; statics does not tell how a part drops."""
+        found = super().outcome(arrival)
+        return found if found.outcome == 'pass' else dataclasses.replace(found, outcome='unknown')
+
+
+@dataclass(frozen=True)
+class Rail(_Strip):
+    """Two rails with a slit between them, in which parts can hang by their heads."""
+
+    kind: ClassVar[str] = 'rail'
+
+
+@dataclass(frozen=True)
+class Groove(_Strip):
+    """A groove along the track."""
+
+    kind: ClassVar[str] = 'groove'
+    depth: float = quantity('depth', 'm', 'depth', high=MAX_SIZE, above=True, default=0.01)
+
+
+@dataclass(frozen=True)
+class Riser:
+    """A strip at the outer edge that is higher than the track and lifts what reaches it."""
+
+    kind: ClassVar[str] = 'riser'
+    start: float = quantity('start', 'm', 'distance of the strip from the wall', high=MAX_SIZE)
+    height: float = quantity('height', 'm', 'height above the track', high=MAX_SIZE, above=True)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def outcome(self, arrival: Arrival) -> Outcome:
+        """Return what the trap does to an orientation; statics does not tell how it is lifted."""
+        reach = float(arrival.row.corners[:, 1].max())
+        margin = self.start - reach
+        return Outcome('pass' if margin > 0 else 'unknown', reach, margin, 'start')
+
+
 @dataclass(frozen=True)
 class Slot(Cut):
     """A rectangular hole in the track."""
@@ -312,7 +357,7 @@ class CutOut(Cut):
     scale: float = quantity(
         'scale', '', 'factor of all coordinates', high=100.0, above=True, default=1.0
     )
-    points: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
+    points: tuple[tuple[float, float], ...] = field(default=(), kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -376,6 +421,33 @@ class Projection:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """A camera with an air jet that blows off what it does not identify as a wanted orientation.
+
+    Its outcomes follow from the confusion matrix of the identification; see sensor.py.
+
+    spacing : float
+        Least distance of two parts, m, so that the jet hits only one of them. It limits the rate.
+    """
+
+    kind: ClassVar[str] = 'sensor'
+    spacing: float = quantity(
+        'spacing', 'm', 'distance between two parts', high=MAX_SIZE, default=0.01
+    )
+    noise: float = quantity(
+        'noise',
+        'm',
+        'standard deviation of the outline that the camera sees',
+        high=0.01,
+        above=True,
+        default=1e-4,
+    )
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
 class AirJet:
     """A jet out of the wall that blows off what is high enough and light enough.
 
@@ -432,7 +504,23 @@ def _check_order(kind: str, low: float, high: float) -> None:
         )
 
 
-Trap = Wiper | HoldDown | Balcony | Gap | Canyon | Slot | Scallop | CutOut | Projection | AirJet
+# Traps of which statics tells the outcome, or that it is not known.
+Passive = (
+    Wiper
+    | HoldDown
+    | Balcony
+    | Gap
+    | Canyon
+    | Groove
+    | Rail
+    | Slot
+    | Scallop
+    | CutOut
+    | Riser
+    | Projection
+    | AirJet
+)
+Trap = Passive | Sensor
 KINDS: dict[str, type[Trap]] = {
     each.kind: each
     for each in (
@@ -441,18 +529,22 @@ KINDS: dict[str, type[Trap]] = {
         Balcony,
         Gap,
         Canyon,
+        Groove,
+        Rail,
         Slot,
         Scallop,
         CutOut,
+        Riser,
         Projection,
         AirJet,
+        Sensor,
     )
 }
 
 
 def make_trap(kind: str, values: Mapping[str, Any]) -> Trap:
     """Return the trap of a kind with these values, SI units; raises InvalidValueError."""
-    return made_from(KINDS, 'trap', kind, values)
+    return made_from(KINDS, 'trap', kind, values, ('points',) if kind == CutOut.kind else ())
 
 
 def read_trap(document: Any) -> Trap:
@@ -475,7 +567,7 @@ def trap_text(trap: Trap) -> str:
 
 
 def outcomes(
-    rows: Sequence[Orientation], trap: Trap, surface: Surface, part: Part
+    rows: Sequence[Orientation], trap: Passive, surface: Surface, part: Part
 ) -> list[Outcome]:
     """Return what a trap does to each orientation; a part that rolls is not known."""
     arrivals = [Arrival(row, surface, part) for row in rows]

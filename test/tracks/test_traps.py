@@ -10,11 +10,11 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.loading import part_from_bytes
-from resting_aspects_ros.track.description import Track, read_track
-from resting_aspects_ros.track.design import design_traps
-from resting_aspects_ros.track.orientations import orientations_on
-from resting_aspects_ros.track.rate import Tolerance, pass_traps
-from resting_aspects_ros.track.traps import (
+from resting_aspects_ros.tracks.description import Track, read_track
+from resting_aspects_ros.tracks.design import design_traps
+from resting_aspects_ros.tracks.orientations import orientations_on
+from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
+from resting_aspects_ros.tracks.traps import (
     AirJet,
     Arrival,
     Balcony,

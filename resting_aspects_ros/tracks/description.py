@@ -13,12 +13,16 @@ from resting_aspects_ros.simulation.conditions import (
     quantities_of,
     quantity,
 )
-from resting_aspects_ros.track.traps import (
+from resting_aspects_ros.tracks.traps import (
     KINDS,
     MAX_SIZE,
+    Balcony,
+    Cut,
+    Groove,
     Surface,
     Trap,
     read_trap,
+    trap_text,
 )
 
 MAX_TRAPS = 20
@@ -86,13 +90,19 @@ def _values(given: Any) -> dict[str, Any]:
 
 def _check_fits(trap: Trap, surface: Surface) -> None:
     """Raise InvalidValueError if a trap is beyond the edge of the track."""
-    for name in ('width', 'start', 'centre'):
+    for name in ('width', 'start', 'centre', 'depth'):
         value = getattr(trap, name, None)
-        if value is not None and value > surface.width:
+        if value is not None and value > surface.width and not isinstance(trap, Groove):
             raise InvalidValueError(
                 f'invalid {name} {1000 * value:g} mm of a {trap.kind}: expected at most the width '
                 f'of the track, {1000 * surface.width:g} mm'
             )
+    inside = isinstance(trap, Cut) and trap.removed().intersection(surface.area).area > 0
+    if isinstance(trap, Cut) and not isinstance(trap, Balcony) and not inside:
+        raise InvalidValueError(
+            f'invalid {trap.kind}, {trap_text(trap)}: expected one that cuts into the track, '
+            f'which is {1000 * surface.width:g} mm wide'
+        )
 
 
 def read_track_file(path: Path) -> Track:

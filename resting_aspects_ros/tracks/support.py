@@ -19,7 +19,7 @@ import numpy.typing as npt
 import shapely
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.track.orientations import Orientation
+from resting_aspects_ros.tracks.orientations import Orientation
 
 # Lengths that are longer than every part, m.
 FAR = 10.0
