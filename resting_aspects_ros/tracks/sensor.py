@@ -15,8 +15,8 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks.orientations import Orientation, same_orientation
 from resting_aspects_ros.vision.fitting import OutlineNoise
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import seen_outline
+from resting_aspects_ros.vision.rolling import KnownPart
 
 # Views of each row.
 VIEWS = 20
