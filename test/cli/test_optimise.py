@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-import resting_aspects_ros as ra
 from resting_aspects_ros.errors import OutputError
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.optimise import DEFAULT_BUDGET
@@ -30,20 +29,6 @@ def test_table_and_files_show_the_three_conditions(run, tmp_path):
     assert page.count('data:image/png') == 2
     rows = (tmp_path / 'o' / 'points.csv').read_text().splitlines()
     assert len(rows) == 1 + len(document['points'])
-
-
-@pytest.mark.slow
-def test_document_is_that_of_the_python_interface(run):
-    ended = run(*WORDS, '--wanted', '1', '--restitution', '0.3', '--json')
-    expected = ra.optimise(
-        'tetrahedron',
-        {'height': '10mm:20mm'},
-        wanted=[1],
-        restitution=0.3,
-        budget=1920,
-        workers=1,
-    )
-    assert json.loads(ended.stdout) == json.loads(expected.to_json())
 
 
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
