@@ -13,7 +13,7 @@ import trimesh
 
 sync_api = pytest.importorskip('playwright.sync_api')
 CHROMIUM = Path('/usr/bin/chromium')
-MS = 60_000
+MS = 600_000
 ROOT = Path(__file__).parents[2]
 
 pytestmark = [

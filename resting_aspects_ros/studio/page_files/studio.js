@@ -161,7 +161,10 @@ document.addEventListener('click', (event) => {
   } else if (pick) change(`pickable.${pick}`, button.getAttribute('aria-pressed') !== 'true');
   else if (clear) change(clear, '');
   else if (task === 'more' || task === 'fit') change(task, true);
-  else if (task) send({ do: task });
+  else if (task) {
+    send({ do: task });
+    if (task === 'cancel') handlers.opening({ text: '' });
+  }
 });
 
 // -- Tabs ---------------------------------------------------------------------------------------
