@@ -24,6 +24,7 @@ INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
     'PIL': ('pillow', 'python3-pil'),
+    'aiohttp': ('aiohttp', 'python3-aiohttp'),
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),

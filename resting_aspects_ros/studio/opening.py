@@ -20,7 +20,7 @@ from resting_aspects_ros.part.part import Part, valid_name
 from resting_aspects_ros.studio.rows import Opened, Source, empty_rows
 
 # Below the priority of the server, so that opening a large file does not slow down another tab.
-NICENESS = 10
+NICENESS = 5
 # Files that are opened at the same time; further ones wait.
 MAX_OPENING = 2
 # More triangles make opening take clearly longer than a second.

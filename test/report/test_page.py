@@ -21,7 +21,7 @@ from resting_aspects_ros.report.drop_page import (
     drop_page,
 )
 from resting_aspects_ros.report.format import aspect_colour
-from resting_aspects_ros.report.page import ENDINGS
+from resting_aspects_ros.report.page import ENDINGS, OutcomeRow, OutcomeRows, items_html
 from resting_aspects_ros.report.picture import MAX_PICTURE_TRIANGLES
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -286,3 +286,13 @@ def test_large_mesh_is_simplified_and_the_page_states_it(solid, make_report, wri
     (script,) = page.all('script', id='scene')
     assert len(base64.b64decode(json.loads(script['text'])['faces'])) == 12 * shown
     assert len(text) < 5_000_000
+
+
+def test_second_range_of_a_bar_is_drawn_if_it_is_known():
+    row = OutcomeRow('aspect 1', '1', '', '#000000', 5, '50 %', '', (50.0, 40.0, 20.0))
+    plain, ranged = (
+        items_html([OutcomeRows([each], 10, view=False)])
+        for each in (row, dataclasses.replace(row, model=(30.0, 45.0)))
+    )
+    assert 'class="model"' not in plain
+    assert '<i class="model" style="left: 30.0%; width: 45.0%"></i>' in ranged

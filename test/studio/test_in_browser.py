@@ -116,7 +116,7 @@ def test_dropped_file_and_its_3d_view(browser, address, tmp_path):
         page.wait_for_timeout(700)  # the animation of the view
         assert view.screenshot() != before
         # The view stays in sight.
-        page.locator('#panel-aspects .row').last.scroll_into_view_if_needed()
+        page.locator('#panel-aspects .row:visible').last.scroll_into_view_if_needed()
         assert page.locator('#stage').bounding_box()['y'] < 100
         (tmp_path / 'bad.stl').write_bytes(b'nothing')
         page.locator('#file').set_input_files(tmp_path / 'bad.stl')

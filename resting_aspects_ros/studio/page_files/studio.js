@@ -9,7 +9,7 @@ const narrow = matchMedia('(max-width: 900px)');
 let socket = null;
 let room = sessionStorage.getItem('room') || '';
 let ready = false; // whether the server has named the room
-let waiting = []; // messages for when it has
+let waiting = []; // what to do when it has
 let sent = 0; // number of the last change
 let values = {}; // of all controls
 let view = null;
@@ -32,7 +32,7 @@ function connect() {
 
 function send(message) {
   if (ready) socket.send(JSON.stringify(message));
-  else waiting.push(message);
+  else waiting.push(() => send(message));
 }
 
 function change(name, value) {
@@ -55,7 +55,7 @@ const handlers = {
     sessionStorage.setItem('room', room);
     setText(find('#problem'), '');
     ready = true;
-    waiting.splice(0).forEach(send);
+    waiting.splice(0).forEach((task) => task());
   },
   problem({ text }) { setText(find('#problem'), text); },
   opening({ text }) {
@@ -161,7 +161,10 @@ document.addEventListener('click', (event) => {
   } else if (pick) change(`pickable.${pick}`, button.getAttribute('aria-pressed') !== 'true');
   else if (clear) change(clear, '');
   else if (task === 'more' || task === 'fit') change(task, true);
-  else if (task) send({ do: task });
+  else if (task) {
+    send({ do: task });
+    if (task === 'cancel') handlers.opening({ text: '' });
+  }
 });
 
 // -- Tabs ---------------------------------------------------------------------------------------
@@ -272,6 +275,10 @@ function showShare() {
 // -- Files --------------------------------------------------------------------------------------
 
 async function upload(file, side) {
+  if (!ready) {
+    waiting.push(() => upload(file, side));
+    return;
+  }
   const address = `part/${room}/${side}?name=${encodeURIComponent(file.name)}`;
   handlers.opening({ text: `Reading ${file.name} ...` });
   try {
