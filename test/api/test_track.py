@@ -138,7 +138,7 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
 
 
 def test_without_a_design_other_rows_are_named():
-    # Row 4 of the prism has a mirror image, and three rows that pass whatever it passes.
+    # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
     found = ra.design_track('t_prism', 4, drops=100)
     assert not found.designs
     assert found.best is found.bare

@@ -93,9 +93,10 @@ DOCUMENTS = {
         lambda: ra.track('hex_nut', nut_track(), drops=100, seed=3),
     ),
     'track, simulated parts after an action': (
-        'track hex_nut --width 40mm --trap wiper:height=12.7mm --drops 100 --speed 0.3 '
-        '--simulate 1 --before tap',
-        lambda: ra.track('hex_nut', nut_track(speed=0.3), drops=100, simulate=1, before=['tap']),
+        'track hex_nut --trap wiper:height=12.7mm --drops 50 --speed 1 --simulate 1 --before tap',
+        lambda: ra.track(
+            'hex_nut', nut_track(speed=1, width=0.031), drops=50, simulate=1, before=['tap']
+        ),
     ),
     'track, unit in doubt': (
         'track hex_nut --width 1 --drops 50',
