@@ -79,7 +79,7 @@ BEFORE, WITHIN, AFTER = 0.3, 1.5, 0.6
 # A part that turned by more than this, rad, has left its orientation.
 TURNED = math.radians(10.0)
 # A part is caught if it is slower than this share of the speed of the track while the track moves
-# by this many lengths of the part, or if it takes so many times as long as at that speed.
+# by this many lengths of the part, or if it takes PATIENCE times as long as at that speed.
 SLOW, STALLED, PATIENCE = 0.1, 0.5, 3.0
 
 OUTCOMES = ('pass', 'turn', 'reject', 'jam')

@@ -46,7 +46,7 @@ def resultants(row: Orientation, roll: float, pitch: float = 0.0, shift: float =
     return np.stack([np.full(len(y), row.com_height * math.tan(pitch)), y], axis=1)
 
 
-def least_margin(
+def support_margin(
     row: Orientation,
     track: shapely.Geometry,
     roll: float,

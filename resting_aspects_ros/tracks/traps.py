@@ -27,8 +27,8 @@ from resting_aspects_ros.tracks.support import (
     FAR,
     critical_value,
     is_line,
-    least_margin,
     passage,
+    support_margin,
 )
 
 # A part that is higher than a blade by less than this wedges below it instead of being pushed off.
@@ -180,7 +180,7 @@ class Cut:
         row, surface, span = arrival.row, arrival.surface, self.span()
         track = surface.area.difference(self.removed())
         places = None if span is None else passage(row, *span)
-        return least_margin(row, track, surface.roll, surface.pitch, places) > CERTAIN
+        return support_margin(row, track, surface.roll, surface.pitch, places) > CERTAIN
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
@@ -413,7 +413,9 @@ class Projection:
             shift = max(0.0, depth - nearest)
             pushed = dataclasses.replace(row, wall_top=min(row.height, self.high))
             track = surface.area
-            return least_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > CERTAIN
+            return (
+                support_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > CERTAIN
+            )
 
         critical = critical_value(passes, SMALLEST, LARGEST)
         margin = critical - self.depth

@@ -25,6 +25,9 @@ from resting_aspects_ros.simulation.surroundings import (
     surroundings_names,
 )
 from resting_aspects_ros.simulation.surroundings_kinds import KINDS as SURROUNDINGS
+from resting_aspects_ros.tracks.description import Track, Wall
+from resting_aspects_ros.tracks.traps import KINDS as TRAPS
+from resting_aspects_ros.tracks.traps import Surface
 
 COMMANDS = 'docs/reference/commands.md'
 FILES = 'docs/reference/files.md'
@@ -105,6 +108,29 @@ def test_every_dimension_of_surroundings_is_listed(kind):
             assert allowed == quantity.allowed()
             value = declared[name].default
             assert default == ('required' if value is dataclasses.MISSING else f'{value:.6g}')
+
+
+def test_every_key_of_a_track_is_listed_with_its_bounds():
+    text = section(FILES, '## Track')
+    declared = [Surface, Track, Wall]
+    expected = [(n, q.allowed()) for each in declared for n, q in quantities_of(each).items()]
+    rows = re.findall(r'^\| `(\w+)` \| ([^|]*?) \| [^|]*? \| [^|]*? \|$', text, re.MULTILINE)
+    assert [row for row in rows if row[0] not in ('wall', 'traps', 'source')] == expected
+    traps = re.findall(r'^\| `(\w+)` \| `(\w+)` \| ([^|]*?) \|', text, re.MULTILINE)
+    assert traps == [
+        (kind, n, q.allowed()) for kind in TRAPS for n, q in quantities_of(TRAPS[kind]).items()
+    ]
+
+
+def test_every_key_of_the_result_of_a_track_is_listed(run):
+    words = ('--trap', 'wiper:height=12mm', '--drops', '20', '--json')
+    document = json.loads(run('track', 'hex_nut', *words).stdout)
+    page = section(FILES, '## Track result')
+    listed = {name for cell in first_cells(page) for name in re.findall(r'`(\w+)`', cell)}
+    of_a_run = set(keys(FILES, '## Result'))
+    assert set(document) - of_a_run <= listed
+    assert set(document['orientations'][0]) <= listed
+    assert set(document['traps'][0]['results'][0]) <= listed
 
 
 def test_every_key_of_a_part_is_listed():

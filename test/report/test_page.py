@@ -1,5 +1,6 @@
 """What a page says is what is known; read back from the file by other readers."""
 
+import dataclasses
 import base64
 import html.parser
 import io

@@ -11,8 +11,8 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.tracks.description import Track, read_track
-from resting_aspects_ros.tracks.design import design_traps
-from resting_aspects_ros.tracks.orientations import orientations_on
+from resting_aspects_ros.tracks.design import Band, asymmetric_cut, design_traps
+from resting_aspects_ros.tracks.orientations import mirror_images, orientations_on
 from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.traps import (
     AirJet,
@@ -21,8 +21,11 @@ from resting_aspects_ros.tracks.traps import (
     Canyon,
     CutOut,
     Gap,
+    Groove,
     HoldDown,
     Projection,
+    Rail,
+    Riser,
     Scallop,
     Slot,
     Surface,
@@ -232,3 +235,68 @@ def test_a_track_is_read_with_units_and_written_in_si():
 def test_wrong_tracks_are_refused(document, says):
     with pytest.raises(InvalidValueError, match=says):
         read_track(document)
+
+
+def test_simulated_bands_replace_the_critical_values_of_a_design():
+    part = ra.load_part('hex_nut')
+    rows = rows_of(part)
+    track = Track(Surface(width=0.05, roll=math.radians(5)))
+    flat = next(row for row in rows if row.height < 0.01)
+    static = design_traps(part, rows, track, flat.id).designs[0]
+    assert [trap.kind for trap in static.traps] == ['wiper']
+    measured = []
+
+    def measure(row, trap, dimension, value):
+        """A band of 2 mm above and 1 mm below the critical height; no other trap rejects."""
+        measured.append((trap.kind, dimension, row.id))
+        return Band(value + 0.002, value - 0.001 if trap.kind == 'wiper' else math.inf)
+
+    found = design_traps(part, rows, track, flat.id, measure=measure).designs[0]
+    (trap,) = found.traps
+    heights = sorted({round(row.height, 6) for row in rows})
+    assert trap.height == pytest.approx((heights[0] + 0.002 + heights[1] - 0.001) / 2, abs=1e-5)
+    assert found.margin == pytest.approx((heights[1] - heights[0] - 0.003) / 2, abs=1e-5)
+    assert len(measured) == len(set(measured))
+    assert {row for *_, row, _ in found.bands} == {row.id for row in rows}
+
+
+def test_a_trap_whose_bands_never_end_is_not_proposed():
+    part = ra.load_part('hex_nut')
+    rows = rows_of(part)
+    track = Track(Surface(width=0.05, roll=math.radians(5)))
+
+    def measure(row, trap, dimension, value):
+        return Band(math.inf, math.inf) if trap.kind == 'wiper' else Band(value, value)
+
+    flat = next(row for row in rows if row.height < 0.01)
+    found = design_traps(part, rows, track, flat.id, measure=measure)
+    assert all(trap.kind != 'wiper' for trap in found.designs[0].traps)
+
+
+def test_a_triangle_is_proposed_for_mirror_images():
+    part = ra.load_part('l_bracket')
+    rows = rows_of(part)
+    one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
+    alike = mirror_images(rows, 1e-4)
+    assert other.id in alike[rows.index(one)]
+    cut, margin = asymmetric_cut(part, rows, LEVEL, one.id, other.id)
+    assert margin > 0.5e-3
+    found = outcomes([one, other], cut, LEVEL, part)
+    assert [each.outcome == 'pass' for each in found] == [True, False]
+
+
+def test_a_box_is_its_own_mirror_image(box):
+    part, _ = box
+    assert not any(mirror_images(rows_of(part), 1e-4))
+
+
+@pytest.mark.parametrize('trap', [Groove(0.008, 0.021), Rail(0.008, 0.021), Riser(0.015, 0.002)])
+def test_statics_does_not_tell_how_a_part_drops_or_is_lifted(box, trap):
+    part, row = box
+    assert trap.outcome(Arrival(row, LEVEL, part)).outcome == 'unknown'
+
+
+@pytest.mark.parametrize('trap', [Groove(0.008, 0.019), Rail(0.008, 0.019), Riser(0.021, 0.002)])
+def test_what_does_not_reach_a_groove_or_riser_passes(box, trap):
+    part, row = box
+    assert trap.outcome(Arrival(row, LEVEL, part)).outcome == 'pass'

@@ -1,14 +1,19 @@
 """Wrong, implausible and contradictory tracks: a clear error, a warning, or a counted outcome."""
 
+from pathlib import Path
+
 import pytest
 import trimesh
+import yaml
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.track import given_track
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.tracks.description import read_track
 
 DROPS = 50
+TRACKS = sorted((Path(__file__).parents[2] / 'config' / 'tracks').glob('*.yaml'))
 
 
 def flags(result):
@@ -47,6 +52,13 @@ def test_a_cut_out_is_read_and_written():
     (trap,) = track.traps
     assert trap.points == ((0, 0), (0.03, 0), (0.03, 0.02))
     assert read_track(track.document) == track
+
+
+@pytest.mark.parametrize('file', TRACKS, ids=lambda f: f.stem)
+def test_shipped_tracks_are_read_and_name_their_source(file):
+    document = yaml.safe_load(file.read_text(encoding='utf-8'))
+    assert document['source']
+    assert read_track(document).traps == given_track(file.stem).traps
 
 
 def test_a_wall_without_height_is_refused():

@@ -161,11 +161,12 @@ def run(arguments: argparse.Namespace) -> int:
             'seed': arguments.seed,
             **started.options,
         }
+        want = () if arguments.want is None else (arguments.want,)
         make: Callable[[], TrackResult | TrackDesign]
         if arguments.design:
-            make = partial(design_track, part, arguments.want or 1, on, **options)
+            make = partial(design_track, part, want[0] if want else 1, on, **options)
         else:
-            make = partial(track, part, on, arguments.want or (), **options)
+            make = partial(track, part, on, want, **options)
         result: TrackResult | TrackDesign
         result, failure = partial_result(make)
         finish(
