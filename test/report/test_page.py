@@ -1,7 +1,7 @@
 """What a page says is what is known; read back from the file by other readers."""
 
-import dataclasses
 import base64
+import dataclasses
 import html.parser
 import io
 import json
