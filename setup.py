@@ -24,6 +24,7 @@ DEPENDENCIES = [
     'networkx>=2.8',  # trimesh reads 3MF files with it
     'numba>=0.58',  # compiles the kernel
     'numpy>=1.26,<3',  # arrays
+    'aiohttp>=3.14,<4',  # serves the page of resting_aspects studio
     'openpyxl>=3.1,<4',  # tables as XLSX
     'pillow>=10',  # templates of outlines as PNG
     'pydantic>=1.10,<3',  # checks the YAML and JSON files that are read
