@@ -86,7 +86,10 @@ class ComparisonResult(Result):
 
 
 def compare(
-    a: DropResult | str | Path, b: DropResult | str | Path, *, confidence: float = CONFIDENCE
+    a: DropResult | CountedDrops | str | Path,
+    b: DropResult | CountedDrops | str | Path,
+    *,
+    confidence: float = CONFIDENCE,
 ) -> ComparisonResult:
     """Compare two sets of drops, neither of which is the truth.
 
@@ -95,9 +98,10 @@ def compare(
 
     Parameters
     ----------
-    a, b : DropResult, str or Path
-        A result, or a file: a log (the folder of a run, or its .mcap file), a JSON document of
-        `resting_aspects drop` or `request`, or a CSV with columns aspect (or class) and count.
+    a, b : DropResult, CountedDrops, str or Path
+        A result, counts, or a file: a log (the folder of a run, or its .mcap file), a JSON
+        document of `resting_aspects drop` or `request`, or a CSV with columns aspect (or class)
+        and count.
         Reading a log imports ROS.
     confidence : float
         Confidence of the bounds, which hold for all aspects together: more than 0.5 and less

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.api.report_files import part_facts, run_facts
 from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
 from resting_aspects_ros.simulation.conditions import quantities_of
-from resting_aspects_ros.track.show import flow_figure, margin_text, track_figure
+from resting_aspects_ros.tracks.show import flow_figure, track_figure
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.track import TrackResult
+    from resting_aspects_ros.api.track_result import TrackResult
 
 PAGE, FIGURES = 'track.html', ('orientations', 'track', 'flow')
 
@@ -30,7 +30,9 @@ def track_page(result: 'TrackResult') -> Page:
                     'mass',
                     result.figure,
                     'From above; the wall is the thick line, and parts move to the right. Blue: '
-                    'where the part touches the track. Cross: its centre of mass.',
+                    'where the part touches the track. Dashed: the region that the narrowest part '
+                    'of the track supports, in which the centre of mass, the cross, has to be. '
+                    'The margin is that of the trap that stops the row, or the least one.',
                     result.figure,
                 ),
                 rows,
@@ -39,7 +41,7 @@ def track_page(result: 'TrackResult') -> Page:
     ]
     if names:
         draw = partial(track_figure, found.track.surface.width, names, result.cuts())
-        flow = partial(flow_figure, result.rows, names, found.outcomes)
+        flow = partial(flow_figure, found, names)
         items: list[Item] = [
             Chart(
                 'track',
@@ -53,8 +55,8 @@ def track_page(result: 'TrackResult') -> Page:
                 'flow',
                 'Share of the parts before and after each trap, by row',
                 flow,
-                'Share of the parts that arrive at each trap; numbers are rows, and grey is what '
-                'statics does not tell.',
+                'The height of a band is a share of the parts, and its number a row. Below are '
+                'the parts that leave the track; grey is what statics does not tell.',
                 flow,
             ),
         ]
@@ -78,11 +80,6 @@ def track_page(result: 'TrackResult') -> Page:
             ],
             'Run': run_facts(run, result.drop.distribution.drops, 'drops'),
         },
-        top=[Text(sentence, 'verdict') for sentence in result.sentences]
-        + (
-            [Text(f'Least margin of the design: {margin_text(result.margin)}.', 'verdict')]
-            if result.margin is not None
-            else []
-        ),
+        top=[Text(sentence, 'verdict') for sentence in result.sentences],
         names=file_names(PAGE, FIGURES),
     )

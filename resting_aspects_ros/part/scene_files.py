@@ -406,12 +406,16 @@ _CONVERT = """
 import sys
 sys.path[:] = sys.argv[4:]
 sys.modules['trimesh'] = None  # cascadio imports it if it can, which takes a second
-import os, resource
+import os
 result = os.dup(1)
 os.dup2(2, 1)
 limit = int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+except ImportError:
+    pass  # Windows
 import cascadio
 # Parallel meshing could change the order of the triangles, and with it the bytes.
 found = cascadio.load(

@@ -5,12 +5,14 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -27,6 +29,8 @@ MAX_DOMAIN = 232
 # Time for the middleware to leave the network, s. Rarely, Fast DDS 2.14 waits for ever there, if
 # it finds at the same time that another process is gone (eProsima/Fast-DDS, issue 6502).
 SHUTDOWN = 10
+# Time that subscribers have to receive the last messages of nodes that stop, s.
+DELIVERY = 1.0
 
 
 @runtime_checkable
@@ -117,11 +121,21 @@ def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
             if isinstance(node, Closing):
                 node.close()
         with at_most(SHUTDOWN, 0 if stopped.done() else code):
+            _deliver(nodes)
             for node in nodes:
                 node.destroy_node()
             executor.shutdown()
             rclpy.try_shutdown()
     return 0
+
+
+def _deliver(nodes: Iterable[Node]) -> None:
+    """Wait until the subscribers have what was published, which otherwise ends with the node."""
+    end = time.monotonic() + DELIVERY
+    for node in nodes:
+        for publisher in node.publishers:
+            left = max(end - time.monotonic(), 0.0)
+            publisher.wait_for_all_acked(Duration(seconds=left))
 
 
 def check_domain() -> None:

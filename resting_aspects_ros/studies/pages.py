@@ -493,13 +493,14 @@ def _comparison_sections(
     """Yield a section for each pair of designs side by side; pictures by id(case)."""
     for number, found in enumerate(comparisons, start=1):
         heading = f'{found.first.name} and {found.second.name} side by side'
-        items = list(_comparison_items(found, pictures, confidence))
+        items = list(comparison_items(found, pictures, confidence))
         yield Section(heading, f'comparison-{number}', items)
 
 
-def _comparison_items(
+def comparison_items(
     found: 'CaseComparison', pictures: dict[int, list[str]], confidence: float
 ) -> Iterator[Item]:
+    """Yield what shows the aspects that two designs share; pictures by id(case)."""
     first, second = found.first, found.second
     if not found.shared:
         yield Text(

@@ -18,7 +18,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.compare import DriftResult

@@ -20,7 +20,7 @@ from resting_aspects_ros.cli.options import (
     parse_share,
 )
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import NamedAction
