@@ -1,12 +1,15 @@
 """The page of a track with traps."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.report_files import part_facts, run_facts
 from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
 from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.show import flow_figure, track_figure
+from resting_aspects_ros.tracks.traps import value_text
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.track_result import TrackResult
@@ -62,7 +65,6 @@ def track_page(result: 'TrackResult') -> Page:
         ]
         sections.append(Section('Traps', 'traps', items))
     run = result.drop.run
-    surface, track = found.track.surface, found.track
     return Page(
         file=PAGE,
         title=run.part,
@@ -73,13 +75,17 @@ def track_page(result: 'TrackResult') -> Page:
         reading=reading('track'),
         facts={
             'Part': part_facts(result.part, run, result.drop.distribution.aspects),
-            'Track': [
-                (each.label, f'{getattr(of, name):.4g} {each.unit}'.rstrip())
-                for of in (surface, track.wall, track)
-                for name, each in quantities_of(of).items()
-            ],
+            'Track': list(_track_facts(found.track)),
             'Run': run_facts(run, result.drop.distribution.drops, 'drops'),
         },
         top=[Text(sentence, 'verdict') for sentence in result.sentences],
         names=file_names(PAGE, FIGURES),
     )
+
+
+def _track_facts(track: Track) -> Iterator[tuple[str, str]]:
+    """Yield label and value of each dimension of a track: mm and degrees."""
+    for of in (track.surface, track.wall, track):
+        for name, each in quantities_of(of).items():
+            label = each.label if name not in ('friction', 'height') else each.text
+            yield label, value_text(getattr(of, name), each.unit)

@@ -297,7 +297,7 @@ def track_figure(
         arrowprops={'arrowstyle': '->', 'color': TEXT},
     )
     axes.set_title(
-        '   '.join(f'{k}: {name}' for k, name in enumerate(names, 1)), fontsize=8, loc='left'
+        ';  '.join(f'{k}: {name}' for k, name in enumerate(names, 1)), fontsize=8, loc='left'
     )
     axes.set_xlim(-1.8 * size, place)
     axes.set_ylim(min(-0.1 * width, low), 1.25 * max(width, high))
@@ -317,36 +317,47 @@ def flow_figure(found: Passage, names: Sequence[str]) -> 'Figure':
     The height of a band is a share of the parts, its number a row, and its colour what becomes of
     it. A row of which a sensor accepts only a share is divided. What is not known goes on.
     """
-    figure = new_figure(_WIDTH, 3.6)
+    figure = new_figure(_WIDTH, 4.0)
     axes = figure.add_subplot()
     stages = list(zip(names, found.outcomes, strict=True))
     if any(each.outcome != 'pass' for each in found.entry):
         stages = [('track', found.entry), *stages]
-    alive = {k: row.probability for k, row in enumerate(found.rows) if row.probability > 0}
-    left = _stack(alive)
+    # What stays longest is at the top, so that few bands cross.
+    order = sorted(range(len(found.rows)), key=lambda k: -_stages_passed(stages, k))
+    alive = {k: p for k in order if (p := found.rows[k].probability) > 0}
+    left, lowest = _stack(alive), 0.0
     for k, ends in left.items():
-        _label(axes, -0.03, ends, str(found.rows[k].id))
+        _label(axes, -0.03, ends, str(found.rows[k].id), align='right')
     for stage, (name, outcomes) in enumerate(stages):
         kept = {k: share * _kept(outcomes[k]) for k, share in alive.items()}
         lost = {k: share - kept[k] for k, share in alive.items()}
-        right, gone = _stack(kept), _stack(lost, -0.15)
+        right, gone = _stack(kept), _stack(lost, -0.1)
         for k, (low, high) in left.items():
             middle = low + lost[k]
             stop, pass_on = COLOURS[outcomes[k].outcome], COLOURS[found.ends[k]]
             _draw_band(axes, (stage, stage + 0.75), (low, middle), gone.get(k), stop)
             _draw_band(axes, (stage, stage + 1.0), (middle, high), right.get(k), pass_on)
-        out = f'out at {name.partition(",")[0]}, {share_text(sum(lost.values()))} %'
-        axes.text(stage + 0.75, -0.13, out, ha='center', fontsize=8)
+        total = sum(lost.values())
+        out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
+        axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8)
+        lowest = min(lowest, -0.1 - total)
         alive = {k: share for k, share in kept.items() if share > 0}
         left = right
     for k, ends in left.items():
         star = ' *' if found.rows[k].id in found.wanted else ''
-        _label(axes, len(stages) + 0.03, ends, f'{found.rows[k].id}{star}', align='left')
-    axes.set_xlim(-0.15, len(stages) + 0.3)
-    axes.set_ylim(-1.2, 1.02)
+        text = f'{found.rows[k].id}{star}, {share_text(alive[k])} %'
+        _label(axes, len(stages) + 0.03, ends, text, align='left')
+    axes.set_xlim(-0.15, len(stages) + 0.35)
+    axes.set_ylim(lowest - 0.08, 1.02)
     axes.axis('off')
     figure.tight_layout()
     return figure
+
+
+def _stages_passed(stages: Sequence[tuple[str, Sequence[Outcome]]], k: int) -> int:
+    """Return how many stages row k passes."""
+    passed = [_kept(outcomes[k]) > 0 for _, outcomes in stages]
+    return passed.index(False) if False in passed else len(passed)
 
 
 def _kept(found: Outcome) -> float:
@@ -366,10 +377,9 @@ def _stack(shares: Mapping[int, float], top: float = 1.0) -> dict[int, tuple[flo
     return found
 
 
-def _label(
-    axes: 'Axes', x: float, ends: tuple[float, float], text: str, align: str = 'right'
-) -> None:
-    if ends[1] - ends[0] > 0.025:
+def _label(axes: 'Axes', x: float, ends: tuple[float, float], text: str, align: str) -> None:
+    """Write the number of a row beside its band, if the band is high enough for it."""
+    if ends[1] - ends[0] > 0.045:
         axes.text(x, sum(ends) / 2, text, ha=align, va='center', fontsize=8)
 
 

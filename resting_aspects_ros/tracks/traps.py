@@ -557,15 +557,20 @@ def read_trap(document: Any) -> Trap:
 
 def trap_text(trap: Trap) -> str:
     """Return a trap in words, such as 'wiper, height 12.7 mm'."""
-    words = [trap.kind.replace('_', ' ')]
-    for name, each in quantities_of(trap).items():
-        value = getattr(trap, name)
-        words.append(
-            f'{each.label} {1000 * value:.4g} mm'
-            if each.unit == 'm'
-            else f'{each.label} {value:.4g} {each.unit}'.rstrip()
-        )
-    return ', '.join(words)
+    words = [
+        f'{each.label} {value_text(getattr(trap, name), each.unit)}'
+        for name, each in quantities_of(trap).items()
+    ]
+    return ', '.join([trap.kind.replace('_', ' '), *words])
+
+
+def value_text(value: float, unit: str) -> str:
+    """Return a value of a track in mm, mm/s, degrees, or its unit."""
+    if unit in ('m', 'm/s'):
+        return f'{1000 * value:.4g} m{unit}'
+    if unit == 'rad':
+        return f'{math.degrees(value):.4g} deg'
+    return f'{value:.4g} {unit}'.rstrip()
 
 
 def outcomes(
