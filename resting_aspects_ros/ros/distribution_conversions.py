@@ -6,10 +6,9 @@ from collections.abc import Iterable
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, RunDescription, SymmetryClass
+from resting_aspects_interfaces.msg import AspectDistribution, RunDescription
 from std_msgs.msg import Header
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import Estimate
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError
@@ -27,7 +26,6 @@ def distribution_msg(
     distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
     """Return the message for a distribution over all aspects of the part, seen or not."""
-    classes = distribution.by_class()
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
@@ -45,10 +43,9 @@ def distribution_msg(
         contacts=contact_msgs(distribution),
         contacts_uncounted=distribution.contacts.uncounted if distribution.contacts else 0,
         complete=complete,
-        **_rows(
+        aspects=aspect_msgs(
             distribution.aspects,
             share_fields(distribution.counts.tolist(), distribution.intervals()),
-            share_fields(classes.counts.tolist(), classes.intervals()),
         ),
     )
 
@@ -57,17 +54,15 @@ def estimate_msg(
     prediction: Estimate, part: Part, stamp: Time, frame: str = FRAME
 ) -> AspectDistribution:
     """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
-    shares = [
-        share_fields([0] * len(each), [Interval(float(p), math.nan, math.nan) for p in each])
-        for each in (prediction.probabilities, prediction.class_probabilities())
-    ]
+    unknown = [Interval(float(p), math.nan, math.nan) for p in prediction.probabilities]
+    shares = share_fields([0] * len(unknown), unknown)
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
         method=prediction.method,
         complete=True,
-        **_rows(prediction.aspects, *shares),
+        aspects=aspect_msgs(prediction.aspects, shares),
     )
 
 
@@ -78,23 +73,6 @@ def estimate_from(msg: AspectDistribution) -> Estimate:
         msg.method,
         np.array([aspect.probability for aspect in msg.aspects]),
     )
-
-
-def _rows(
-    aspects: AspectSet, shares: list[dict[str, object]], class_shares: list[dict[str, object]]
-) -> dict[str, object]:
-    """Return the fields `aspects` and `classes` of a distribution."""
-    return {
-        'aspects': aspect_msgs(aspects, shares),
-        'classes': [
-            SymmetryClass(
-                symmetry_class=members[0].symmetry_class,
-                aspects=[aspect.id for aspect in members],
-                **share,
-            )
-            for members, share in zip(aspects.classes(), class_shares, strict=True)
-        ],
-    }
 
 
 def distribution_from(msg: AspectDistribution) -> Distribution:

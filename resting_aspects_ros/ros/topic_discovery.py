@@ -3,7 +3,7 @@
 Each node has one timer that looks for the topics of all of its subscriptions.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -70,7 +70,10 @@ class TopicDiscovery:
 
     def _update(self, topics: Topics) -> None:
         """Subscribe to new topics, and remove subscriptions to topics without a publisher."""
-        published = _parts_of(self._node, topics, self._prefix, self._type)
+        matched = {
+            part for part, each in self._subscriptions.items() if each.get_publisher_count()
+        }
+        published = matched | _parts_of(self._node, topics, self._prefix, self._type, matched)
         for part in published - set(self._subscriptions):
             self._subscriptions[part] = subscribe(
                 self._node,
@@ -97,13 +100,17 @@ def _search(node: Node, updates: Iterable[Callable[[Topics], None]]) -> None:
         update(topics)
 
 
-def _parts_of(node: Node, topics: Topics, prefix: str, message_type: Any) -> set[str]:
+def _parts_of(
+    node: Node, topics: Topics, prefix: str, message_type: Any, known: Collection[str] = ()
+) -> set[str]:
+    """Return the published parts that are not known yet."""
     parent = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
     type_name = _type_name(message_type)
     return {
         name.removeprefix(parent)
         for name, types in topics
         if name.startswith(parent)
+        and name.removeprefix(parent) not in known
         and is_valid_name(name.removeprefix(parent))
         and type_name in types
         and node.count_publishers(name)

@@ -1,5 +1,7 @@
 """Publishers of the classifier: distributions by part, markers of one part, and poses."""
 
+from collections.abc import Callable
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
@@ -12,8 +14,8 @@ from visualization_msgs.msg import MarkerArray
 from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers, SurroundingsMarkers
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.tallies import Tally
-from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
-from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
+from resting_aspects_ros.ros.callbacks import WorkTimer, advertise
+from resting_aspects_ros.ros.conversions import pose_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
@@ -43,7 +45,8 @@ class DistributionPublisher:
 
     The markers are those of the part and those of its surroundings.
 
-    It publishes every publish_period, a parameter of the node, and at the end of each run.
+    It publishes at most every publish_period, a parameter of the node, and at the end of each run.
+    Its timer runs only while something has changed or a subscriber has appeared.
     """
 
     def __init__(self, node: Node, parts: PartRegistry, files: FileWorker) -> None:
@@ -52,17 +55,16 @@ class DistributionPublisher:
         self._outputs: dict[str, Publisher] = {}
         self._changed: dict[str, Tally] = {}  # by part, in the order of changes
         self._published: dict[str, tuple[tuple[object, ...], int]] = {}  # by part: kind, drops
-        self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
+        period = node.get_parameter(PUBLISH_PERIOD.name).value
+        self._timer = WorkTimer(node, period, 'distributions are not published', self._work)
+        self._markers = advertise(node, MarkerArray, MARKERS, LATCHED, matched=self._on_matched)
         # The distribution whose markers are not published yet, and its stamp.
         self._newest: tuple[Tally, Time] | None = None
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
         self._surroundings = SurroundingsMarkers(node, parts, files, self._frame)
-        self.poses = CurrentPosesPublisher(node, self._frame)
+        self.poses = CurrentPosesPublisher(node, self._timer.start, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
-        period = node.get_parameter(PUBLISH_PERIOD.name).value
-        publish = guarded(node, 'distributions are not published', self.publish)
-        self._timer = steady_timer(node, period, publish)
-        on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._set_period)
+        on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._timer.set_period)
 
     def offer(self, part: str) -> Publisher:
         """Return the publisher of a part; creates it with the first call."""
@@ -84,6 +86,7 @@ class DistributionPublisher:
             return
         self._changed.pop(part, None)
         self._changed[part] = tally
+        self._timer.start()
 
     def restore(self, tally: Tally) -> None:
         """Store the distribution of earlier runs, unless its part version is published."""
@@ -122,9 +125,12 @@ class DistributionPublisher:
             markers = self._markers_of(newest.run.part_sha256)
             self._markers.publish(markers.message(newest.counted, stamp))
 
-    def _set_period(self, seconds: float) -> None:
-        self._timer.timer_period_ns = round(seconds * NANOSECONDS)
-        self._timer.reset()  # otherwise the current period continues
+    def _work(self) -> bool:
+        self.publish()
+        return False
+
+    def _on_matched(self, _: object) -> None:
+        self._timer.start()
 
     def _markers_of(self, part_sha256: str) -> PartMarkers:
         if self._shown is None or self._shown[0] != part_sha256:
@@ -142,11 +148,16 @@ class CurrentPosesPublisher:
     """Publishes current_poses: the newest settled drops of a run.
 
     Without a subscriber it does not create messages; a late subscriber receives the newest poses.
+
+    changed : called when there are new poses, or a subscriber has appeared
     """
 
-    def __init__(self, node: Node, frame: str = FRAME) -> None:
+    def __init__(self, node: Node, changed: Callable[[], None], frame: str = FRAME) -> None:
         self._frame = frame
-        self._publisher = advertise(node, PoseArray, CURRENT_POSES, LATCHED)
+        self._on_change = changed
+        self._publisher = advertise(
+            node, PoseArray, CURRENT_POSES, LATCHED, matched=lambda _: changed()
+        )
         self._run_id = ''
         self._position = np.zeros((0, 3))
         self._orientation = np.zeros((0, 4))
@@ -161,6 +172,7 @@ class CurrentPosesPublisher:
         orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
         self._position, self._orientation = position[-MAX_SHOWN:], orientation[-MAX_SHOWN:]
         self._run_id, self._stamp, self._changed = run_id, stamp, True
+        self._on_change()
 
     def publish(self) -> None:
         """Publish the poses if they are new and the topic has a subscriber."""

@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
@@ -66,10 +67,14 @@ class CameraSimulator(Node):
 
     Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
     stands still while vision system and controller work: run them with use_sim_time.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(CAMERA_SIMULATOR)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(CAMERA_SIMULATOR, **options)
         values = declare(self, PARAMETERS)
         self._part, self._values = values['part'], values
         self._frame, self._camera_frame = (
@@ -214,7 +219,8 @@ class CameraSimulator(Node):
         """Publish what was done, and wait until the controller knows it."""
         self._epoch += 1
         where = {'image': image, 'detection': detection}
-        self._result_output.publish(PickResult(stamp=time_msg(self._now), result=result, **where))
+        header = Header(stamp=time_msg(self._now))
+        self._result_output.publish(PickResult(header=header, result=result, **where))
         await self._answers.reach(self._epoch, RETRY)
 
     # Time

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -46,10 +47,14 @@ class DropSimulator(Node):
 
     Publishes parts/<part>, surroundings/<part>, resting_poses, transitions/<part> and
     default_conditions.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(DROP_SIMULATOR)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(DROP_SIMULATOR, **options)
         values = declare(self, PARAMETERS)
         folder = _folder(values['parts_folder'] or parts_folder())
         self._surfaces = all_surfaces(values['surfaces_file'])

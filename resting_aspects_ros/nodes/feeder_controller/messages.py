@@ -141,6 +141,7 @@ def advice_msg(
         picks=picks,
         then=CHOICES[advice.then],
         supply=advice.supply,
+        rate=_rate(advice),
         reason=advice.reason,
         pickable_share=share.probability,
         lower=share.lower,
@@ -149,6 +150,11 @@ def advice_msg(
         actions=actions,
         **_expected_fields(advice.expected),
     )
+
+
+def _rate(advice: CurrentAdvice) -> float:
+    expected = advice.expected.get(advice.choice)
+    return math.nan if expected is None else expected.rate
 
 
 def _expected_fields(expected: Mapping[Choice, Expected]) -> dict[str, list[float] | list[int]]:

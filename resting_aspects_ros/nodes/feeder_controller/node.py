@@ -47,10 +47,14 @@ class FeederController(Node):
 
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
     transitions/<part>, and calls get_distribution if no drops are known.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(FEEDER_CONTROLLER)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(FEEDER_CONTROLLER, **options)
         self._settings = settings_from(declare(self, PARAMETERS))
         self._part = self._settings.part
         self._tray = TrayState()
@@ -103,7 +107,7 @@ class FeederController(Node):
         now = self._now()
         outcome = OUTCOMES.get(message.result)
         problem = self._tray.add_result(
-            outcome, message.image, message.detection, nanoseconds(message.stamp), now
+            outcome, message.image, message.detection, nanoseconds(message.header.stamp), now
         )
         if outcome is not None:
             self._counts[outcome] += 1

@@ -48,15 +48,17 @@ class LogReplayer(Node):
     ----------
     given : values of parameters, which override those of --ros-args
     watch : called regularly with the position
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(
         self,
         given: Mapping[str, Any] | None = None,
         watch: Callable[[ReplayPosition], object] = lambda _: None,
+        **options: Any,
     ) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
-        super().__init__(LOG_REPLAYER, parameter_overrides=overrides)
+        super().__init__(LOG_REPLAYER, parameter_overrides=overrides, **options)
         values = declare(self, PARAMETERS)
         _check_rate(values['rate'], values['as_fast_as_possible'])
         recording = Recording(_log(values['log']))
