@@ -17,7 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.cli.feeder_display import foxglove_layout
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.camera_simulator.messages import (
+from resting_aspects_ros.nodes.camera_simulator.cell import (
     camera_info_msg,
     camera_transform,
 )

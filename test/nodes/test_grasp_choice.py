@@ -11,10 +11,11 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
 from resting_aspects_ros.feeding.image_advice import advise_image
 from resting_aspects_ros.feeding.tray_state import Detection, Image
-from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs, read_fed_part
-from resting_aspects_ros.nodes.feeder_controller.settings import (
+from resting_aspects_ros.nodes.feeder_controller.messages import (
     PARAMETERS,
+    pick_msgs,
     pickable_ids,
+    read_fed_part,
     settings_from,
 )
 from resting_aspects_ros.ros.conversions import part_msg

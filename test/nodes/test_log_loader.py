@@ -20,7 +20,7 @@ from resting_aspects_ros.logs.topics import (
     Topic,
 )
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
@@ -188,7 +188,7 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
         (tmp_path / 'pipe').read_text()
         return []
 
-    constants = {'nodes.aspect_classifier.log_loader.logs_in': hang}
+    constants = {'nodes.aspect_classifier.known.logs_in': hang}
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, constants, '')
     client = connect(namespace)
     expected = 'the logs of earlier runs are still being read'

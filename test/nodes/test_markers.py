@@ -11,7 +11,12 @@ from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.nodes.aspect_classifier.markers import MESHES, TEXTS, PartMarkers, labels
+from resting_aspects_ros.nodes.aspect_classifier.publishers import (
+    MESHES,
+    TEXTS,
+    PartMarkers,
+    labels,
+)
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 

@@ -243,7 +243,7 @@ def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespa
     client = connect(namespace)
     announce(client.node, DROP_SIMULATOR)
     description = client.node.create_publisher(PartDescription, 'parts/thing', LATCHED)
-    constants = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 0.1}
+    constants = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.1}
     classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, constants)
     vision, box = Vision(client), dataclasses.replace(part('box_10x20x30'), name='thing')
     description.publish(part_msg(dataclasses.replace(part('tetrahedron'), name='thing')))

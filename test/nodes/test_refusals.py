@@ -20,7 +20,7 @@ def suite(fresh_suite, tmp_path_factory):
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
     whole = (folder / 'tetrahedron.stl').read_bytes()
     (folder / 'cut_short.stl').write_bytes(whole[:-20])
-    quiet = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
+    quiet = {'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0}
     return fresh_suite({'aspect_classifier': quiet}, parts_folder=folder)
 
 

@@ -11,7 +11,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import SURROUNDINGS_TYPE
-from resting_aspects_ros.nodes.aspect_classifier.markers import BODIES
+from resting_aspects_ros.nodes.aspect_classifier.publishers import BODIES
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import LATCHED, SURROUNDINGS_MARKERS, SURROUNDINGS_QOS
 

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker, MarkerArray
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.nodes.aspect_classifier.markers import (
+from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     BODIES,
     NAMES,
     PATCH,

@@ -8,7 +8,7 @@ import pytest
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses

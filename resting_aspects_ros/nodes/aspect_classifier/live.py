@@ -15,9 +15,8 @@ from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
-from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
 from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task

@@ -10,23 +10,27 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
-from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.drop_counter import DropCounter
-from resting_aspects_ros.nodes.aspect_classifier.forecast_service import ForecastService
-from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
+from resting_aspects_ros.nodes.aspect_classifier.counting import DropCounter, Tallies
+from resting_aspects_ros.nodes.aspect_classifier.known import (
+    LogLoader,
+    PartRegistry,
+    TransitionStore,
+    requested_part,
+)
 from resting_aspects_ros.nodes.aspect_classifier.live import LIVE_PARAMETERS, LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
 from resting_aspects_ros.nodes.aspect_classifier.outlines import (
     IdentificationService,
     OutlineStore,
 )
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
     DistributionPublisher,
 )
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
-from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.nodes.aspect_classifier.services import (
+    DistributionService,
+    ForecastService,
+    answer_pose,
+)
 from resting_aspects_ros.nodes.drop_client import DropClient
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer

@@ -19,7 +19,7 @@ from resting_aspects_ros.api.identify import PSEUDO_COUNT, identify_part, mirror
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, requested_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise, await_future, guarded_task, serve
 from resting_aspects_ros.ros.conversions import status

@@ -16,8 +16,10 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.feeding.control import Choice
 from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
-from resting_aspects_ros.nodes.camera_simulator.answers import Answers
-from resting_aspects_ros.nodes.camera_simulator.messages import (
+from resting_aspects_ros.nodes.camera_simulator.cell import (
+    PARAMETERS,
+    Answers,
+    Truth,
     camera_info_msg,
     camera_transform,
     feeder_values,
@@ -26,8 +28,6 @@ from resting_aspects_ros.nodes.camera_simulator.messages import (
     publish_static_transform,
     seen_centre,
 )
-from resting_aspects_ros.nodes.camera_simulator.settings import PARAMETERS
-from resting_aspects_ros.nodes.camera_simulator.truth import Truth
 from resting_aspects_ros.ros.callbacks import (
     advertise,
     guarded,

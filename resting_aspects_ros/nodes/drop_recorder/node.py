@@ -13,16 +13,14 @@ from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
 from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
-from resting_aspects_ros.nodes.drop_recorder.log_folder import (
+from resting_aspects_ros.nodes.drop_recorder.run_topics import (
     FolderLock,
+    StatusLog,
+    SurroundingsRecorder,
+    TransitionRecorder,
     absolute_folder,
     check_log_folder,
 )
-from resting_aspects_ros.nodes.drop_recorder.run_topics import (
-    SurroundingsRecorder,
-    TransitionRecorder,
-)
-from resting_aspects_ros.nodes.drop_recorder.status_log import StatusLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
 from resting_aspects_ros.ros.conversions import (
     check_description,

@@ -11,12 +11,12 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.nodes.drop_simulator.drop_part import DropServer
-from resting_aspects_ros.nodes.drop_simulator.goals import AsyncWorkers
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
-from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+from resting_aspects_ros.nodes.drop_simulator.goals import (
+    AsyncWorkers,
     SurroundingsPublisher,
 )
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker

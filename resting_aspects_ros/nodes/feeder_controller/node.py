@@ -12,12 +12,13 @@ from resting_aspects_ros.feeding.image_advice import CurrentAdvice, advise_image
 from resting_aspects_ros.feeding.tray_state import SECOND, PickOutcome, TrayState
 from resting_aspects_ros.nodes.feeder_controller.messages import (
     OUTCOMES,
+    PARAMETERS,
     advice_msg,
     image_from,
     pick_msgs,
+    settings_from,
 )
 from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
-from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics

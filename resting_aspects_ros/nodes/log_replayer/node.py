@@ -15,8 +15,11 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.mcap_file import LoggedMessage
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
-from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.nodes.log_replayer.player import (
+    LogPlayer,
+    ReplayPosition,
+    replayed_topics,
+)
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
