@@ -1,6 +1,7 @@
 """Names and QoS of the topics, services and actions of the suite."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from resting_aspects_interfaces.msg import FeederAdvice, PickResult
 
 from resting_aspects_ros.logs.topics import Qos
 
@@ -90,3 +91,18 @@ def offered_qos(profile: QoSProfile) -> Qos:
         durability=profile.durability.short_key,
         history=profile.history.short_key,
     )
+
+
+CHOICES = {
+    FeederAdvice.WAIT: 'wait',
+    FeederAdvice.PICK: 'pick',
+    FeederAdvice.FLIP: 'flip',
+    FeederAdvice.SPREAD: 'spread',
+    FeederAdvice.SUPPLY: 'supply',
+}
+RESULTS = {
+    PickResult.PICKED: 'picked',
+    PickResult.MISSED: 'missed',
+    PickResult.DROPPED: 'dropped',
+    PickResult.MOVED: 'moved',
+}

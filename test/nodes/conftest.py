@@ -49,6 +49,7 @@ from resting_aspects_ros.nodes.feeder_controller.node import FeederController
 from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
 from resting_aspects_ros.nodes.vision_example.node import VisionExample
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -61,7 +62,6 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.interface import (
     PARTS as PARTS_TOPIC,
 )
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import parts_folder
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range

@@ -394,7 +394,7 @@ def test_camera_that_stops_is_reported_and_may_continue(begin, part, bracket, su
 
 
 def test_second_controller_of_a_part_is_an_error(begin, start, diagnostics_of, namespace):
-    quick = {'ros.liveliness.DUPLICATE_DELAY': 0.5, **QUICK}
+    quick = {'ros.discovery.DUPLICATE_DELAY': 0.5, **QUICK}
     cell, _ = begin(quick)
     diagnostics = diagnostics_of(cell.client)
     start('feeder_controller', namespace, {'part': PART}, quick)

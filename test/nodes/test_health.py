@@ -48,7 +48,7 @@ def test_duplicate_nodes_report_each_other(
 
     def begin():
         parameters = {} if node == 'drop_simulator' else {'log_folder': next(folders)}
-        return start(node, namespace, parameters, {'ros.liveliness.DUPLICATE_DELAY': 0.5})
+        return start(node, namespace, parameters, {'ros.discovery.DUPLICATE_DELAY': 0.5})
 
     expected = f'2 {node}s in namespace {namespace}: {expected}'
     first, second = begin(), begin()

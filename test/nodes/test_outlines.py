@@ -22,13 +22,13 @@ from resting_aspects_ros.client import (
 )
 from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS
 from resting_aspects_ros.ros.conversions import part_msg, pose_msg, poses_from
+from resting_aspects_ros.ros.discovery import announce
 from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     IDENTIFY_PART,
     LATCHED,
     OUTLINES,
 )
-from resting_aspects_ros.ros.liveliness import announce
 from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.vision.camera import Pinhole

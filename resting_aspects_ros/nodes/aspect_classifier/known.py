@@ -34,12 +34,12 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
 )
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.status import NotAvailableError, unknown_part
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import (
     check_numbering,
     check_transitions,

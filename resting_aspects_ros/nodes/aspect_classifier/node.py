@@ -35,8 +35,8 @@ from resting_aspects_ros.nodes.drop_client import DropClient
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
 from resting_aspects_ros.ros.conversions import status
-from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
@@ -45,15 +45,14 @@ from resting_aspects_ros.ros.interface import (
     GET_TRANSITIONS,
     PARTS,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
-from resting_aspects_ros.ros.requested_surroundings import (
+from resting_aspects_ros.ros.requested_conditions import (
     SURROUNDINGS_FOLDER,
+    DefaultConditionsSubscriber,
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 

@@ -23,6 +23,7 @@ from resting_aspects_ros.report.format import aspect_colour, probability_text, r
 from resting_aspects_ros.report.picture import AspectPose, aspect_poses, message_faces
 from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task
 from resting_aspects_ros.ros.conversions import pose_msg
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
@@ -42,7 +43,6 @@ from resting_aspects_ros.ros.surroundings_conversions import (
     serialized_surroundings,
     triangles_in_tray,
 )
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody

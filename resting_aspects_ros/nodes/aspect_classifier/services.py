@@ -47,12 +47,14 @@ from resting_aspects_ros.nodes.drop_client import DropClient, drop_goal
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import serve, wait_for
 from resting_aspects_ros.ros.conversions import run_from, status
-from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import FORECAST
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
-from resting_aspects_ros.ros.requested_surroundings import RequestedSurroundings
+from resting_aspects_ros.ros.requested_conditions import (
+    DefaultConditionsSubscriber,
+    RequestedSurroundings,
+)
 from resting_aspects_ros.ros.status import (
     BusyError,
     NotAvailableError,

@@ -35,12 +35,10 @@ from resting_aspects_ros.ros.callbacks import (
     sleep_for,
     steady_timer,
 )
-from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.feeder_names import CHOICES
-from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
+from resting_aspects_ros.ros.discovery import CLOCK, DuplicateNodeDetector, clock_conflicts
+from resting_aspects_ros.ros.interface import CELL, CHOICES, PICK_RESULT
 from resting_aspects_ros.ros.parameters import check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.vision.known_part import KnownPart

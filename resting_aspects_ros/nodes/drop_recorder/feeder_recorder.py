@@ -29,6 +29,7 @@ from resting_aspects_ros.logs.topics import PART_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, subscribe
 from resting_aspects_ros.ros.conversions import NANOSECONDS
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
@@ -43,7 +44,6 @@ from resting_aspects_ros.ros.interface import (
     POSTERIOR,
     offered_qos,
 )
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 
 # Limits of a log. Until a file is closed, its index is in memory, about 1 kB for each message.
 MAX_BYTES = 20_000_000

@@ -29,6 +29,7 @@ from resting_aspects_ros.ros.conversions import (
     run_from,
 )
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
 from resting_aspects_ros.ros.interface import (
@@ -42,10 +43,8 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     offered_qos,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription

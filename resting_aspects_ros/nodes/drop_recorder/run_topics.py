@@ -16,6 +16,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_printable
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.ros.conversions import nanoseconds, run_from
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.formatting import progress_text
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
@@ -26,7 +27,6 @@ from resting_aspects_ros.ros.interface import (
     offered_qos,
 )
 from resting_aspects_ros.ros.surroundings_conversions import check_surroundings
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import check_transitions
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription

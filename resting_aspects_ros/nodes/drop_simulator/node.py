@@ -17,15 +17,16 @@ from resting_aspects_ros.nodes.drop_simulator.goals import (
 )
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
-from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text, truncated
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
-from resting_aspects_ros.ros.requested_surroundings import (
+from resting_aspects_ros.ros.requested_conditions import (
+    SURFACE,
     SURROUNDINGS_FOLDER,
+    DefaultConditionsPublisher,
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node

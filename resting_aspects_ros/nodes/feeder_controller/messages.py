@@ -44,8 +44,8 @@ from resting_aspects_ros.ros.conversions import (
     pose_msg,
 )
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
-from resting_aspects_ros.ros.feeder_names import CHOICES as NAMED_CHOICES
-from resting_aspects_ros.ros.feeder_names import RESULTS
+from resting_aspects_ros.ros.interface import CHOICES as NAMED_CHOICES
+from resting_aspects_ros.ros.interface import RESULTS
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.transition_conversions import (
     check_numbering,

@@ -22,6 +22,7 @@ from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdat
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.interface import (
     CELL,
     DETECTIONS,
@@ -30,7 +31,6 @@ from resting_aspects_ros.ros.interface import (
     LATCHED,
     PICK_RESULT,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import declare
 from resting_aspects_ros.ros.spin import run_node
 

@@ -21,12 +21,11 @@ from resting_aspects_ros.nodes.log_replayer.player import (
     replayed_topics,
 )
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
-from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import CLOCK, LivelinessMonitor, announce, clock_conflicts
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
-from resting_aspects_ros.ros.liveliness import LivelinessMonitor, announce
 from resting_aspects_ros.ros.parameters import Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
 
