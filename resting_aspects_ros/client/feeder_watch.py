@@ -186,7 +186,7 @@ class FeederWatch:
         self.on_tray = len(message.detections)
 
     def _on_result(self, message: PickResult) -> None:
-        stamp = nanoseconds(message.stamp)
+        stamp = nanoseconds(message.header.stamp)
         if not self.done.done():
             self._now = max(self._now, stamp)
         if message.result == PickResult.MOVED:

@@ -75,7 +75,7 @@ def test_parts_are_picked_in_simulated_time(cell):
     watch.client.wait(lambda: len(watch.picked()) >= 8, 'picks')
     results = list(watch.results)
     assert all(each.result in (PickResult.PICKED, PickResult.MOVED) for each in results)
-    stamps = [seconds(each.stamp) for each in results]
+    stamps = [seconds(each.header.stamp) for each in results]
     assert stamps == sorted(stamps)
     # A pick takes 1.2 s, and a flip or a supply at least 0.6 s.
     for before, after, each in zip(stamps, stamps[1:], results[1:], strict=False):

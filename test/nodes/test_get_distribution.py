@@ -91,13 +91,6 @@ def test_only_known_rejects_a_part_that_is_not_offered(suite, first):
     assert 'tetrahedron' in answer.status.message
 
 
-def test_changed_conditions_are_not_known(suite, first, surfaces):
-    changed = conditions_msg(surfaces.get())
-    changed.friction = 0.26
-    answer = suite.client.ask(drops=1, conditions=[changed], only_known=True)
-    assert answer.status.code == Status.NOT_AVAILABLE
-
-
 def test_conditions_equal_to_a_surface_are_known(suite, first, surfaces):
     same = conditions_msg(surfaces.get())
     same.surface = 'my own name for it'

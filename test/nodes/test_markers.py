@@ -109,15 +109,6 @@ def test_meshes_do_not_touch_and_classes_share_a_colour(part):
     assert len(set(colours.values())) == 2
 
 
-def test_number_of_digits_depends_on_the_drops(part):
-    aspects = find_aspects(part('l_bracket'))
-    few = Distribution(aspects, np.array([6, 3, 1, 0, 0]), 0, 0, 0)
-    many = Distribution(aspects, np.array([2711, 7000, 189, 60, 0]), 20, 10, 10)
-    assert labels(few) == ['1: 60 %', '2: 30 %', '3: 10 %', '4: 0 %', '5: 0 %']
-    assert labels(many) == ['1: 27.1 %', '2: 70.0 %', '3: 1.89 %', '4: 0.60 %', '5: 0 %']
-    assert labels(no_drops(aspects))[1] == '2: no drops'
-
-
 def test_new_distribution_changes_only_texts_and_stamps(part):
     part = part('tetrahedron')
     aspects = find_aspects(part)

@@ -15,7 +15,6 @@ from resting_aspects_interfaces.msg import (
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.client import (
-    InvalidValueError,
     RestingAspectsClient,
     transition_matrix_from,
 )
@@ -242,16 +241,3 @@ def test_client_returns_transitions(client, expected):
     )
     assert run_from(fast.run).conditions.surface == 'steel'
     assert dict(zip(fast.action.names, fast.action.values, strict=True))['speed'] == 0.6
-
-
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        ({'action': 7}, 'invalid action 7: expected a name or one of kick'),
-        ({'action': 'a\0'}, 'invalid name .*: expected printable text'),
-        ({'surface': 3}, 'invalid surface 3: expected printable text'),
-    ],
-)
-def test_client_rejects_wrong_values(client, options, message):
-    with pytest.raises(InvalidValueError, match=message):
-        client.reorient_part('tetrahedron', **options)

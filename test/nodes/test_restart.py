@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 from resting_aspects_interfaces.msg import (
-    DropConditions,
     Status,
 )
 
@@ -67,25 +66,6 @@ def test_known_distribution_is_returned_at_once(restarted, first):
     # Without only_known, nothing is dropped either: the run is the old one.
     again = restarted.client.ask('tetrahedron', 200)
     assert again.distribution.run.run_id == first.run.run_id
-
-
-@pytest.mark.parametrize('fields', [{'drops': 301}, {'surface': 'steel'}, {'seed': [SEED + 1]}])
-def test_different_requests_are_not_known(restarted, first, fields):
-    answer = known(restarted, **fields)
-    assert answer.status.code == Status.NOT_AVAILABLE
-    with_seed = f' with seed {SEED}' if 'seed' in fields else ''
-    assert answer.status.message.endswith(
-        f'; known distributions: 300 drops on rubber_mat{with_seed}'
-    )
-
-
-def test_conditions_are_compared_by_value(restarted, first):
-    conditions = first.run.conditions
-    assert known(restarted, conditions=[conditions]).status.code == Status.OK
-    fields = {name: getattr(conditions, name) for name in conditions.get_fields_and_field_types()}
-    other = DropConditions(**{**fields, 'height': conditions.height * (1 + 1e-15)})
-    answer = known(restarted, conditions=[other])
-    assert answer.status.code == Status.NOT_AVAILABLE
 
 
 def test_known_distribution_needs_no_simulator(restarted, first):

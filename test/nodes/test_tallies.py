@@ -187,11 +187,3 @@ def test_distributions_of_other_aspects_are_removed(run, aspects, poses, solid):
     assert len(tallies) == 1
     with pytest.raises(InvalidValueError, match='expected the 4 aspects of tetrahedron'):
         tallies.add(run('b', seed=2), wrong)
-
-
-def test_known_distributions_are_described(run, take, tallies, solid):
-    take(run('a', 0, 20), 0, 20, last=True)
-    message = '20 drops on rubber_mat'
-    assert tallies.describe(PART, solid.part_sha256, None) == [message]
-    assert tallies.describe(PART, '', 2) == [f'{message} with seed 1']
-    assert tallies.describe(PART, 'another', None) == [f'{message} of another version of the part']
