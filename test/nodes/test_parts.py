@@ -48,7 +48,21 @@ def test_parts_are_listed_by_name_with_their_hashes(listed, folder):
         assert summary.part_sha256 == PartLibrary(folder).load(name).part_sha256
 
 
-def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
+@pytest.fixture
+def answers(suite):
+    """Wait until a request is answered with a status, when the classifier has read the parts."""
+
+    def answers(name, code, **fields):
+        def found():
+            status = suite.client.ask(name, 3, seed=[1], **fields).status
+            return status if status.code == code else None
+
+        return suite.client.wait(found, f'status {code}').message
+
+    return answers
+
+
+def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
     before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
@@ -67,17 +81,15 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     )
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    old = suite.client.ask('hex_nut', 3, seed=[1], only_known=True)
-    assert old.status.code == Status.NOT_AVAILABLE
+    answers('hex_nut', Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
     (folder / 'hex_nut.stl').unlink()
     (folder / 'hex_nut.yaml').unlink()
     listed('box_10x20x30', 'tetrahedron')
-    answer = suite.client.ask('hex_nut', 3, seed=[1])
-    assert answer.status.code == Status.UNKNOWN_PART
-    assert 'known parts: box_10x20x30, tetrahedron' in answer.status.message
+    message = answers('hex_nut', Status.UNKNOWN_PART)
+    assert 'known parts: box_10x20x30, tetrahedron' in message
 
 
 def test_broken_mesh_is_reported_once(suite, listed, folder):

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -25,6 +24,7 @@ from resting_aspects_ros.logs.topics import (
     POSES_TYPE,
     TRANSITIONS_TYPE,
 )
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task, sleep_for
 from resting_aspects_ros.ros.conversions import (
@@ -48,9 +48,6 @@ from resting_aspects_ros.ros.transition_conversions import (
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
 
 # The parts of a simulator arrive one after another. Time without a new part after which all parts
 # have arrived, s.
@@ -388,7 +385,7 @@ class LogLoader:
         node: Node,
         folder: Path | None,
         files: FileWorker,
-        known: 'Tallies',
+        known: Tallies,
         transitions: TransitionStore,
     ) -> None:
         self._node = node
