@@ -8,7 +8,7 @@ from PIL import Image
 from rich.console import Console
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.report.forecast import (
+from resting_aspects_ros.cli.feeder_display import (
     FeederView,
     feeder_line,
     feeder_sentence,
@@ -57,7 +57,7 @@ def test_table_shows_the_run_beside_its_forecast():
 )
 def test_sentence_compares_the_run_with_the_interval(changed, end):
     text = feeder_sentence(view(**changed), 61.3)
-    assert text.endswith(end)
+    assert text.splitlines()[0].endswith(end)
     assert 'which took 61 s' in text
 
 
