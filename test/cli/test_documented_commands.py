@@ -23,7 +23,7 @@ PARTS = ROOT / 'config' / 'parts'
 FEW_DROPS = ['--drops', '50']
 # What makes the commands quick whose output is not compared.
 FEW = {
-    'calibrate': ['--points', '8', '--drops', '10', '--rounds', '0'],
+    'calibrate': ['--points', '8', '--drops', '10'],
     'drift': FEW_DROPS,
     'optimise': ['--budget', '3840'],
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
