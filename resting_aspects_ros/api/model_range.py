@@ -11,7 +11,7 @@ from resting_aspects_ros.api.runner import PROGRESS_PERIOD, never
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import list_text
-from resting_aspects_ros.simulation.conditions import QUANTITIES, Samples
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, Samples
 from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids
@@ -35,9 +35,12 @@ OF_SURROUNDINGS = (
 
 def missing_reason(job: DropJob) -> str:
     """Return why drops have no model range; empty if they have one."""
-    if job.starts is not None:
-        return OF_STATES
-    return '' if job.scene.level and job.motion is None else OF_SURROUNDINGS
+    return OF_STATES if job.starts is not None else missing_in(job.conditions)
+
+
+def missing_in(conditions: DropConditions) -> str:
+    """Return why random releases have no model range; empty if they have one."""
+    return '' if conditions.surroundings is None else OF_SURROUNDINGS
 
 
 def model_range_text(distribution: Distribution, missing: str = '') -> str:
@@ -83,6 +86,8 @@ def model_range_of(distribution: Distribution, part: Part, run: RunDescription) 
 
     For programs that count drops that were made elsewhere; the draws are made in one thread.
     """
+    if missing_in(run.conditions):
+        return distribution
     job = make_job(part, run.conditions, run.seed, engine=BULLET if run.engine == BULLET else '')
     workers = LocalWorkers(1)
     try:

@@ -20,6 +20,7 @@ from resting_aspects_interfaces.msg import (
 
 from resting_aspects_ros.api.conditions import without_drops
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.model_range import missing_in, model_range_of
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, shown, warn
 from resting_aspects_ros.input_files import is_folder, named
@@ -44,7 +45,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
     distribution_msg,
     serialized_distribution,
 )
-from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
+from resting_aspects_ros.ros.interface import CHOICES, RESULTS
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.job import RunDescription
@@ -292,13 +293,14 @@ def _counted(logged: LoggedRun) -> tuple[DropResult, list[RestingPoses]]:
         if contacts is not None:
             contacts.add(poses, ids)
     result = DropResult(
-        distribution,
+        model_range_of(distribution, part, run),
         run,
         part,
         METHOD,
         logged.outcome.whole and logged.finished,
         history=history.points(),
         contacts=contacts,
+        no_model_range=missing_in(run.conditions),
     )
     return result, blocks
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Optional, TypeVar
 
 from pydantic import create_model
 
-from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 
 if TYPE_CHECKING:
@@ -295,6 +295,22 @@ class DropConditions:
         return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of normal errors of given states, for each component in tray axes."""
+
+    orientation: float = quantity(
+        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
+    )
+    velocity: float = quantity(
+        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
+    )
+    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
@@ -368,8 +384,11 @@ EXPECTED = {
 class Surfaces:
     """The named sets of conditions."""
 
-    def __init__(self, sets: Mapping[str, DropConditions]) -> None:
+    def __init__(
+        self, sets: Mapping[str, DropConditions], sources: Mapping[str, str] | None = None
+    ) -> None:
         self._sets = dict(sets)
+        self._sources = dict(sources or {})
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
@@ -381,6 +400,7 @@ class Surfaces:
         if name not in self._sets:
             raise InvalidValueError(
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
+                f'{did_you_mean(name, self.names())}'
             )
         return self._sets[name]
 
@@ -405,6 +425,10 @@ class Surfaces:
             if known.uncertain and same:
                 return known.uncertainty
         return ()
+
+    def source(self, name: str = '') -> str:
+        """Return what a surface resembles and where its values come from; can be empty."""
+        return self._sources.get(name or DEFAULT_SURFACE, '')
 
     def named(self, conditions: DropConditions) -> DropConditions:
         """Return the conditions, without the surface's name if the surface has other values."""
@@ -433,7 +457,10 @@ class Surfaces:
     def extended(self, path: Path) -> 'Surfaces':
         """Return these surfaces and those of a file, which replace others of the same name."""
         own = Surfaces.read(path)
-        return Surfaces(self._sets | own._sets)  # noqa: SLF001
+        return Surfaces(
+            self._sets | own._sets,  # noqa: SLF001
+            self._sources | own._sources,  # noqa: SLF001
+        )
 
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
@@ -443,15 +470,17 @@ class Surfaces:
         if not isinstance(document, dict) or not document:
             raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
         sets: dict[str, DropConditions] = {}
+        sources: dict[str, str] = {}
         for name, entry in document.items():
             where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
             try:
                 check_name('a surface', name)
                 given = validated(SurfaceEntry, entry, expected=EXPECTED)
                 sets[name] = _conditions(name, given)
+                sources[name] = one_line(str(given.source))
             except InvalidValueError as error:
                 raise InvalidValueError(f'{where}: {error}') from None
-        return cls(sets)
+        return cls(sets, sources)
 
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:

@@ -27,6 +27,7 @@ from validation.surroundings import surroundings
 from validation.surroundings_steps import surroundings_steps
 from validation.thrown import thrown
 from validation.tosses import tosses
+from validation.track import track
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
@@ -42,6 +43,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3, over_ros=True),
     'calibration': calibration,
+    'track': track,
 }
 
 

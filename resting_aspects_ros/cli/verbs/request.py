@@ -19,7 +19,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
@@ -123,7 +123,7 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
     from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
-        if all(part.name != name for part in client.list_parts()):
+        if name not in client.list_parts():
             raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:

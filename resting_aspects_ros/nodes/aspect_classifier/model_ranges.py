@@ -7,8 +7,8 @@ from rclpy.task import Future
 
 from resting_aspects_ros.api.model_range import model_range_of
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tally
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.simulation.conditions import Surfaces
 
@@ -31,15 +31,15 @@ class ModelRanges:
         self._worker = worker
         self._active: dict[int, Future] = {}  # by the id of the distribution
 
-    async def add(self, tally: Tally) -> bool:
-        """Add the range of the drops that are counted now; returns whether it is new."""
+    async def add(self, tally: Tally) -> None:
+        """Add the range of the drops that are counted now, unless it is known."""
         given, run = tally.counted, tally.run
         missing = given.model is None and given.drops and run.conditions.surroundings is None
         if not missing or self._parts.aspects(run.part_sha256) is None:
-            return False
+            return
         if (active := self._active.get(id(given))) is not None:
             await active
-            return False
+            return
         finished = self._active[id(given)] = Future(executor=self._node.executor)
         try:
             part, _ = self._parts.version(run.part_sha256)
@@ -52,12 +52,10 @@ class ModelRanges:
             self._node.get_logger().warning(
                 f'the model range of run {run.run_id} is missing: {error}'
             )
-            return False
+            return
         finally:
             del self._active[id(given)]
             finished.set_result(None)
-        if found.model is None or tally.distribution is not given:
-            return False
-        # Only the range: the worker has copies of the aspects.
-        tally.distribution = dataclasses.replace(given, model=found.model)
-        return True
+        if tally.distribution is given:
+            # Only the range: the worker has copies of the aspects.
+            tally.distribution = dataclasses.replace(given, model=found.model)

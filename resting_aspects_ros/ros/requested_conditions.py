@@ -1,0 +1,199 @@
+"""The conditions and surroundings that goals and requests name, and those without a name."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
+
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.input_files import is_folder
+from resting_aspects_ros.part.part import is_valid_name
+from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
+from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, surroundings_of
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
+from resting_aspects_ros.ros.parameters import Parameter, on_change
+from resting_aspects_ros.ros.status import NotAvailableError, requested_conditions
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    DropConditions,
+    Surfaces,
+    surroundings_folder,
+)
+from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+
+SURFACE = Parameter(
+    'surface',
+    DEFAULT_SURFACE,
+    'surface of requests that do not name one',
+    allowed='a name in surfaces_file',
+    changeable=True,
+)
+# Timeout for the latched message of a discovered simulator, s.
+RECEIVE_TIMEOUT = 10.0
+
+
+class DefaultConditionsPublisher:
+    """Publishes the conditions of the parameter `surface` as default_conditions."""
+
+    def __init__(self, node: Node, surfaces: Surfaces) -> None:
+        self._surfaces = surfaces
+        self._publisher = advertise(node, DropConditionsMsg, DEFAULT_CONDITIONS, LATCHED)
+        on_change(node, SURFACE.name, surfaces.get, self._publish)
+        self._publish(node.get_parameter(SURFACE.name).value)
+
+    @property
+    def conditions(self) -> DropConditions:
+        """The conditions of a request that does not name a surface."""
+        return self._conditions
+
+    def _publish(self, name: str) -> None:
+        self._conditions = self._surfaces.get(name)
+        self._publisher.publish(conditions_msg(self._conditions))
+
+
+class DefaultConditionsSubscriber:
+    """Receives default_conditions of the simulator in the namespace of a node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._conditions: DropConditions | None = None
+        self._received = Future()  # done with the first message
+        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._receive, LATCHED)
+
+    @property
+    def is_received(self) -> bool:
+        """Whether a simulator has published its default conditions."""
+        return self._conditions is not None
+
+    async def conditions(self) -> DropConditions:
+        """Return the conditions of a request that does not name a surface.
+
+        Waits for the message of a discovered simulator. Raises NotAvailableError if no simulator
+        has published the conditions yet.
+        """
+        if self._node.count_publishers(DEFAULT_CONDITIONS):
+            await wait_for(self._node, self._received, RECEIVE_TIMEOUT)
+        if self._conditions is None:
+            raise NotAvailableError(
+                'no drop_simulator has published its default surface yet: name a surface, or '
+                'start drop_simulator'
+            )
+        return self._conditions
+
+    def _receive(self, message: DropConditionsMsg) -> None:
+        self._conditions = conditions_from(message)
+        if not self._received.done():
+            self._received.set_result(None)
+
+
+SURROUNDINGS_FOLDER = Parameter(
+    'surroundings_folder',
+    '',
+    'folder of YAML files of named surroundings; empty: those of the suite',
+)
+
+
+def names_in(folder: Path) -> list[str]:
+    """Return the names of the surroundings in a folder, sorted."""
+    try:
+        return sorted(file.stem for file in folder.glob('*.yaml') if is_valid_name(file.stem))
+    except OSError:
+        return []
+
+
+def read_named(folder: Path, name: str) -> Surroundings:
+    """Return the surroundings with a name in a folder; runs in a FileWorker."""
+    names = names_in(folder)
+    if name not in names:
+        raise InvalidValueError(
+            f'invalid surroundings {shown(name)}: expected a JSON document, or one of '
+            f'{", ".join(names)}'
+        )
+    return named_surroundings(folder / f'{name}.yaml')
+
+
+def read_all(folder: Path) -> dict[str, Surroundings | str]:
+    """Return all surroundings in a folder, or why one is unusable; runs in a FileWorker."""
+    found: dict[str, Surroundings | str] = {}
+    for name in names_in(folder):
+        try:
+            found[name] = read_named(folder, name)
+        except RestingAspectsError as error:
+            found[name] = str(error)
+    return found
+
+
+class RequestedSurroundings:
+    """Finds the surroundings that goals and requests name.
+
+    Files are read in a FileWorker, and again for each request, so that a changed file is used. A
+    document with a mesh is accepted only if the mesh belongs to surroundings of the folder:
+    clients send no paths.
+    """
+
+    def __init__(self, node: Node, folder: str, files: FileWorker) -> None:
+        self._folder = Path(folder or surroundings_folder())
+        if not is_folder(self._folder):
+            raise InvalidValueError(
+                f'invalid {SURROUNDINGS_FOLDER.name} {folder!r}: expected an existing folder'
+            )
+        self._node = node
+        self._files = files
+        self._known: dict[str, Surroundings] = {}  # with meshes and names, by key
+
+    async def conditions(
+        self, surfaces: Surfaces, request: Any, default: DropConditions
+    ) -> DropConditions:
+        """Return the conditions of a goal or request; raises InvalidValueError.
+
+        They are the given conditions, else those of the named surface in the given surroundings;
+        without a surface the default.
+        """
+        if request.conditions:
+            message = request.conditions[0]
+            around, message.surroundings = await self.find(message.surroundings), ''
+            given = dataclasses.replace(conditions_from(message), surroundings=around)
+            return surfaces.named(given)
+        found = requested_conditions(surfaces, request.surface, [], default)
+        return dataclasses.replace(found, surroundings=await self.find(request.surroundings))
+
+    async def find(self, requested: str) -> Surroundings | None:
+        """Return surroundings that are given by name or by a JSON document; None if empty."""
+        if not requested:
+            return None
+        if not requested.lstrip().startswith('{'):
+            named = await self._files.run(read_named, self._folder, requested)
+            self._known[named.key] = named
+            return named
+        found = surroundings_of(requested)
+        if found is None or found.key in self._known:
+            return found and self._known[found.key]
+        # For the mesh of the document, or the name of surroundings that another node resolved.
+        await self._read_all()
+        found = self._known.get(found.key, found)
+        if isinstance(found.shape, MeshSurface) and found.shape.file is None:
+            shapes = (each.shape for each in self._known.values())
+            meshes = (each.file for each in shapes if isinstance(each, MeshSurface))
+            sha256 = found.shape.mesh_sha256
+            mesh = next((each for each in meshes if each and each.sha256 == sha256), None)
+            if mesh is None:
+                raise InvalidValueError(
+                    f'invalid mesh {shown(found.shape.mesh)} of surroundings: expected one of the '
+                    f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
+                )
+            shape = dataclasses.replace(found.shape, file=mesh)
+            found = dataclasses.replace(found, shape=shape)
+        return found
+
+    async def _read_all(self) -> None:
+        found = await self._files.run(read_all, self._folder)
+        for each in found.values():
+            if isinstance(each, str):
+                self._node.get_logger().warning(each)
+            else:
+                self._known[each.key] = each
