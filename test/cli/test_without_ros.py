@@ -51,7 +51,7 @@ def test_drops_have_the_same_answer(run_hidden, run, tmp_path):
         'poses.csv',
     }
     (sheet,) = openpyxl.load_workbook(tmp_path / 'nut.xlsx')
-    assert sheet['G4'].value == 300
+    assert sheet['H4'].value == 300
 
 
 @pytest.mark.parametrize(
