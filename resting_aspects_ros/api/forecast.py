@@ -17,12 +17,10 @@ from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
-from resting_aspects_ros.feeding.control import controller_model
-from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
+from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, check_fit, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
-from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, forecast_controller
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import NamedForecast
 from resting_aspects_ros.simulation.actions import NamedAction
@@ -31,6 +29,7 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
     from resting_aspects_ros.vision.grasp import Grasp
     from resting_aspects_ros.vision.location import Placement
 
@@ -105,18 +104,23 @@ def footprints_of(
 ) -> tuple[Footprint, ...]:
     """Return the rectangle, or the disc, around the outline of each row, with the grips of it."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.api.grasps import grips_of
+    from resting_aspects_ros.vision.outline import find_outlines
 
-    placements = {each.outline.symmetry_class: each for each in placements_of(part, aspects)}
+    grips: dict[int, tuple[Grip, ...]] = {}
+    if grasps:
+        from resting_aspects_ros.api.grasps import grips_of
+
+        placements = placements_of(part, aspects)
+        grips = {each.outline.symmetry_class: grips_of(grasps, each) for each in placements}
+    outlines = {each.symmetry_class: each for each in find_outlines(part, aspects)}
     found = []
     for row in rows:
-        placement = placements[row[0].symmetry_class]
-        seen = placement.outline
-        grips = grips_of(grasps, placement) if grasps else ()
+        number = row[0].symmetry_class
+        seen, own = outlines[number], grips.get(number, ())
         if seen.yaw_symmetry == 0:
-            found.append(Footprint(0.0, 0.0, seen.length / 2, grips))
+            found.append(Footprint(0.0, 0.0, seen.length / 2, own))
         else:
-            found.append(Footprint(seen.length, seen.width, 0.0, grips))
+            found.append(Footprint(seen.length, seen.width, 0.0, own))
     return tuple(found)
 
 
@@ -139,7 +143,7 @@ def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -
 
 
 def forecast(
-    part: Part | str | Path,
+    part: Part | str | Path | ReorientResult,
     pickable: Sequence[int] | None = None,
     *,
     pickable_classes: Sequence[int] | None = None,
@@ -170,8 +174,9 @@ def forecast(
 
     Parameters
     ----------
-    part : Part, str or Path
-        A part, or what `load_part` accepts.
+    part : Part, str, Path or ReorientResult
+        A part, or what `load_part` accepts; or the result of `reorient`, whose action and
+        conditions then hold, and which is not simulated again.
     pickable : sequence of int, optional
         Ids of the aspects in which the robot can pick the part.
     pickable_classes : sequence of int, optional
@@ -283,7 +288,7 @@ def forecast_each(
 
 
 def plan_forecasts(
-    part: Part | str | Path,
+    part: Part | str | Path | ReorientResult,
     sets: Sequence[Pickable],
     *,
     robot: float = ROBOT,
@@ -306,7 +311,7 @@ def plan_forecasts(
     **simulation: Any,
 ) -> 'PlannedForecasts':
     """Check and plan the forecasts of a part; see `forecast` for the arguments."""
-    named = named_action(action)
+    named = part.action if isinstance(part, ReorientResult) else named_action(action)
     times = cycle_times(
         named,
         robot=robot,
@@ -321,7 +326,16 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation = plan_reorient(part, [named], per_aspect, **simulation)
+    reorientation: PlannedReorient | KnownReorient
+    if isinstance(part, ReorientResult):
+        if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
+            raise InvalidValueError(
+                'invalid action or conditions: expected none with the result of reorient, which '
+                'has its own'
+            )
+        reorientation = KnownReorient(part)
+    else:
+        reorientation = plan_reorient(part, [named], per_aspect, **simulation)
     loaded, aspects = reorientation.part, reorientation.aspects
     check_tray(loaded, aspects, cell, parts_on_tray)
     pickable = [pickable_aspects(aspects, *each) for each in sets]
@@ -349,6 +363,28 @@ def plan_forecasts(
 
 
 @dataclass(frozen=True)
+class KnownReorient:
+    """Drops and an action that are simulated already, in place of a PlannedReorient."""
+
+    result: ReorientResult
+
+    @property
+    def part(self) -> Part:
+        """The part."""
+        return self.result.part
+
+    @property
+    def aspects(self) -> AspectSet:
+        """The aspects of the part that are counted."""
+        return self.result.matrix.aspects
+
+    def make(self, runner: Runner) -> list[ReorientResult]:
+        """Return the result."""
+        del runner
+        return [self.result]
+
+
+@dataclass(frozen=True)
 class PlannedForecasts:
     """Forecasts of a part that are checked, for one or several sets of pickable aspects.
 
@@ -356,7 +392,7 @@ class PlannedForecasts:
         Other arguments of `forecast_from`.
     """
 
-    reorientation: PlannedReorient
+    reorientation: PlannedReorient | KnownReorient
     pickable: list[tuple[int, ...]]
     tray: Tray
     times: CycleTimes
@@ -473,7 +509,7 @@ def _integers(values: Array) -> Counts:
     return np.asarray(ends - np.concatenate([[0], ends[:-1]]))
 
 
-def forecast_controlled(result: ForecastResult, minutes: float | None = None) -> ControlledRuns:
+def forecast_controlled(result: ForecastResult, minutes: float | None = None) -> 'ControlledRuns':
     """Forecast the parts per minute if feeder_controller decides, instead of the fixed cycle.
 
     Runs of the controller are simulated, with the outlines of the parts on the tray, which takes
@@ -491,7 +527,9 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
     InvalidValueError
         ``minutes`` is out of bounds, or only a part of a class is pickable.
     """
-    # The import of shapely is only needed here.
+    # These imports are only needed here.
+    from resting_aspects_ros.feeding.control import controller_model
+    from resting_aspects_ros.feeding.tray_simulation import forecast_controller
     from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
     named, found = result.named, result.named.forecast

@@ -5,14 +5,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.conditions import condition_facts, surface_text
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.report_files import part_facts, run_facts, warning_notes
 from resting_aspects_ros.api.result import Result, check_files, save_figure, write_page
 from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
     NamedForecast,
@@ -25,6 +24,7 @@ from resting_aspects_ros.report.forecast import (
     forecast_sentence,
     forecast_table,
     mix_table,
+    range_text,
 )
 from resting_aspects_ros.report.format import ids_text, numbers_text
 from resting_aspects_ros.report.page import (
@@ -38,6 +38,9 @@ from resting_aspects_ros.report.page import (
     reading,
 )
 from resting_aspects_ros.report.transitions import matrix_fields
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 
 # -- Look-alikes ----------------------------------------------------------------------------------
 
@@ -173,7 +176,7 @@ class ForecastResult(Result):
     reorientation: ReorientResult
     pickable: tuple[int, ...]
     named: NamedForecast
-    controlled: ControlledRuns | None = None
+    controlled: 'ControlledRuns | None' = None
 
     @property
     def parts_per_minute(self) -> float:
@@ -189,6 +192,16 @@ class ForecastResult(Result):
     def upper(self) -> float:
         """Upper bound of the parts per minute in the long run."""
         return self.named.forecast.upper
+
+    @property
+    def model_lower(self) -> float:
+        """Lower bound of the parts per minute if the assumptions of the model may be broken."""
+        return self.named.forecast.wide[0]
+
+    @property
+    def model_upper(self) -> float:
+        """Upper bound of the parts per minute if the assumptions of the model may be broken."""
+        return self.named.forecast.wide[1]
 
     @property
     def prediction(self) -> tuple[float, float]:
@@ -298,6 +311,9 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         partial(forecast_figure, forecasts, title),
     )
     yield forecast_table(forecasts)
+    for each in forecasts:
+        if text := range_text(each):
+            yield text
     confidence = 100 * results[0].reorientation.matrix.confidence
     yield (
         f'The interval of the parts per minute is that of the long run, with {confidence:g} % '

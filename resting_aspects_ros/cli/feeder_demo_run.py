@@ -15,17 +15,12 @@ from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli.console import make_console
 from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, SUITE, PlannedDemo
-from resting_aspects_ros.cli.feeder_display import save_layout
+from resting_aspects_ros.cli.feeder_display import FeederView, feeder_sentence, save_layout
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
-from resting_aspects_ros.report.forecast import (
-    FeederView,
-    controlled_fields,
-    controlled_text,
-    feeder_sentence,
-)
+from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
 from resting_aspects_ros.report.scene_picture import DrawnPart, save_tray_picture
 from resting_aspects_ros.vision.tray_image import TrayCamera
 

@@ -245,11 +245,22 @@ TRIES, MIN_FIT = 100, 0.5
 
 
 class Placing:
-    """Parts on many trays, placed one after the other on all of them."""
+    """Parts on many trays, placed one after the other on all of them.
+
+    separated : bool
+        Whether parts never overlap; otherwise each lies anywhere, whatever is there.
+    """
 
     def __init__(
-        self, tray: Tray, footprints: Sequence[Footprint], trays: int, limit: int
+        self,
+        tray: Tray,
+        footprints: Sequence[Footprint],
+        trays: int,
+        limit: int,
+        *,
+        separated: bool = True,
     ) -> None:
+        self._separated = separated
         self._tray = tray
         self._size = np.array([f.values for f in footprints])
         self._grips = GripRoom(tray, footprints)
@@ -274,10 +285,12 @@ class Placing:
         missing = np.flatnonzero(self._fitting)
         for _ in range(TRIES):
             self._poses[missing, j], inside = self._proposed(kind[missing], generator)
-            row, other = self._near(missing, 0.0)
-            touching = gap(*self._parts(row, j), *self._parts(row, other)) < 0
-            hit = ~np.isin(missing, row[touching])
-            missing = missing[~(hit & inside)]
+            clear = np.ones(len(missing), dtype=np.bool_)
+            if self._separated:
+                row, other = self._near(missing, 0.0)
+                touching = gap(*self._parts(row, j), *self._parts(row, other)) < 0
+                clear = ~np.isin(missing, row[touching])
+            missing = missing[~(clear & inside)]
             if not len(missing):
                 break
         self._fitting[missing] = False
@@ -398,7 +411,13 @@ class FreeShares:
 
 
 def free_shares(
-    tray: Tray, footprints: Sequence[Footprint], mix: Array, seed: int, number: int = 0
+    tray: Tray,
+    footprints: Sequence[Footprint],
+    mix: Array,
+    seed: int,
+    number: int = 0,
+    *,
+    separated: bool = True,
 ) -> FreeShares:
     """Return how often the parts of each class are free, for each number of parts on the tray.
 
@@ -413,6 +432,9 @@ def free_shares(
     number : int
         The table has at least this number of parts, if they fit. It goes on to a coverage of
         MAX_COVERAGE, but not where next to no part is free.
+    separated : bool
+        Whether parts never overlap. Otherwise they lie at independent random places, and parts
+        that overlap another one are not free.
 
     Raises
     ------
@@ -429,7 +451,7 @@ def free_shares(
     share /= share.sum()
     limit = max(min(coverage_limit(tray, footprints, share), _few_free(tray, footprints)), number)
     trays = max(PLACED // limit, MIN_TRAYS)
-    placing = Placing(tray, footprints, trays, limit)
+    placing = Placing(tray, footprints, trays, limit, separated=separated)
     generator = np.random.default_rng(seed)
     rows: list[Counts] = []
     pairs: list[float] = []

@@ -8,6 +8,11 @@ import numpy as np
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.assumptions import (
+    BrokenAssumption,
+    Places,
+    broken_assumptions,
+)
 from resting_aspects_ros.feeding.footprint import (
     Footprint,
     FreeShares,
@@ -213,7 +218,8 @@ class Forecast:
     """The long run of a feeder with a number of parts on the tray.
 
     number, best_number : int
-        Parts on the tray; best_number has the highest rate, None if no part can be picked.
+        Parts on the tray; best_number has the highest rate if half of the overlaps separate, None
+        if no part can be picked.
     at_limit : bool
         Whether best_number is only the largest number for which the model holds.
     rate, lower, upper : float
@@ -233,6 +239,8 @@ class Forecast:
         Probability that a part of each aspect is free.
     trapped : (k,) bool
         Aspects from which no part gets into a pickable one; not empty if the rate is 0.
+    broken : tuple of BrokenAssumption
+        The same counts, with each assumption broken by itself; empty if the rate is 0.
     """
 
     number: int
@@ -252,6 +260,12 @@ class Forecast:
     curve: Curve
     free: Array
     trapped: Mask
+    broken: tuple[BrokenAssumption, ...] = ()
+
+    @property
+    def wide(self) -> tuple[float, float]:
+        """Range of the long-run rate: all assumptions may be broken together, or none."""
+        return self.lower * math.prod(1 + each.change for each in self.broken), self.upper
 
     @property
     def flips_per_part(self) -> float:
@@ -292,9 +306,12 @@ def forecast(
         check_number('number of parts on the tray', number)
     check_minutes(minutes)
     states = SteadyStates(model)
-    table, rates = _table(model, states, number, seed)
+    table, rates, mix = _table(model, states, number, seed)
+    overlapping = free_shares(model.tray, model.footprints, mix, seed, len(rates), separated=False)
     limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
-    best = int(rates[:limit].argmax()) + 1 if rates.any() else None
+    # Overlaps separate in the model, and not at all in the other one: the truth is between them.
+    both = rates + states.rates(overlapping)[: len(rates)]
+    best = int(both[:limit].argmax()) + 1 if rates.any() else None
     numbers = np.arange(1, len(rates) + 1)
     # If nothing can be picked, the number with most free parts.
     chosen = number or best or int((states.free(table) * numbers).argmax()) + 1
@@ -337,24 +354,41 @@ def forecast(
         ),
         free=table.at(chosen),
         trapped=states.trapped,
+        broken=_broken(model, state, table, overlapping, chosen) if rate > 0 else (),
     )
+
+
+def _broken(
+    model: FeederModel, state: SteadyState, table: FreeShares, overlapping: FreeShares, number: int
+) -> tuple[BrokenAssumption, ...]:
+    # Parts that are lost are missing in the image.
+    present = np.array(number - float(state.lost))
+    places = Places(
+        moves_of(model.drop, model.transitions),
+        model.pickable,
+        table.between(present),
+        number,
+        model.times,
+        model.max_picks,
+    )
+    return broken_assumptions(places, overlapping.between(present))
 
 
 def _table(
     model: FeederModel, states: SteadyStates, number: int | None, seed: int
-) -> tuple[FreeShares, Array]:
-    """Return the shares of free parts for the mix on the tray, and the rates (n,)."""
+) -> tuple[FreeShares, Array, Array]:
+    """Return the shares of free parts for the mix on the tray, the rates (n,), and the mix."""
 
-    def with_mix(mix: Array) -> tuple[FreeShares, Array]:
+    def with_mix(mix: Array) -> tuple[FreeShares, Array, Array]:
         table = free_shares(model.tray, model.footprints, mix, seed, number or 0)
-        return table, states.rates(table)
+        return table, states.rates(table), mix
 
     mix = model.drop / model.drop.sum()
-    table, rates = with_mix(mix)
+    table, rates, _ = with_mix(mix)
     at = min(number or int(rates.argmax()) + 1, len(rates))
     found = states.at(table, at).mix
     if len(set(model.footprints)) == 1 or np.abs(found - mix).max() < MIX_CHANGE:
-        return table, rates
+        return table, rates, mix
     return with_mix(found)
 
 

@@ -4,15 +4,12 @@ import dataclasses
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
-
-from rich.table import Table as RichTable
+from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.feeding.footprint import MAX_COVERAGE
 from resting_aspects_ros.feeding.forecast import FeederModel, Forecast
 from resting_aspects_ros.feeding.steady_state import cycle_time
-from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.figure import (
     FAINT,
@@ -32,11 +29,13 @@ from resting_aspects_ros.report.format import (
     number_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, Table
+from resting_aspects_ros.report.table import NOTHING, Number, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 
 
 # A rate below this many parts per minute is none.
@@ -107,6 +106,19 @@ def cell_text(named: NamedForecast) -> str:
     return f'For {", ".join(facts)}.'
 
 
+def range_text(named: NamedForecast) -> str:
+    """Return what the two ranges of a forecast contain, in one or two sentences."""
+    found = named.forecast
+    if not found.broken:
+        return ''
+    low, high = _rate_texts(*found.wide)
+    return (
+        'The first range contains the number of drops and actions alone. If all assumptions of '
+        f'the table are broken together, the rate is {low}: {low} to {high} per minute are '
+        'possible. Count a real tray to narrow this.'
+    )
+
+
 def forecast_notes(named: NamedForecast) -> list[str]:
     """Return sentences on where the model ends, if the forecast is there."""
     found, notes = named.forecast, []
@@ -164,10 +176,10 @@ def curve_table(named: NamedForecast) -> Table:
     ):
         table.add_row(
             f'{number}',
-            f'{rate:.2f}',
-            f'{lower:.2f} to {upper:.2f}',
-            f'{100 * empty:.1f} %',
-            f'{100 * free:.1f} %',
+            Number(f'{rate:.2f}', rate),
+            Number(f'{lower:.2f} to {upper:.2f}', lower, upper),
+            Number(f'{100 * empty:.1f} %', 100 * empty),
+            Number(f'{100 * free:.1f} %', 100 * free),
         )
     return table
 
@@ -184,8 +196,15 @@ def _cells(named: NamedForecast) -> list[tuple[str, str]]:
         (f'10 % less time: {name}', f'{100 * found.sensitivity[name][0]:+.1f} %')
         for name in ('robot', 'vibrate', 'settle', 'image')
     ]
+    wide = ' to '.join(_rate_texts(*found.wide))
+    broken = [
+        (each.text, f'{_rate_texts(each.rate)[0]} ({100 * each.change:+.1f} %)')
+        for each in found.broken
+    ]
     return [
         ('parts per minute', f'{rate}\n{lower} to {upper}'),
+        ('with broken assumptions', wide),
+        *broken,
         (f'in a run of {minutes_text(found.minutes)}', f'{low} to {high}'),
         ('parts on the tray', str(found.number)),
         ('best number', str(found.best_number or NOTHING)),
@@ -236,7 +255,7 @@ def _rate_texts(*rates: float) -> list[str]:
     return [f'{rate:.{decimals}f}' for rate in rates]
 
 
-def controlled_text(found: ControlledRuns) -> str:
+def controlled_text(found: 'ControlledRuns') -> str:
     """Return 'with feeder_controller: 33.5 parts per minute (29.8 to 36.2 in 5 minutes)'."""
     low, high = map(number_text, found.prediction)
     return (
@@ -245,7 +264,7 @@ def controlled_text(found: ControlledRuns) -> str:
     )
 
 
-def controlled_fields(found: ControlledRuns) -> dict[str, Any]:
+def controlled_fields(found: 'ControlledRuns') -> dict[str, Any]:
     """Return the fields of a document; rates are parts per minute."""
     low, high = found.prediction
     return {
@@ -268,19 +287,20 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
     -------
     dict
         ``sentence``: the result in words. ``parts_per_minute`` in the long run, with its bounds
-        ``lower`` and ``upper``; ``prediction_lower`` and ``prediction_upper`` for a run of
-        ``minutes``. ``parts_on_tray``, and ``best_number``, which is null if no part can be
-        picked; ``best_number_is_limit``: whether it is only the largest number for which the model
-        holds. ``flips_per_part``: the mean number of flips of a part from its supply until it is
-        picked, null if it never is. ``empty_cycles``: the share of cycles without a pick.
-        ``picks_per_cycle``, ``cycle_time`` s, ``supplied_per_cycle``. ``coverage``: the share of
-        the tray that parts cover. ``limited_by``: robot, feeder or vision; null if nothing
-        can be picked. ``times``: s.
-        ``time_shares`` of a mean cycle. ``sensitivity``: change of the rate in % if a time is 10 %
-        ``shorter`` or ``longer``. ``curve``: the same quantities for several numbers of parts.
-        ``mix``: for each row, an aspect or a symmetry class, the shares of a ``drop`` and of the
-        parts ``on_tray`` in an image, the probability that a part is ``free`` and ``picked``, and
-        ``length`` and ``width`` seen from above, m.
+        ``lower`` and ``upper``; ``model_lower`` and ``model_upper`` if assumptions may be broken,
+        and the effect of each of the ``assumptions``; ``prediction_lower`` and
+        ``prediction_upper`` for a run of ``minutes``. ``parts_on_tray``, and ``best_number``,
+        which is null if no part can be picked; ``best_number_is_limit``: whether it is only the
+        largest number for which the model holds. ``flips_per_part``: the mean number of flips of a
+        part from its supply until it is picked, null if it never is. ``empty_cycles``: the share
+        of cycles without a pick. ``picks_per_cycle``, ``cycle_time`` s, ``supplied_per_cycle``.
+        ``coverage``: the share of the tray that parts cover. ``limited_by``: robot, feeder or
+        vision; null if nothing can be picked. ``times``: s. ``time_shares`` of a mean cycle.
+        ``sensitivity``: change of the rate in % if a time is 10 % ``shorter`` or ``longer``.
+        ``curve``: the same quantities for several numbers of parts. ``mix``: for each row, an
+        aspect or a symmetry class, the shares of a ``drop`` and of the parts ``on_tray`` in an
+        image, the probability that a part is ``free`` and ``picked``, and ``length`` and ``width``
+        seen from above, m.
     """
     model, found = named.model, named.forecast
     gripper = model.tray.gripper
@@ -293,6 +313,12 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
         'parts_per_minute': found.rate,
         'lower': found.lower,
         'upper': found.upper,
+        'model_lower': found.wide[0],
+        'model_upper': found.wide[1],
+        'assumptions': [
+            {'text': each.text, 'parts_per_minute': each.rate, 'change': each.change}
+            for each in found.broken
+        ],
         'prediction_lower': lower,
         'prediction_upper': upper,
         'minutes': found.minutes,
@@ -513,139 +539,3 @@ def _number_axis(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
 
 def _colour(k: int) -> str:
     return _LINES[k % len(_LINES)]
-
-
-class _Advice(Protocol):
-    reason: str
-
-
-class _Watch(Protocol):
-    """What was counted; see client/feeder_watch.py."""
-
-    images: int
-    supplied: int
-    on_tray: int
-    advice: _Advice | None
-
-    @property
-    def picks(self) -> int: ...
-
-    @property
-    def missed(self) -> int: ...
-
-    @property
-    def choices(self) -> dict[str, int]: ...
-
-    @property
-    def minutes(self) -> float: ...
-
-    @property
-    def rate(self) -> float: ...
-
-
-class _Forecast(Protocol):
-    @property
-    def rate(self) -> float: ...
-
-    @property
-    def prediction(self) -> tuple[float, float]: ...
-
-
-@dataclass(frozen=True)
-class FeederView:
-    """What is shown of a feeder; rates are parts per minute, and times simulated minutes.
-
-    lower, upper : float
-        Prediction interval of the rate of a run of ``total`` minutes.
-    """
-
-    minutes: float
-    total: float
-    on_tray: int
-    picks: int
-    missed: int
-    images: int
-    flips: int
-    supplied: int
-    reason: str
-    rate: float
-    forecast: float
-    lower: float
-    upper: float
-
-    @classmethod
-    def of(cls, watch: _Watch, forecast: _Forecast, total: float) -> 'FeederView':
-        """Return the view of what was counted beside a forecast."""
-        lower, upper = forecast.prediction
-        return cls(
-            minutes=watch.minutes,
-            total=total,
-            on_tray=watch.on_tray,
-            picks=watch.picks,
-            missed=watch.missed,
-            images=watch.images,
-            flips=watch.choices['flip'],
-            supplied=watch.supplied,
-            reason=watch.advice.reason if watch.advice is not None else '',
-            rate=watch.rate,
-            forecast=forecast.rate,
-            lower=lower,
-            upper=upper,
-        )
-
-    @property
-    def time(self) -> str:
-        """Simulated time as minutes and seconds."""
-        return '{}:{:02d}'.format(*divmod(round(60 * self.minutes), 60))
-
-    @property
-    def forecast_text(self) -> str:
-        """The forecast with its interval."""
-        return (
-            f'{number_text(self.forecast)} '
-            f'({number_text(self.lower)} to {number_text(self.upper)})'
-        )
-
-
-def feeder_table(view: FeederView) -> RichTable:
-    """Return the table of a running feeder."""
-    table = RichTable(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style='dim', no_wrap=True)
-    table.add_column()
-    rows = {
-        'simulated time': f'{view.time} of {view.total:g} min',
-        'parts in the image': str(view.on_tray),
-        'advice': view.reason,
-        'images, flips': f'{view.images}, {view.flips}',
-        'picks': f'{view.picks}' + (f' ({view.missed} missed)' if view.missed else ''),
-        'parts per minute': number_text(view.rate),
-        'forecast': f'{view.forecast_text}, 95 % of runs of {view.total:g} min',
-    }
-    for name, value in rows.items():
-        table.add_row(name, value)
-    return table
-
-
-def feeder_line(view: FeederView) -> str:
-    """Return the state of a running feeder in a line, for a log."""
-    return (
-        f'{view.time} of {view.total:g} min: {view.picks} picks, {number_text(view.rate)} per '
-        f'minute (forecast {view.forecast_text})'
-    )
-
-
-def feeder_sentence(view: FeederView, seconds: float) -> str:
-    """Return what a run has shown, in plain sentences.
-
-    seconds : real duration
-    """
-    text = (
-        f'In {view.time} minutes of simulated time, which took {seconds:.0f} s, the robot picked '
-        f'{view.picks} parts: {number_text(view.rate)} per minute. The forecast is '
-        f'{number_text(view.forecast)}, and {number_text(view.lower)} to '
-        f'{number_text(view.upper)} for 95 % of the runs of {minutes_text(view.total)}'
-    )
-    if view.minutes < view.total:
-        return f'{text}; this run was shorter.'
-    inside = view.lower <= view.rate <= view.upper
-    return f'{text}; this run lies {"within" if inside else "outside"} that interval.'

@@ -23,7 +23,7 @@ PARTS = ROOT / 'config' / 'parts'
 FEW_DROPS = ['--drops', '50']
 # What makes the commands quick whose output is not compared.
 FEW = {
-    'calibrate': ['--points', '8', '--drops', '10', '--rounds', '0'],
+    'calibrate': ['--points', '8', '--drops', '10'],
     'drift': FEW_DROPS,
     'optimise': ['--budget', '3840'],
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
@@ -41,6 +41,7 @@ LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 TUTORIALS = {
     'docs/tutorials/first_part.md': 'out/bracket/report.html',
     'docs/tutorials/reorientation.md': 'out/actions/transitions_tap.png',
+    'docs/tutorials/from_part_to_bowl.md': 'out/bowl/track.html',
 }
 REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.

@@ -217,10 +217,11 @@ def test_faster_robot_and_smaller_clearance_raise_the_rate():
     assert forecast(changed(pickable=np.ones(3, dtype=bool)), 10).rate > base
 
 
-def test_best_number_has_the_highest_rate_of_the_curve():
+def test_best_number_is_lower_than_that_without_overlaps():
     found = forecast(MODEL)
     curve = found.curve
-    assert curve.number[curve.rate.argmax()] == found.best_number == found.number
+    assert found.number == found.best_number <= curve.number[curve.rate.argmax()]
+    assert found.rate > 0.9 * curve.rate.max()
     assert (curve.lower <= curve.rate).all()
     assert (curve.rate <= curve.upper).all()
     assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import add_workers, parse_integer
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -40,23 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--points',
         metavar='N',
         type=parse_integer,
-        help='number of conditions at which the parts are first dropped in the simulation (64, '
-        'and 16 more for each fitted condition above two)',
+        help='number of conditions at which the parts are first dropped in the simulation (32 for '
+        'each fitted condition); as many follow where the counts are probable',
     )
     parser.add_argument(
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops of each part at each point (4 for each counted drop, but 100 to '
-        '1000)',
-    )
-    parser.add_argument(
-        '--rounds',
-        metavar='N',
-        type=parse_integer,
-        default=16,
-        help='maximum number of times that half as many points are added where the counts are '
-        'probable; fewer if 100 points fit the counts (16)',
+        help='number of drops of each part at each point (half of the counted ones, but 50 to '
+        '300)',
     )
     parser.add_argument(
         '--seed',
@@ -99,7 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
                 path,
                 points=arguments.points,
                 drops=arguments.drops,
-                rounds=arguments.rounds,
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
                 **started.options,

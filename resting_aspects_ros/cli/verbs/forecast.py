@@ -29,7 +29,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS, DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult
@@ -225,7 +225,12 @@ def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:
         sys.stdout.write(results[0].to_json(results[1:]))
         return
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.forecast import cell_text, controlled_text, forecast_table
+    from resting_aspects_ros.report.forecast import (
+        cell_text,
+        controlled_text,
+        forecast_table,
+        range_text,
+    )
 
     console = make_console()
     several = len(results) > 1
@@ -239,6 +244,10 @@ def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:
     console.print(cell_text(results[0].named), markup=False, highlight=False)
     console.print()
     show_table(console, forecast_table([result.named for result in results]))
+    for result in results:
+        if text := range_text(result.named):
+            name = f'{result.named.title}: ' if several else ''
+            console.print(f'{name}{text}', markup=False, highlight=False)
     for note in _notes(results):
         console.print(note, markup=False, highlight=False)
 

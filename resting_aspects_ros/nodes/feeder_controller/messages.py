@@ -54,8 +54,8 @@ from resting_aspects_ros.ros.transition_conversions import (
 )
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.grasp import Grasp
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.rolling import KnownPart
 
 TIME = (0.0, MAX_TIME)
 PARAMETERS = (

@@ -1,7 +1,11 @@
 """Calibrate a surface to counts, for the Python interface and the command line."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +31,23 @@ from resting_aspects_ros.studies.calibration.counts_file import (
     read_surface_counts,
 )
 from resting_aspects_ros.studies.calibration.posterior import (
-    EFFECTIVE,
-    MAX_ROUNDS,
+    REPEATED,
+    ROUNDS,
     Fit,
     fit_surface,
 )
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
-from resting_aspects_ros.studies.points import drop_points
+from resting_aspects_ros.studies.design import Setting, sobol
+from resting_aspects_ros.studies.points import Simulation as PartSimulation
+from resting_aspects_ros.studies.points import Task, point_seed, reasons, run_tasks
 
-DEFAULT_POINTS = 64
-# In more than two dimensions, the same number of points is too sparse for a first round.
-POINTS_PER_FACTOR = 16
-MIN_POINTS, MAX_POINTS = 8, 1024
-# Simulated drops of a part at each point for each counted one, so that they add at most a quarter
-# to the variance of the counted shares; within bounds.
-PER_COUNTED, MIN_DROPS, MAX_DROPS = 4, 100, 1000
+# Points of the first round for each fitted condition, and bounds of their number.
+POINTS_PER_FACTOR, MIN_POINTS, MAX_POINTS = 32, 8, 1024
+# Simulated drops of a part at each point for each counted one, within bounds. All points together
+# determine the shares, so that they add little to the variance of the counts.
+PER_COUNTED, MIN_DROPS, MAX_DROPS = 0.5, 50, 300
+# Points whose time is measured first, for the estimate of the whole time.
+PILOT = 4
 
 
 def calibrate(
@@ -49,7 +55,6 @@ def calibrate(
     *,
     points: int | None = None,
     drops: int | None = None,
-    rounds: int = MAX_ROUNDS,
     discrepancy: bool = True,
     seed: int = DEFAULT_SEED,
     workers: int | Workers | None = None,
@@ -58,8 +63,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Find the restitution and the friction of a surface from parts that were counted on it.
 
-    Parts are dropped in the simulation at points that fill the ranges of the conditions, and then
-    where the counts are probable, until there are enough such points.
+    Parts are dropped in the simulation at points that fill the ranges of the conditions, then
+    where the counts are probable, and at last at the most probable conditions, as a check.
 
     Parameters
     ----------
@@ -67,13 +72,10 @@ def calibrate(
         A counts file, or its content; see docs/reference/files.md. Paths of meshes in a mapping
         are relative to the current folder.
     points : int, optional
-        Number of points of the first round, and twice that of each further one; 64 for one or two
-        conditions, and 16 more for each further condition.
+        Number of points of the first round, and twice that of each of two further ones; 32 for
+        each fitted condition.
     drops : int, optional
-        Number of drops of each part at each point; 4 for each counted one, but at least 100 and at
-        most 1000.
-    rounds : int
-        Maximum number of times that points are added where the posterior lies.
+        Number of drops of each part at each point; half of the counted ones, but 50 to 300.
     discrepancy : bool
         Whether real parts may deviate from the simulation beyond sampling. False only for counts
         that were simulated.
@@ -109,49 +111,51 @@ def calibrate(
     ...     'conditions': {'height': '100 mm'},
     ...     'parts': [{'box': [20, 20, 15], 'counts': {'z': 109, 'rest': 91}}],
     ... }
-    >>> result = ra.calibrate(counts, points=8, drops=25, rounds=0)
+    >>> result = ra.calibrate(counts, points=8, drops=25)
     >>> [each.factor.name for each in result.estimates]
     ['restitution', 'friction']
     """
     given = given_counts(counts)
     check_seed(seed)
-    further = max(0, len(given.factors) - 2)
-    count = DEFAULT_POINTS + POINTS_PER_FACTOR * further if points is None else points
+    count = POINTS_PER_FACTOR * len(given.factors) if points is None else points
     _check_number('points', count, MIN_POINTS, MAX_POINTS)
-    _check_number('rounds', rounds, 0, 100)
     if drops is not None:
         _check_number('drops', drops, 1, 1_000_000)
     per_point = [drops or drops_per_point(part) for part in given.parts]
+    total = sum(per_point) * (count + ROUNDS * (count // 2) + REPEATED)
     with (
         given_workers(workers) as pool,
-        DropProgress(given.surface, sum(per_point) * count, shown=progress) as bar,
+        DropProgress(given.surface, total, shown=progress) as bar,
     ):
         simulate = Simulation(given, per_point, seed, pool, bar.update, stopped)
-
-        def expect(fit: Fit) -> None:
-            # The number of effective points grows about as that of all points.
-            needed = len(fit.points) * EFFECTIVE / fit.effective
-            bar.expect(round(sum(per_point) * min(needed, count * (1 + rounds / 2))))
-
-        fit = fit_surface(
-            given,
-            simulate,
-            points=count,
-            seed=seed,
-            discrepancy=discrepancy,
-            rounds=rounds,
-            note=expect,
-        )
+        if progress is True:
+            seconds = _pilot_time(Simulation(given, per_point, seed, pool, stopped=stopped))
+            seconds *= total / sum(per_point)
+            print(
+                f'{given.surface}: {total} drops of {len(given.parts)} parts in the simulation, '
+                f'about {max(1.0, seconds):.0f} s',
+                file=sys.stderr,
+            )
+        fit = fit_surface(given, simulate, points=count, seed=seed, discrepancy=discrepancy)
         if fit is None:
             raise StoppedError('interrupted in the first round of drops: there is no result')
         bar.end(simulate.made)
     return summarise(fit, seed)
 
 
+def _pilot_time(simulate: 'Simulation', clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the time of the drops of all parts at a point, s."""
+    design = sobol(simulate.dimensions, PILOT, 0)
+    simulate(design[:1])  # what is only needed once
+    begin = clock()
+    simulate(design)
+    return (clock() - begin) / PILOT
+
+
 def summarise(fit: Fit, seed: int) -> CalibrationResult:
     """Return the result of a fit, with its checks."""
     rng = np.random.default_rng((seed, 1))
-    estimates, predicted = tuple(find_estimates(fit, rng)), tuple(predict(fit, rng))
+    estimates, predicted = tuple(find_estimates(fit)), tuple(predict(fit, rng))
     left_out: tuple[Prediction, ...] = ()
     tested = GTest(math.nan, math.nan)
     with analysis('the check without each of the parts'):
@@ -170,7 +174,7 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
 
 def drops_per_point(part: CountedPart) -> int:
     """Return the number of simulated drops of a part at each point, if none is given."""
-    return min(max(PER_COUNTED * part.drops, MIN_DROPS), MAX_DROPS)
+    return min(max(round(PER_COUNTED * part.drops), MIN_DROPS), MAX_DROPS)
 
 
 def _check_number(name: str, value: Any, low: int, high: int) -> None:
@@ -202,8 +206,16 @@ class Simulation:
     ) -> None:
         self._given, self._per_point, self._seed = given, per_point, seed
         self._workers, self._progress, self._stopped = workers, progress, stopped
-        self._landscapes = [Landscape(each.part) for each in given.parts]
+        self._parts = [
+            PartSimulation(each.part, workers, Landscape(each.part), each.aspects)
+            for each in given.parts
+        ]
         self.made = 0
+
+    @property
+    def dimensions(self) -> int:
+        """Number of fitted conditions."""
+        return len(self._given.factors)
 
     def __call__(self, points: Array) -> list[Counts] | None:
         """Return the counts (m, g) of each part at points (m, d); None if it was stopped.
@@ -211,23 +223,31 @@ class Simulation:
         Drops that ended in no aspect are left out. Raises InvalidValueError if a part cannot be
         dropped at one of the points.
         """
+        tasks = [task for k in range(len(self._parts)) for task in self._tasks(k, points)]
+        found = run_tasks(
+            tasks, self._workers, lambda done: self._progress(self.made + done), self._stopped
+        )
+        for index, reason in reasons(found).items():
+            name = self._given.parts[index // len(points)].name
+            raise InvalidValueError(
+                f'{name}: {reason}; expected ranges in which all parts can be dropped'
+            )
+        if self._stopped():
+            return None
         counts = []
         for k, part in enumerate(self._given.parts):
-            found = drop_points(
-                part.part,
-                self._given.conditions(points, part),
-                self._per_point[k],
-                self._seed,
-                workers=self._workers,
-                progress=lambda done: self._progress(self.made + done),
-                stopped=self._stopped,
-                landscape=self._landscapes[k],
-            )
-            if found.skipped:
-                raise InvalidValueError(
-                    f'{part.name}: {next(iter(found.skipped.values()))}; expected ranges in which '
-                    'all parts can be dropped'
-                )
-            self.made += int(found.drops.sum())
-            counts.append(part.grouped(found.counts))
-        return None if self._stopped() else counts
+            own = np.array(found[k * len(points) : (k + 1) * len(points)])
+            self.made += int(own.sum())
+            counts.append(part.grouped(own))
+        return counts
+
+    def _tasks(self, k: int, points: Array) -> Iterator[Task]:
+        """Yield the tasks of a part; those of equal points have other random numbers."""
+        part, simulation = self._given.parts[k], self._parts[k]
+        seen: Counter[bytes] = Counter()
+        for point, conditions in zip(points, self._given.conditions(points, part), strict=True):
+            before, setting = seen[point.tobytes()], Setting(conditions)
+            seen[point.tobytes()] += 1
+            purpose = f'repetition {before}' if before else ''
+            seed = point_seed(self._seed, part.part, setting, purpose)
+            yield partial(simulation.dropped, setting, self._per_point[k], seed)

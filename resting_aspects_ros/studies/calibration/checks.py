@@ -1,10 +1,10 @@
 """What a fit says of each condition, whether it explains the counts, and predictions of parts."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp, ndtr, xlogy
+from scipy.special import xlogy
 from scipy.stats import chi2
 
 from resting_aspects_ros.arrays import Array, Counts
@@ -12,19 +12,14 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.comparison import g_statistic
 from resting_aspects_ros.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.counts_file import CountedPart
-from resting_aspects_ros.studies.calibration.posterior import (
-    Fit,
-    log_prior,
-    own_discrepancies,
-    share_moments,
-)
+from resting_aspects_ros.studies.calibration.posterior import Fit, ShareModel
 from resting_aspects_ros.studies.design import Factor
 
 CONFIDENCE = 0.9
 # A condition is not determined if its interval is longer than this share of the range.
 WIDE = 0.5
 DRAWS = 4000
-# Of the G test.
+# Of a test by parametric bootstrap.
 REPETITIONS = 199
 
 
@@ -76,11 +71,8 @@ class Prediction:
     @property
     def inside(self) -> bool:
         """Whether all counted shares are in their intervals."""
-        tolerance = 1e-9
-        return bool(
-            (self.counted >= self.low - tolerance).all()
-            and (self.counted <= self.high + tolerance).all()
-        )
+        low, high = self.low - 1e-9, self.high + 1e-9
+        return bool(((low <= self.counted) & (self.counted <= high)).all())
 
 
 @dataclass(frozen=True)
@@ -88,10 +80,10 @@ class GTest:
     """Test of the hypothesis that the counts are multinomial with shares of the simulation.
 
     statistic : float
-        G of the counts and the mean shares of the posterior without discrepancy.
+        G of the counts and the shares at the conditions that fit them best.
     p : float
         Probability of a statistic at least as large if the hypothesis is true, by parametric
-        bootstrap: counts are drawn with these shares, and their own posterior is found.
+        bootstrap: counts are drawn with these shares, and each table has its own best conditions.
     """
 
     statistic: float
@@ -103,91 +95,67 @@ class SurfaceComparison:
     """Whether the counts of two files can be of the same surface.
 
     overlap : float
-        Common weight of the two posteriors: 1 if they are equal, 0 if no conditions fit both.
-    log_ratio : float
-        Logarithm of the ratio of the probabilities of all counts: two surfaces over one.
+        Share of the posterior of one surface in the 90 % region of the other; mean of both.
+    p : float
+        P value of the hypothesis that both have the same conditions. With the same parts, that of
+        a two-sample G test (chi-squared distribution), which needs no simulation. Otherwise by
+        parametric bootstrap, with the discrepancy.
     same_parts : bool
-        Whether both files have the same parts, with the same groups and release. Then the
-        simulation deviates from both in the same way, so that only sampling is taken into account.
-    same_parts_p : float or None
-        P value of a two-sample G test of the parts that both files have (chi-squared
-        distribution); None without such a part. It needs no simulation.
+        Whether both files have the same parts, with the same groups and release.
     """
 
     one: str
     other: str
     overlap: float
-    log_ratio: float
+    p: float
     same_parts: bool
-    same_parts_p: float | None
 
 
-def find_estimates(fit: Fit, rng: np.random.Generator) -> list[Estimate]:
+def find_estimates(fit: Fit) -> list[Estimate]:
     """Return an estimate of each factor."""
-    drawn = fit.draws(DRAWS, rng)
-    best = best_point(fit, rng)
+    weights = fit.weights().sum(axis=0)
     found = []
     for k, factor in enumerate(fit.given.factors):
-        start, end = shortest_interval(drawn[:, k])
+        start, end = shortest_interval(fit.candidates[:, k], weights)
         low, high = factor.values(np.array([start, end]))
-        values = factor.values(drawn[:, k])
-        mean = float(values.mean())
-        best_value = float(factor.values(best[k : k + 1])[0])
-        for value in (best_value, mean):
+        values = factor.values(fit.candidates[:, k])
+        mean = float(weights @ values)
+        deviation = float(np.sqrt(weights @ (values - mean) ** 2))
+        best = float(factor.values(fit.best[k : k + 1])[0])
+        for value in (best, mean):
             low, high = containing(value, low, high)
-        found.append(
-            Estimate(
-                factor,
-                best_value,
-                mean,
-                float(values.std()),
-                float(low),
-                float(high),
-                end - start <= WIDE,
-            )
-        )
+        determined = end - start <= WIDE
+        found.append(Estimate(factor, best, mean, deviation, float(low), float(high), determined))
     return found
 
 
-def best_point(fit: Fit, rng: np.random.Generator) -> Array:
-    """Return the most probable point (d,) of the unit cube.
-
-    The density is that of the normal scores, which is highest in the middle of a range that the
-    counts do not narrow. On a ridge many points are nearly as probable. Among those with at least
-    90 % of the highest density, it is the one nearest to their mean.
-    """
-    scores = fit.smooth.draw(DRAWS // 4, rng)
-    density = fit.smooth.log_density(scores)
-    high = scores[density >= density.max() + np.log(0.9)]
-    nearest = ((high - high.mean(axis=0)) ** 2).sum(axis=1).argmin()
-    return np.asarray(ndtr(high[nearest]))
-
-
-def shortest_interval(values: Array) -> tuple[float, float]:
-    """Return the shortest interval with CONFIDENCE of the values (n,)."""
-    ordered = np.sort(values)
-    inside = int(np.ceil(CONFIDENCE * len(values)))
-    lengths = ordered[inside - 1 :] - ordered[: len(values) - inside + 1]
+def shortest_interval(values: Array, weights: Array) -> tuple[float, float]:
+    """Return the shortest interval with CONFIDENCE of the weights (n,) of values (n,)."""
+    order = np.argsort(values)
+    ordered, sums = values[order], np.cumsum(weights[order])
+    before = sums - weights[order]
+    ends = np.searchsorted(sums, np.minimum(before + CONFIDENCE * sums[-1], sums[-1]))
+    possible = before <= (1 - CONFIDENCE) * sums[-1] + 1e-12
+    ends = np.minimum(ends, len(values) - 1)
+    lengths = np.where(possible, ordered[ends] - ordered, np.inf)
     first = int(lengths.argmin())
-    return float(ordered[first]), float(ordered[first + inside - 1])
+    return float(ordered[first]), float(ordered[ends[first]])
 
 
 def find_discrepancy(fit: Fit) -> tuple[float, float, float]:
-    """Return mean, low and high of the common discrepancy."""
+    """Return mean, low and high of the discrepancy."""
     weights, values = fit.weights().sum(axis=1), fit.discrepancies
     tail, sums = (1 - CONFIDENCE) / 2, np.cumsum(weights)
-    low, high = (
-        values[min(int(np.searchsorted(sums, q)), len(values) - 1)] for q in (tail, 1 - tail)
-    )
+    ends = [min(int(np.searchsorted(sums, q)), len(values) - 1) for q in (tail, 1 - tail)]
     mean = float(weights @ values)
-    low, high = containing(mean, low, high)
+    low, high = containing(mean, *values[ends])
     return mean, float(low), float(high)
 
 
 def correlation(fit: Fit, one: int, other: int) -> float:
     """Return the correlation of two factors, on the scales of their ranges."""
-    weights, points = fit.weights().sum(axis=0), fit.points[:, [one, other]]
-    covariance = np.cov(points, rowvar=False, aweights=weights)
+    points = fit.candidates[:, [one, other]]
+    covariance = np.cov(points, rowvar=False, aweights=fit.weights().sum(axis=0))
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
 
 
@@ -199,58 +167,73 @@ def predict(fit: Fit, rng: np.random.Generator, *, left_out: bool = False) -> li
     parts = range(len(fit.given.parts))
     if left_out and len(parts) == 1:
         return []
-    weights = [fit.weights(without=k if left_out else None) for k in parts]
-    return [_prediction(fit, k, each, rng) for k, each in zip(parts, weights, strict=True)]
+    return [_prediction(fit, k, fit.weights(k if left_out else None), rng) for k in parts]
 
 
 def _prediction(fit: Fit, k: int, weights: Array, rng: np.random.Generator) -> Prediction:
-    """Return the prediction of a part with weights (r, n) of discrepancy and point."""
-    part = fit.given.parts[k]
-    shares, rho = share_moments(fit.simulated[k])
+    """Return the prediction of a part with weights (r, m) of discrepancy and candidate."""
+    part, (shares, error) = fit.given.parts[k], fit.shares[k]
     mean = weights.sum(axis=0) @ shares
     drawn = rng.choice(weights.size, DRAWS, p=weights.ravel() / weights.sum())
     row, point = np.unravel_index(drawn, weights.shape)
-    model = _dirichlet(shares[point], rho[point], rng)
-    below = own_discrepancies(fit.discrepancies).cumsum(axis=1)[row]
-    column = (rng.random((DRAWS, 1)) > below).sum(axis=1)
-    own = fit.discrepancies[np.minimum(column, len(fit.discrepancies) - 1)]
-    observed = rng.multinomial(part.drops, _dirichlet(model, own**2, rng)) / part.drops
+    model = dirichlet(shares[point], error[point], rng)
+    real = dirichlet(model, fit.discrepancies[row] ** 2, rng)
+    observed = rng.multinomial(part.drops, real) / part.drops
     tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
     of_model = containing(mean, *np.quantile(model, tails, axis=0))
     of_counts = containing(mean, *np.quantile(observed, tails, axis=0))
     return Prediction(part.shares, mean, *of_model, *of_counts)
 
 
-def _dirichlet(shares: Array, rho: Array, rng: np.random.Generator) -> Array:
+def dirichlet(shares: Array, rho: Array, rng: np.random.Generator) -> Array:
     """Return Dirichlet shares (m, g) about shares, with intraclass correlations rho (m,)."""
     total = 1 / np.maximum(rho, 1e-7) - 1
     gammas = rng.standard_gamma(np.maximum(shares * total[:, None], 1e-6))
     return np.asarray(gammas / np.maximum(gammas.sum(axis=1, keepdims=True), 1e-300))
 
 
+class Bootstrap:
+    """G of tables of counts, at the candidate that fits them best.
+
+    points : (m, d) float
+    excess : float
+        Variance of a share beyond that of sampling, over p (1 - p), in addition to the error of
+        the simulated shares.
+    """
+
+    def __init__(self, models: Sequence[ShareModel], points: Array, excess: float = 0.0) -> None:
+        found = [model.at(points) for model in models]
+        self._shares, self._errors = zip(*found, strict=True)
+        self._logs = [np.log(each) for each in self._shares]
+        self._excess = excess
+
+    def best(self, tables: Sequence[Counts]) -> tuple[float, int]:
+        """Return G of tables (g,) of all parts, and the index of the candidate."""
+        likelihood = sum(logs @ y for logs, y in zip(self._logs, tables, strict=True))
+        k = int(likelihood.argmax())
+        whole = sum(xlogy(y, y / y.sum()).sum() for y in tables)
+        return max(0.0, 2 * float(whole - likelihood[k])), k
+
+    def draw(self, k: int, drops: Sequence[int], rng: np.random.Generator) -> list[Counts]:
+        """Return tables with the shares of a candidate, and the error of these shares."""
+        drawn = []
+        for shares, error, number in zip(self._shares, self._errors, drops, strict=True):
+            rho = 1 - (1 - error[k : k + 1]) * (1 - self._excess)
+            drawn.append(rng.multinomial(number, dirichlet(shares[k : k + 1], rho, rng)[0]))
+        return drawn
+
+
 def g_test(fit: Fit, rng: np.random.Generator) -> GTest:
     """Return the G test of all parts together."""
-    found, shares = _fitted_g(fit, [part.counts for part in fit.given.parts])
-    repeated = []
-    for _ in range(REPETITIONS):
-        drawn = zip(fit.given.parts, shares, strict=True)
-        tables = [rng.multinomial(part.drops, each) for part, each in drawn]
-        repeated.append(_fitted_g(fit, tables)[0])
-    reached = int((np.array(repeated) >= found - 1e-9).sum())
-    return GTest(found, (1 + reached) / (1 + REPETITIONS))
+    tests = Bootstrap(fit.models, fit.candidates)
+    found, k = tests.best([part.counts for part in fit.given.parts])
+    drops = [part.drops for part in fit.given.parts]
+    repeated = [tests.best(tests.draw(k, drops, rng))[0] for _ in range(REPETITIONS)]
+    return GTest(found, _p(found, repeated))
 
 
-def _fitted_g(fit: Fit, counts: list[Counts]) -> tuple[float, list[Array]]:
-    """Return G of the counts of all parts, and the shares (g,) of each part that fit them."""
-    pairs = zip(fit.given.parts, counts, strict=True)
-    given = replace(fit.given, parts=tuple(replace(part, counts=each) for part, each in pairs))
-    weights = replace(fit, given=given, discrepancy=False).weights()[0]
-    shares = [weights @ share_moments(each)[0] for each in fit.simulated]
-    found = sum(
-        2 * xlogy(each, each / (each.sum() * own)).sum()
-        for each, own in zip(counts, shares, strict=True)
-    )
-    return float(found), shares
+def _p(found: float, repeated: Sequence[float]) -> float:
+    return float((1 + (np.array(repeated) >= found - 1e-9).sum()) / (1 + len(repeated)))
 
 
 def compare_surfaces(one: Fit, other: Fit, rng: np.random.Generator) -> SurfaceComparison:
@@ -262,41 +245,40 @@ def compare_surfaces(one: Fit, other: Fit, rng: np.random.Generator) -> SurfaceC
         )
     pairs = list(_same_parts(one, other))
     same = len(pairs) == len(one.given.parts) == len(other.given.parts)
-    found = _with_same_parts(one, other) if same else _with_other_parts(one, other, rng)
-    return SurfaceComparison(*names, *found, same, _p_value(pairs))
+    overlap = (_inside(one, other, rng) + _inside(other, one, rng)) / 2
+    p = _two_sample(pairs) if same else _one_surface(one, other, rng)
+    return SurfaceComparison(*names, overlap, p, same)
 
 
-def _with_same_parts(one: Fit, other: Fit) -> tuple[float, float]:
-    """Return overlap and log ratio, without discrepancy: each drop tells of the counts of both."""
-    overlaps, separate, common = [], 0.0, []
-    for own, another in ((one, other), (other, one)):
-        counts = {part.part.part_sha256: part.counts for part in another.given.parts}
-        parts = tuple(
-            replace(part, counts=counts[part.part.part_sha256]) for part in own.given.parts
-        )
-        mine = replace(own, discrepancy=False)
-        theirs = replace(mine, given=replace(own.given, parts=parts))
-        overlaps.append(float(np.minimum(mine.weights(), theirs.weights()).sum()))
-        prior = own.log_ratio - logsumexp(own.log_ratio)
-        logs = [each.log_likelihood.sum(axis=(0, 1)) for each in (mine, theirs)]
-        separate += float(logsumexp(logs[0] + prior))
-        common.append(logsumexp(logs[0] + logs[1] + prior))
-    return float(np.mean(overlaps)), separate - float(logsumexp(common) - np.log(2))
+def _inside(one: Fit, other: Fit, rng: np.random.Generator) -> float:
+    """Return the share of the posterior of one that is in the 90 % region of the other."""
+    return float((other.log_density(one.draws(DRAWS, rng)) >= other.level(CONFIDENCE)).mean())
 
 
-def _with_other_parts(one: Fit, other: Fit, rng: np.random.Generator) -> tuple[float, float]:
-    """Return overlap and log ratio from the smooth posteriors.
+def _one_surface(one: Fit, other: Fit, rng: np.random.Generator) -> float:
+    """Return the p value of the hypothesis that both have the same conditions.
 
-    The probability of all counts with one surface, over that with two, is the integral of the
-    product of both posteriors over the prior.
+    The statistic is by how much G of all counts is larger with common conditions than with two.
     """
-    overlaps, ratios = [], []
-    for own, another in ((one, other), (other, one)):
-        scores = own.smooth.draw(DRAWS, rng)
-        mine, theirs = own.smooth.log_density(scores), another.smooth.log_density(scores)
-        overlaps.append(float(np.minimum(1, np.exp(theirs - mine)).mean()))
-        ratios.append(float(np.exp(theirs - log_prior(scores)).mean()))
-    return float(np.mean(overlaps)), float(-np.log(max(float(np.mean(ratios)), 1e-300)))
+    points = np.concatenate([one.candidates, other.candidates])
+    fits = one, other
+    excess = [find_discrepancy(each)[0] ** 2 for each in fits]
+    tests = [Bootstrap(f.models, points, e) for f, e in zip(fits, excess, strict=True)]
+    both = Bootstrap([*one.models, *other.models], points, max(excess))
+    tables = [[part.counts for part in f.given.parts] for f in fits]
+    drops = [part.drops for f in fits for part in f.given.parts]
+
+    def statistic(first: list[Counts], second: list[Counts]) -> tuple[float, int]:
+        common, k = both.best([*first, *second])
+        return common - tests[0].best(first)[0] - tests[1].best(second)[0], k
+
+    found, k = statistic(*tables)
+    repeated = []
+    for _ in range(REPETITIONS):
+        drawn = both.draw(k, drops, rng)
+        cut = len(one.given.parts)
+        repeated.append(statistic(drawn[:cut], drawn[cut:])[0])
+    return _p(found, repeated)
 
 
 def _same_parts(one: Fit, other: Fit) -> Iterator[tuple[CountedPart, CountedPart]]:
@@ -310,7 +292,8 @@ def _same_parts(one: Fit, other: Fit) -> Iterator[tuple[CountedPart, CountedPart
             yield part, match
 
 
-def _p_value(pairs: list[tuple[CountedPart, CountedPart]]) -> float | None:
+def _two_sample(pairs: list[tuple[CountedPart, CountedPart]]) -> float:
+    """Return the p value of the G test that both counts of each part have the same shares."""
     statistic = sum(float(g_statistic(a.counts, b.counts)) for a, b in pairs)
     freedom = sum(int((a.counts + b.counts > 0).sum()) - 1 for a, b in pairs)
-    return float(chi2.sf(statistic, freedom)) if freedom else None
+    return float(chi2.sf(statistic, freedom)) if freedom else 1.0

@@ -83,6 +83,7 @@ EXPECTED = {
 class CountedPart:
     """A part with its counts.
 
+    aspects : AspectSet
     groups : tuple of tuples of int
         Ids of the aspects that were counted together; each aspect is in one group.
     names : tuple of str
@@ -94,6 +95,7 @@ class CountedPart:
 
     name: str
     part: Part
+    aspects: AspectSet
     groups: tuple[tuple[int, ...], ...]
     names: tuple[str, ...]
     counts: Counts
@@ -298,9 +300,8 @@ def _part(
     where = f'{where}, {name}' if name else where
     with located(where):
         part = make_solid(entry, folder)
-        groups, names, counts = read_groups(
-            entry.counts, entry.drops, entry.kind, find_aspects(part)
-        )
+        aspects = find_aspects(part)
+        groups, names, counts = read_groups(entry.counts, entry.drops, entry.kind, aspects)
         with located('conditions'):
             values = {k: _value(k, v) for k, v in _stated(entry.conditions).items()}
             base.changed(**values)  # checks the values
@@ -314,7 +315,7 @@ def _part(
             f'{where}: all {counts.sum()} drops are in {names[int(counts.argmax())]!r}: they '
             'tell little about the surface'
         )
-    return CountedPart(name or part.name, part, groups, names, counts, values)
+    return CountedPart(name or part.name, part, aspects, groups, names, counts, values)
 
 
 def make_solid(entry: CountedEntry, folder: Path) -> Part:

@@ -1,27 +1,23 @@
-"""The posterior of the conditions of a surface, given counts, by importance sampling.
+"""The posterior of the conditions of a surface, given counts of parts.
 
-Parts are dropped in the simulation at points of the ranges, at first everywhere, then where the
-counts are probable (population Monte Carlo; the weights are those of a deterministic mixture:
-Cornuet, Marin, Mira, Robert 2012, Scandinavian Journal of Statistics 39:798). No model of the
-shares connects the points. What the drops at a point leave open widens the likelihood there.
+Parts are dropped in the simulation at points of the ranges. The log odds of each share are a
+polynomial of the conditions, which is fitted to these drops, with the weight of a point where the
+counts are probable. Each point has its own random numbers, so that the errors of many points
+average out, and the polynomial is checked by drops at the most probable conditions.
 
-The counts of a part have a Dirichlet-multinomial distribution about the simulated shares. Its
-excess variance has two sources: the number of simulated drops, and the discrepancy, because a real
-part is no rigid body and a hand is no release at random. With the discrepancy d, the standard
-deviation of a share p about its model is d sqrt(p (1 - p)). Each part has its own d, which varies
-about a common one like the scale of Student's t distribution. So a single part that deviates by
-far more than the others has little effect on the result.
+The counts of a part have a Dirichlet-multinomial distribution about the simulated shares. With
+the discrepancy d, the standard deviation of a share p about its model is d sqrt(p (1 - p)) in
+addition to sampling, because a real part is no rigid body, and a hand is no release at random. It
+is common to all parts.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.spatial.distance import cdist
-from scipy.special import gammaln, logsumexp, ndtr, ndtri
-from scipy.stats import chi2
+from scipy.special import expit, gammaln, logit, logsumexp
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
@@ -31,68 +27,191 @@ from resting_aspects_ros.studies.design import sobol
 # it was stopped.
 Simulate = Callable[[Array], list[Counts] | None]
 
-# Common discrepancies, and the scale of their half-normal prior: 5 points at a share of one half.
-# Rigid-body models that are fitted to measured impacts still deviate from them (Fazeli, Zapolsky,
-# Drumwright, Rodriguez 2017, Conference on Robot Learning); so the prior has little weight at 0,
-# and little beyond 0.3, which would make any surface fit.
-DISCREPANCIES = np.geomspace(0.002, 0.3, 16)
+# Discrepancies, and the scale of their half-normal prior: 5 points at a share of one half. Rigid
+# bodies that are fitted to measured impacts still deviate from them (Fazeli, Zapolsky, Drumwright,
+# Rodriguez 2017, Conference on Robot Learning), but beyond 0.3 any surface would fit.
+DISCREPANCIES = np.geomspace(0.002, 0.3, 12)
 DISCREPANCY_SCALE = 0.1
-# Degrees of freedom of the discrepancies of parts about the common one.
-FREEDOM = 4
-# Points are added until this number of equally weighted points would be as good.
-EFFECTIVE = 100.0
-MAX_ROUNDS = 16
-# Share of the new points that is drawn from the whole ranges.
-PRIOR_SHARE = 0.1
-# Least shares of the ranges, because the normal scores of 0 and 1 are infinite.
-_EDGE = 1e-9
-_BLOCK = 1 << 22  # distances at once
+# Rounds in which half as many points as in the first one are added where the counts are probable.
+ROUNDS = 2
+# Of the polynomials, if there are at least three times as many points as coefficients.
+DEGREE = 5
+# Precision of the normal prior of coefficients, so that groups that never occur have a fit.
+RIDGE = 0.5
+# The log likelihood may be this much below its maximum before a point has little weight.
+NEAR = 10.0
+# Points at which the posterior is evaluated. They fill the box of all points whose log density is
+# within MARGIN of the highest; the box is found in ZOOMS steps.
+CANDIDATES, MARGIN, ZOOMS = 1 << 12, 12.0, 3
+# Drops at the most probable conditions, in those of a point; repeated if they differ from the
+# polynomials by more than DIFFERENCE standard errors.
+REPEATED, CHECKS, DIFFERENCE = 8, 3, 4.0
+
+
+def terms(points: Array, degree: int) -> Array:
+    """Return the monomials (m, t) up to a degree of points (m, d) of the unit cube."""
+    x = 2 * points - 1
+    columns = [np.ones(len(x))]
+    for power in range(1, degree + 1):
+        axes = combinations_with_replacement(range(x.shape[1]), power)
+        columns += [x[:, each].prod(axis=1) for each in axes]
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ShareModel:
+    """The shares of the groups of a part as functions of the conditions.
+
+    coefficients : (t, g) float
+        Of the log odds of each group.
+    covariance : (g, t, t) float
+        Of the coefficients, by the number of drops and by the misfit.
+    misfit : float
+        Variance of a share about the polynomial, beyond the drops, over p (1 - p).
+    """
+
+    degree: int
+    coefficients: Array
+    covariance: Array
+    misfit: float
+
+    @classmethod
+    def of(cls, points: Array, counts: Counts, weights: Array) -> 'ShareModel':
+        """Fit counts (n, g) of drops at points (n, d) with weights (n,)."""
+        d = points.shape[1]
+        degree = max(k for k in range(DEGREE + 1) if k == 0 or _number(d, k) <= weights.sum() / 3)
+        x, drops = terms(points, degree), counts.sum(axis=1)
+        fitted = [_logistic(x, each, drops, weights) for each in counts.T]
+        coefficients, covariance, spread = zip(*fitted, strict=True)
+        misfit = max(0.0, float(np.mean(spread)) - 1) / float(drops.mean())
+        return cls(degree, np.stack(coefficients, axis=1), np.stack(covariance), misfit)
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Return the shares (m, g), and the variance (m,) of their error over p (1 - p)."""
+        x = terms(points, self.degree)
+        shares = expit(x @ self.coefficients)
+        shares = np.maximum(shares / shares.sum(axis=1, keepdims=True), 1e-9)
+        variance = np.stack([((x @ each) * x).sum(axis=1) for each in self.covariance], axis=1)
+        # A log odds with the variance v is a share with the variance v (p (1 - p))^2.
+        error = (shares * shares * (1 - shares) * variance).sum(axis=1) + self.misfit
+        return shares, np.minimum(error, 0.5)
+
+
+def _number(d: int, degree: int) -> int:
+    return terms(np.zeros((1, d)), degree).shape[1]
+
+
+def _logistic(x: Array, hits: Counts, drops: Counts, weights: Array) -> tuple[Array, Array, float]:
+    """Return coefficients (t,), covariance (t, t) and chi2 per degree of freedom of a group."""
+    found, ridge = np.zeros(x.shape[1]), np.full(x.shape[1], RIDGE)
+    ridge[0] = 1e-6
+    found[0] = logit((hits @ weights + 0.5) / (drops @ weights + 1))
+    for _ in range(50):
+        share = expit(np.clip(x @ found, -15, 15))
+        precision = (x.T * (weights * drops * share * (1 - share))) @ x + np.diag(ridge)
+        step = np.linalg.solve(precision, x.T @ (weights * (hits - drops * share)) - ridge * found)
+        found = found + np.clip(step, -2, 2)
+        if np.abs(step).max() < 1e-6:
+            break
+    expected = np.maximum(drops * share * (1 - share), 0.5)
+    freedom = max(float(weights.sum()) - len(found), 1.0)
+    spread = max(1.0, float(weights @ ((hits - drops * share) ** 2 / expected)) / freedom)
+    return found, spread * np.linalg.inv(precision), spread
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Points at which the parts were dropped, and how probable their drops make the counts.
+    """The posterior of the conditions and of the discrepancy, at candidates of equal prior.
 
     points : (n, d) float
-        Of the unit cube of the factors.
+        Of the unit cube of the factors, where the parts were dropped.
     simulated : tuple of (n, g) int
-        Counts of the simulated drops of each part at the points.
-    log_ratio : (n,) float
-        Logarithm of the density of the prior over that of the points.
-    discrepancy : bool
-        False if the counts are known to be of the simulation itself.
-    rounds : int
-        How often points were added.
+        Counts of the drops of each part.
+    models : tuple of ShareModel
+        Of each part.
+    candidates : (m, d) float
+        Of the unit cube.
+    discrepancies : (r,) float
+        Possible values; 0 if the counts are known to be of the simulation itself.
+    checked : Array or None
+        The most probable point (d,), at which parts were dropped as a check.
+    deviations : tuple of (g,) float
+        Shares of the drops there, less those of the polynomials before they were fitted to them.
     """
 
     given: SurfaceCounts
     points: Array
     simulated: tuple[Counts, ...]
-    log_ratio: Array
-    discrepancy: bool = True
-    rounds: int = 0
+    models: tuple[ShareModel, ...]
+    candidates: Array
+    discrepancies: Array
+    checked: Array | None = None
+    deviations: tuple[Array, ...] = ()
 
     @property
-    def discrepancies(self) -> Array:
-        """Possible values (r,) of the common discrepancy."""
-        return DISCREPANCIES if self.discrepancy else np.zeros(1)
+    def discrepancy(self) -> bool:
+        """Whether real parts may deviate from the simulation."""
+        return len(self.discrepancies) > 1
+
+    @cached_property
+    def shares(self) -> list[tuple[Array, Array]]:
+        """Shares (m, g) and error (m,) of each part at the candidates."""
+        return [model.at(self.candidates) for model in self.models]
 
     @cached_property
     def log_likelihood(self) -> Array:
-        """Logarithm (p, r, n) of the probability of the counts of each part, up to a constant."""
-        pairs = zip(self.given.parts, self.simulated, strict=True)
-        return np.stack([_log_likelihood(a.counts, s, self.discrepancies) for a, s in pairs])
+        """Logarithm (p, r, m) of the probability of the counts of each part, up to a constant."""
+        return self._log_likelihood(self.shares)
+
+    def _log_likelihood(self, shares: Sequence[tuple[Array, Array]]) -> Array:
+        d2 = self.discrepancies[:, None] ** 2
+        return np.stack(
+            [
+                log_density(part.counts, each, 1 - (1 - d2) * (1 - error))
+                for part, (each, error) in zip(self.given.parts, shares, strict=True)
+            ]
+        )
 
     def weights(self, without: int | None = None) -> Array:
-        """Return the posterior (r, n) of discrepancy and point; ``without`` leaves out a part."""
+        """Return the posterior (r, m) of discrepancy and candidate; can leave out a part."""
         total = np.delete(self.log_likelihood, [] if without is None else [without], axis=0)
-        logs = total.sum(axis=0) + self.log_ratio + _log_prior(self.discrepancies)[:, None]
+        logs = total.sum(axis=0) + self._log_prior
         return np.asarray(np.exp(logs - logsumexp(logs)))
 
     @property
-    def effective(self) -> float:
-        """Number of equally weighted points that would be as good."""
-        return float(1 / (self.weights().sum(axis=0) ** 2).sum())
+    def _log_prior(self) -> Array:
+        """Logarithm (r, 1) of the prior of the discrepancies."""
+        values = self.discrepancies
+        if not self.discrepancy:
+            return np.zeros((1, 1))
+        density = np.exp(-((values / DISCREPANCY_SCALE) ** 2) / 2) * np.gradient(values)
+        return np.asarray(np.log(density / density.sum()))[:, None]
+
+    def log_density(self, points: Array) -> Array:
+        """Return the log density (m,) of the posterior at points (m, d), up to a constant."""
+        shares = [model.at(points) for model in self.models]
+        return np.asarray(
+            logsumexp(self._log_likelihood(shares).sum(axis=0) + self._log_prior, axis=0)
+        )
+
+    def level(self, region: float) -> float:
+        """Return the log density above which the posterior has the probability ``region``."""
+        density = logsumexp(self.log_likelihood.sum(axis=0) + self._log_prior, axis=0)
+        order = np.argsort(-density)
+        inside = np.cumsum(self.weights().sum(axis=0)[order])
+        return float(density[order][min(int(np.searchsorted(inside, region)), len(order) - 1)])
+
+    @cached_property
+    def best(self) -> Array:
+        """The middle (d,) of the 10 % of the posterior with the highest density.
+
+        On a ridge, many points are nearly as probable; it is the candidate nearest to their mean.
+        """
+        if self.checked is not None:
+            return self.checked
+        high = self.candidates[self.log_density(self.candidates) >= self.level(0.1)]
+        nearest = ((high - high.mean(axis=0)) ** 2).sum(axis=1).argmin()
+        return np.asarray(high[nearest])
 
     @property
     def simulated_drops(self) -> int:
@@ -101,170 +220,27 @@ class Fit:
 
     @property
     def errors(self) -> Array:
-        """(p,) standard deviation of the simulated shares relative to that of the counted ones."""
-        rows, points = self.weights().sum(axis=1), self.weights().sum(axis=0)
-        excess = float(rows @ own_discrepancies(self.discrepancies) @ self.discrepancies**2)
-        found = []
-        for part, simulated in zip(self.given.parts, self.simulated, strict=True):
-            error = points @ (1 / (simulated.sum(axis=1) + 1))
-            found.append(np.sqrt(error / (1 / part.drops + excess)))
-        return np.array(found)
-
-    def density(self, points: Array, *axes: int) -> Array:
-        """Return the density (m,) of the smooth posterior of some of the factors.
-
-        ``points`` (m, k) are of the unit cube of these factors, where the prior has the density 1.
-        """
-        scores = _scores(points)
-        return np.exp(self.smooth.marginal(*axes).log_density(scores) - log_prior(scores))
-
-    @cached_property
-    def smooth(self) -> 'Mixture':
-        """The posterior of the normal scores as a smooth density of the same mean and covariance.
-
-        Each point is drawn towards the mean and spread by a normal distribution (West 1993,
-        Journal of the Royal Statistical Society B 55:409), so that an interval does not depend on
-        single points.
-        """
-        weights = self.weights().sum(axis=0)
-        scores, width = _scores(self.points), bandwidth(weights, self.points.shape[1])
-        mean = weights @ scores
-        centres = mean + np.sqrt(1 - width**2) * (scores - mean)
-        return Mixture(centres, weights, width * _root(scores, weights))
+        """(p,) standard deviation of the interpolated shares over that of the counted ones."""
+        weights = self.weights()
+        excess = float(weights.sum(axis=1) @ self.discrepancies**2)
+        pairs = zip(self.given.parts, self.shares, strict=True)
+        return np.sqrt(
+            [weights.sum(axis=0) @ e / (1 / part.drops + excess) for part, (_, e) in pairs]
+        )
 
     def draws(self, size: int, rng: np.random.Generator) -> Array:
-        """Return points (size, d) of the unit cube, drawn from the smooth posterior."""
-        return np.asarray(ndtr(self.smooth.draw(size, rng)))
+        """Return points (size, d) of the unit cube, drawn from the posterior."""
+        return self.candidates[rng.choice(len(self.candidates), size, p=self.weights().sum(0))]
 
+    def probable(self, size: int, rng: np.random.Generator) -> Array:
+        """Return points (size, d) for drops: where the counts of all parts but one are probable.
 
-@dataclass(frozen=True, eq=False)
-class Mixture:
-    """Normal distributions of equal covariance about centres, and the prior of normal scores.
-
-    Normal scores are the standard normal quantiles of the coordinates in the unit cube: the prior,
-    which is uniform there, is then standard normal, and there are no borders.
-
-    centres : (n, d) float
-    weights : (n,) float
-    root : (d, d) float
-        Lower triangular root of the covariance.
-    prior : float
-        Share of the prior.
-    """
-
-    centres: Array
-    weights: Array
-    root: Array
-    prior: float = 0.0
-
-    def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Return normal scores (size, d)."""
-        found = rng.standard_normal((size, len(self.root)))
-        near = rng.random(size) >= self.prior
-        chosen = rng.choice(len(self.weights), size, p=self.weights)
-        found[near] = self.centres[chosen[near]] + found[near] @ self.root.T
-        return np.asarray(found)
-
-    def marginal(self, *axes: int) -> 'Mixture':
-        """Return the distribution of some of the coordinates."""
-        covariance = (self.root @ self.root.T)[np.ix_(axes, axes)]
-        return Mixture(
-            self.centres[:, axes], self.weights, np.linalg.cholesky(covariance), self.prior
-        )
-
-    def log_density(self, scores: Array) -> Array:
-        """Return the logarithm (m,) of the density at normal scores (m, d)."""
-        d = len(self.root)
-        centres = solve_triangular(self.root, self.centres.T, lower=True).T
-        blocks = np.array_split(scores, max(1, len(scores) * len(centres) // _BLOCK))
-        found = np.concatenate(
-            [
-                logsumexp(-cdist(each, centres, 'sqeuclidean') / 2, axis=1, b=self.weights)
-                for each in (solve_triangular(self.root, b.T, lower=True).T for b in blocks)
-            ]
-        )
-        found -= np.log(np.diag(self.root)).sum() + d / 2 * np.log(2 * np.pi)
-        with np.errstate(divide='ignore'):
-            shares = np.log([1 - self.prior, self.prior])
-        return np.logaddexp(shares[0] + found, shares[1] + log_prior(scores))
-
-
-def fit_surface(
-    given: SurfaceCounts,
-    simulate: Simulate,
-    *,
-    points: int,
-    seed: int,
-    discrepancy: bool = True,
-    rounds: int = MAX_ROUNDS,
-    note: Callable[[Fit], None] = lambda _: None,
-) -> Fit | None:
-    """Return the fit of counts; None if it was stopped before the first round was complete.
-
-    Parameters
-    ----------
-    simulate : callable
-        Drops the parts.
-    points : int
-        Number of points of the first design; half as many are added in each round.
-    rounds : int
-        Maximum number of rounds.
-    note : callable
-        Called before each round, with the fit so far.
-    """
-    design = sobol(len(given.factors), points, seed)
-    simulated = simulate(design)
-    proposals: list[Mixture] = []
-    found = None
-    while simulated is not None:
-        ratio = _log_ratio(design, points, proposals)
-        found = Fit(given, design, tuple(simulated), ratio, discrepancy, len(proposals))
-        if found.effective >= EFFECTIVE or found.rounds == rounds:
-            break
-        note(found)
-        proposals.append(_proposal(found))
-        rng = np.random.default_rng((seed, found.rounds))
-        new = ndtr(proposals[-1].draw(points // 2, rng))
-        added = simulate(new)
-        if added is None:
-            break
-        design = np.concatenate([design, new])
-        simulated = [np.concatenate(pair) for pair in zip(simulated, added, strict=True)]
-    return found
-
-
-def _log_ratio(points: Array, first: int, proposals: list[Mixture]) -> Array:
-    """Return the logarithm (n,) of the density of the prior over that of all points together.
-
-    The ``first`` points fill the unit cube, and each proposal drew an equal share of the others.
-    """
-    scores = _scores(points)
-    prior = log_prior(scores)
-    densities = np.stack([prior, *(each.log_density(scores) for each in proposals)])
-    shares = np.full(len(densities), (len(points) - first) / max(1, len(proposals)) / len(points))
-    shares[0] = first / len(points)
-    return np.asarray(prior - logsumexp(densities, axis=0, b=shares[:, None]))
-
-
-def _proposal(fit: Fit) -> Mixture:
-    """Return the distribution of new points: that of the posterior so far, and of the prior."""
-    weights = fit.weights().sum(axis=0)
-    d = fit.points.shape[1]
-    # Few points with large weights by chance must not attract all new ones: weights to a power.
-    power = 1.0
-    while True:
-        tempered = weights**power / (weights**power).sum()
-        if 1 / (tempered**2).sum() >= min(5 * (d + 1), len(weights) / 4):
-            break
-        power *= 0.8
-    scores = _scores(fit.points)
-    root = bandwidth(tempered, d) * _root(scores, tempered)
-    return Mixture(scores, tempered, root, PRIOR_SHARE)
-
-
-def log_prior(scores: Array) -> Array:
-    """Return the logarithm (m,) of the standard normal density of normal scores (m, d)."""
-    return np.asarray(-(scores**2 + np.log(2 * np.pi)).sum(axis=1) / 2)
+        They are drawn from the square root of the posteriors, which is wider.
+        """
+        some = range(len(self.given.parts)) if len(self.given.parts) > 1 else [None]
+        chance = np.sqrt(sum(self.weights(without=k).sum(axis=0) for k in some))
+        chance /= chance.sum()
+        return self.candidates[rng.choice(len(chance), size, p=chance)]
 
 
 def log_density(counts: Counts, shares: Array, rho: Array) -> Array:
@@ -279,61 +255,102 @@ def log_density(counts: Counts, shares: Array, rho: Array) -> Array:
     return np.asarray(gammaln(total) - gammaln(total + counts.sum(axis=-1)) + over.sum(axis=-1))
 
 
-def share_moments(simulated: Counts) -> tuple[Array, Array]:
-    """Return the shares (n, g) of simulated drops, and their intraclass correlation (n,).
+def fit_surface(
+    given: SurfaceCounts,
+    simulate: Simulate,
+    *,
+    points: int,
+    seed: int,
+    discrepancy: bool = True,
+    rounds: int = ROUNDS,
+) -> Fit | None:
+    """Return the fit of counts; None if it was stopped before the first round was complete.
 
-    They are those of a Dirichlet distribution, whose prior is worth one drop.
+    Parameters
+    ----------
+    simulate : callable
+        Drops the parts.
+    points : int
+        Number of points of the first design, which fill the ranges.
+    rounds : int
+        Number of rounds of half as many points where the counts are probable.
     """
-    alpha = simulated + 1 / simulated.shape[1]
-    total = alpha.sum(axis=1)
-    return np.asarray(alpha / total[:, None]), np.asarray(1 / (1 + total))
+    where = sobol(len(given.factors), points, seed)
+    made = simulate(where)
+    if made is None:
+        return None
+    values = DISCREPANCIES if discrepancy else np.zeros(1)
+    fit = _fit(given, where, made, np.ones(points), values, seed)
+    for number in range(rounds):
+        added = fit.probable(max(1, points // 2), np.random.default_rng((seed, number)))
+        more = simulate(added)
+        if more is None:
+            return fit
+        fit = _extended(fit, added, more, seed)
+    for _ in range(CHECKS):
+        best = np.tile(fit.best, (REPEATED, 1))
+        more = simulate(best)
+        if more is None:
+            return fit
+        deviations, differ = _check(fit, best[:1], more)
+        fit = _extended(fit, best, more, seed, checked=best[0], deviations=deviations)
+        if not differ:
+            break
+    return fit
 
 
-def own_discrepancies(values: Array) -> Array:
-    """Return the probability (r, r) of each discrepancy of a part, for each common one.
-
-    The part has d sqrt(f / x), where x has a chi-squared distribution with f degrees of freedom;
-    what is beyond the values is in the first and the last of them.
-    """
-    if len(values) == 1:
-        return np.ones((1, 1))
-    edges = np.sqrt(values[1:] * values[:-1])
-    below = chi2.sf(FREEDOM * (values[:, None] / edges) ** 2, FREEDOM)
-    return np.diff(below, axis=1, prepend=0.0, append=1.0)
-
-
-def bandwidth(weights: Array, d: int) -> float:
-    """Return the width of a kernel relative to the standard deviation of weighted points.
-
-    The rule of Scott (1992, Multivariate Density Estimation) for the effective number of points.
-    """
-    return float(min(0.9, (1 / (weights**2).sum()) ** (-1 / (d + 4))))
-
-
-def _log_likelihood(counts: Counts, simulated: Counts, discrepancies: Array) -> Array:
-    """Return the logarithm (r, n) of the probability of the counts of a part."""
-    shares, error = share_moments(simulated)
-    rho = 1 - (1 - discrepancies[:, None] ** 2) * (1 - error)
-    found = log_density(counts, shares, rho)
-    highest = found.max(axis=0)
-    mixed = own_discrepancies(discrepancies) @ np.exp(found - highest)
-    return np.asarray(np.log(np.maximum(mixed, 1e-300)) + highest)
+def _fit(
+    given: SurfaceCounts,
+    points: Array,
+    simulated: Sequence[Counts],
+    weights: Array,
+    discrepancies: Array,
+    seed: int,
+) -> Fit:
+    """Return the fit with candidates where the counts of all parts, or of all but one, are."""
+    models = tuple(ShareModel.of(points, each, weights) for each in simulated)
+    d = points.shape[1]
+    low, high = np.zeros(d), np.ones(d)
+    for number in range(ZOOMS):
+        candidates = low + (high - low) * sobol(d, CANDIDATES, seed + number)
+        fit = Fit(given, points, tuple(simulated), models, candidates, discrepancies)
+        near = np.zeros(CANDIDATES, dtype=np.bool_)
+        for k in (None, *range(len(given.parts) if len(given.parts) > 1 else 0)):
+            density = fit.weights(without=k).sum(axis=0)
+            near |= density >= density.max() * np.exp(-MARGIN)
+        slack = 0.05 * (high - low)
+        low, high = (
+            np.maximum(candidates[near].min(axis=0) - slack, 0),
+            np.minimum(candidates[near].max(axis=0) + slack, 1),
+        )
+    return fit
 
 
-def _log_prior(discrepancies: Array) -> Array:
-    if len(discrepancies) == 1:
-        return np.zeros(1)
-    density = np.exp(-((discrepancies / DISCREPANCY_SCALE) ** 2) / 2)
-    prior = density * np.gradient(discrepancies)
-    return np.asarray(np.log(prior / prior.sum()))
+def _extended(
+    fit: Fit,
+    points: Array,
+    simulated: Sequence[Counts],
+    seed: int,
+    checked: Array | None = None,
+    deviations: tuple[Array, ...] = (),
+) -> Fit:
+    """Return the fit with further points; where the counts are improbable, they weigh less."""
+    points = np.concatenate([fit.points, points])
+    pairs = zip(fit.simulated, simulated, strict=True)
+    density = fit.log_density(points)
+    weights = np.exp(np.clip((density - density.max()) / NEAR, -4, 0))
+    joined = [np.concatenate(pair) for pair in pairs]
+    found = _fit(fit.given, points, joined, weights, fit.discrepancies, seed)
+    return replace(found, checked=checked, deviations=deviations)
 
 
-def _scores(points: Array) -> Array:
-    return np.asarray(ndtri(np.clip(points, _EDGE, 1 - _EDGE)))
-
-
-def _root(scores: Array, weights: Array) -> Array:
-    """Return the lower triangular root (d, d) of the covariance of weighted scores (n, d)."""
-    centred = scores - weights @ scores
-    covariance = (weights[:, None] * centred).T @ centred
-    return np.asarray(np.linalg.cholesky(covariance + 1e-9 * np.eye(scores.shape[1])))
+def _check(fit: Fit, best: Array, simulated: Sequence[Counts]) -> tuple[tuple[Array, ...], bool]:
+    """Return by how much the shares of drops at a point (1, d) differ, and whether too much."""
+    deviations, differ = [], False
+    for model, counts in zip(fit.models, simulated, strict=True):
+        shares, error = model.at(best)
+        dropped, number = counts.sum(axis=0) / counts.sum(), counts.sum()
+        variance = shares[0] * (1 - shares[0]) * (error[0] + 1 / number)
+        deviations.append(dropped - shares[0])
+        differ |= bool((np.abs(deviations[-1]) > DIFFERENCE * np.sqrt(variance) + 0.002).any())
+    return tuple(deviations), differ

@@ -5,10 +5,11 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from resting_aspects_ros.api.conditions import surface_entry
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import (
@@ -17,7 +18,7 @@ from resting_aspects_ros.report.figure import (
     new_figure,
     plain_axes,
 )
-from resting_aspects_ros.simulation.conditions import QUANTITIES, UNCERTAINTY, DropConditions
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.studies.calibration.checks import (
     Estimate,
     GTest,
@@ -27,40 +28,32 @@ from resting_aspects_ros.studies.calibration.checks import (
     correlation,
     find_discrepancy,
 )
-from resting_aspects_ros.studies.calibration.posterior import EFFECTIVE, Fit
+from resting_aspects_ros.studies.calibration.posterior import Fit
+from resting_aspects_ros.studies.design import Factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
-# Below this probability, the counts are said to contradict the simulation.
-CONTRADICTED = 0.01
-# Below this probability, the counts of two surfaces are said to differ.
+# Below this probability, the counts are said to contradict the simulation, or to differ.
 SIGNIFICANCE = 0.01
 # A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
 MAX_DISCREPANCY = 0.1
-# Simulated drops are said to be too few if the standard deviation of their shares is a larger
-# share of that of the counted ones. By default it is at most one half, without the discrepancy.
-MAX_ERROR = 0.6
+# The simulated shares are said to be too uncertain above this share of that of the counted ones.
+MAX_ERROR = 1.0
 # Factors are said to trade off if their correlation is at least this.
 TRADE_OFF = 0.5
 # An interval is cut off if it ends within this share of its range.
 NEAR_END = 0.02
-# A ratio of probabilities beyond this one depends on the shape of the tails.
-MAX_RATIO = 1000.0
 WIDTH = 80
 
-REGIONS = (0.5, 0.9)
+REGIONS = (0.9, 0.5)
 FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
 COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
-CELLS = 80  # of the picture of a pair, in each direction
-# The tails of the smooth posterior are too thin: nearer to an end of a range than this share of
-# it, the density that is drawn is the one at this distance.
-BORDER = 0.04
+CELLS, SMOOTH = 40, 1.5  # of the picture of a pair, in each direction, and their smoothing
 MAX_PAIRS, MAX_ROWS = 6, 60
 PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
 
@@ -108,9 +101,14 @@ class CalibrationResult(Result):
         return float(np.mean([each.deviation for each in self.left_out]))
 
     @property
+    def check_deviation(self) -> float:
+        """Largest difference between drops at the most probable conditions and interpolation."""
+        return float(max((np.abs(each).max() for each in self.fit.deviations), default=math.nan))
+
+    @property
     def contradicted(self) -> bool:
         """Whether no conditions in the ranges explain the counts."""
-        return self.g_test.p < CONTRADICTED
+        return self.g_test.p < SIGNIFICANCE
 
     @property
     def usable(self) -> bool:
@@ -158,34 +156,16 @@ class CalibrationResult(Result):
             'left_out_deviation': self.left_out_deviation if self.left_out else None,
             'simulated_drops': fit.simulated_drops,
             'points': len(fit.points),
-            'effective_points': fit.effective,
-            'rounds': fit.rounds,
             'error_of_shares': fit.errors.tolist(),
+            'check': None if fit.checked is None else self.check_deviation,
             'seed': self.seed,
             'draws': self.draws(),
         }
 
     def surface_entry(self, *, uncertainty: bool = True) -> str:
         """Return an entry for a surfaces file, with its source and perhaps its uncertainty."""
-        lines = [f'{self.surface}:']
-        for name in QUANTITIES:
-            lines.append(f'  {name}: {getattr(self.conditions, name)}')
-            if name == 'height':
-                lines.append(f'  height_of: {self.conditions.height_of.name}')
-        lines.append('  source: >-')
-        lines += [f'    {line}' for line in _folded(_source(self), 94)]
         samples = self.draws(SAMPLES) if uncertainty else []
-        if samples:
-            comment = 'equally probable; the k-th values belong together'
-            lines.append(f'  {UNCERTAINTY}:  # {comment}')
-        for name in samples[0] if samples else ():
-            values = ', '.join(f'{each[name]:.3g}' for each in samples)
-            lines += [
-                f'    {name}: [',
-                *(f'      {line}' for line in _folded(values, 92)),
-                '    ]',
-            ]
-        return '\n'.join(lines) + '\n'
+        return surface_entry(self.surface, self.conditions, _source(self), samples)
 
     def figure(self) -> 'Figure':
         """Return the regions of the conditions, and the counted and predicted shares."""
@@ -262,7 +242,7 @@ def statements(result: CalibrationResult) -> list[str]:
         *_on_ends(result.estimates),
         *_on_trade_offs(result),
         *_on_left_out(result),
-        *_on_simulation(result.fit),
+        *_on_simulation(result),
     ]
 
 
@@ -344,44 +324,35 @@ def _on_left_out(result: CalibrationResult) -> Iterator[str]:
         )
 
 
-def _on_simulation(fit: Fit) -> Iterator[str]:
-    """Say what the number of simulated drops and points limits."""
-    worst = float(fit.errors.max())
+def _on_simulation(result: CalibrationResult) -> Iterator[str]:
+    """Say how exact the simulated shares are."""
+    worst = float(result.fit.errors.max())
     if worst > MAX_ERROR:
         yield (
             f'The simulated shares have an error of {worst:.2f} of that of the counts, which '
-            'widens the intervals: more drops (--drops) would help.'
+            'widens the intervals: more drops (--drops) or points (--points) would help.'
         )
-    if fit.effective < EFFECTIVE / 2:
+    if result.fit.checked is None:
+        yield 'The most probable conditions were not checked by drops.'
+    else:
         yield (
-            f'The result rests on {fit.effective:.0f} effective points, so that the intervals '
-            'depend on the seed and may be too short: more rounds (--rounds) would help.'
+            'Drops at the most probable conditions deviate from the interpolated shares by at '
+            f'most {100 * result.check_deviation:.1f} points.'
         )
 
 
 def comparison_text(found: SurfaceComparison) -> str:
     """Describe the comparison of two surfaces."""
-    names = f'{found.one} and {found.other}'
-    sentences = []
-    if found.same_parts_p is not None:
-        different = found.same_parts_p < SIGNIFICANCE
-        differ = 'differ' if different else 'do not differ significantly'
-        p = f'{found.same_parts_p:.2g}'
-        sentences.append(f'{names}: the counts of the same parts {differ} (G test, p = {p})')
-    beyond = abs(found.log_ratio) > math.log(MAX_RATIO)
-    ratio = f'more than {MAX_RATIO:g}' if beyond else f'{math.exp(abs(found.log_ratio)):.3g}'
-    two = found.log_ratio > 0
-    sentences.append(
-        f'{names}: all counts are {ratio} times more probable with '
-        f'{"two surfaces than with one" if two else "one surface than with two"}; the fitted '
-        f'conditions overlap by {100 * found.overlap:.0f} %'
-    )
+    names, p = f'{found.one} and {found.other}', f'p = {found.p:.2g}'
+    differ = found.p < SIGNIFICANCE
     if found.same_parts:
-        sentences.append(
-            'Both have the same parts, so that the simulation deviates from both in the same way: '
-            'only sampling is taken into account'
-        )
-    return '.\n'.join(sentences) + '.'
+        verdict = 'are different surfaces' if differ else 'can be one surface'
+        return f'{names} {verdict}: G test of the counts of the same parts, {p}.'
+    verdict = 'are different surfaces, or the' if differ else 'can be one surface: the'
+    return (
+        f'{names} {verdict} counts {"do not fit" if differ else "fit"} common conditions ({p}); '
+        f'{100 * found.overlap:.0f} % of the conditions that fit one fit the other.'
+    )
 
 
 def _source(result: CalibrationResult) -> str:
@@ -394,11 +365,6 @@ def _source(result: CalibrationResult) -> str:
     if given.source:
         found.append(f'{given.source.rstrip(".")}.')
     return ' '.join([*found, *statements(result)])
-
-
-def _folded(text: str, width: int) -> list[str]:
-    """Return the lines of a text that YAML can fold again."""
-    return textwrap.wrap(' '.join(text.split()), width, break_long_words=False)
 
 
 def _number(value: float) -> str:
@@ -450,41 +416,43 @@ def calibration_figure(result: CalibrationResult) -> 'Figure':
 
 def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> None:
     """Draw the regions of two conditions, or the density of a single one."""
+    from scipy.ndimage import gaussian_filter
+
     one, other = result.estimates[i].factor, result.estimates[j].factor
-    nodes = np.linspace(0, 1, CELLS)
-    inside = np.clip(nodes, BORDER, 1 - BORDER)
+    fit, edges = result.fit, np.linspace(0, 1, CELLS + 1)
+    points, weights = fit.candidates[:, [i, j]], fit.weights().sum(axis=0)
+    nodes = (edges[1:] + edges[:-1]) / 2
     x, y = one.scale * one.values(nodes), other.scale * other.values(nodes)
     plain_axes(axes, 'y')
-    axes.set_xlabel(one.title, fontsize=8, color=FAINT)
-    if one.logarithmic:
-        axes.set_xscale('log')
-        _plain_ticks(axes.xaxis)
-    axes.set_xlim(one.scale * one.low, one.scale * one.high)
+    _axis(axes, 'x', one)
     if i == j:
-        axes.fill_between(x, result.fit.density(inside[:, None], i), color=FILL[1])
+        density = np.histogram(points[:, 0], edges, weights=weights)[0]
+        axes.fill_between(x, gaussian_filter(density, SMOOTH), color=FILL[1])
         axes.set_ylim(bottom=0)
         axes.set_yticks([])
         return
-    cells = np.stack(np.meshgrid(inside, inside, indexing='ij'), axis=-1)
-    density = result.fit.density(cells.reshape(-1, 2), i, j).reshape(CELLS, CELLS)
-    levels = sorted(_level(density, region) for region in REGIONS)
-    axes.contourf(x, y, density.T, [*levels, max(density.max(), levels[-1]) * 1.01], colors=FILL)
+    density = np.histogram2d(points[:, 0], points[:, 1], [edges, edges], weights=weights)[0]
+    density = gaussian_filter(density, SMOOTH)
+    levels = [_level(density, region) for region in REGIONS]
+    axes.contourf(x, y, density.T, [*levels, density.max() * 1.01], colors=FILL)
     best = one.scale * result.estimates[i].best, other.scale * result.estimates[j].best
     axes.plot(*best, '+', color=TEXT, markersize=9)
-    if other.logarithmic:
-        axes.set_yscale('log')
-        _plain_ticks(axes.yaxis)
-    axes.set_ylim(other.scale * other.low, other.scale * other.high)
-    axes.set_ylabel(other.title, fontsize=8, color=FAINT, labelpad=2)
+    _axis(axes, 'y', other)
 
 
-def _plain_ticks(axis: 'Axis') -> None:
-    """Show 0.03, 0.1, 0.3 on a logarithmic axis."""
+def _axis(axes: 'Axes', which: Literal['x', 'y'], factor: Factor) -> None:
+    """Set name, scale and limits of an axis."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(lambda value, _: f'{value:g}')
+    axes.set(**{f'{which}label': factor.title})
+    axis = axes.xaxis if which == 'x' else axes.yaxis
+    axis.label.set(fontsize=8, color=FAINT)
+    if factor.logarithmic:
+        axes.set(**{f'{which}scale': 'log'})
+        axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))  # 0.03, 0.1, 0.3
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(lambda value, _: f'{value:g}')
+    axes.set(**{f'{which}lim': (factor.scale * factor.low, factor.scale * factor.high)})
 
 
 def _level(density: Array, region: float) -> float:
