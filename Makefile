@@ -17,7 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PA
 
 .NOTPARALLEL:
 .PHONY: help setup dev demo test test-all test-pythons test-under-load lint bench validate \
-        parts requirements upgrade clean always
+        parts reference requirements upgrade clean always
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
@@ -66,6 +66,9 @@ validate: setup  ## validate the simulation and write docs/explanation/validatio
 
 parts: setup  ## generate the example parts in config/parts
 	$(BIN)/python tools/setup/make_parts.py
+
+reference: dev  ## write the tables of docs/reference and the parameter file from the code
+	$(BIN)/python tools/setup/reference.py
 
 # One lock file for all supported Pythons. It names no index, so that a mirror can be used.
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make requirements' $(UV) compile $(UPGRADE) \

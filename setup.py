@@ -6,6 +6,48 @@ from setuptools import find_packages, setup
 
 NAME = 'resting_aspects_ros'
 
+# What the command line and the Python interface need without ROS, in the ranges that are known to
+# work; requirements.txt has the versions that are tested. rosdep installs those of package.xml
+# instead. The reasons in full are in docs/explanation/design.md.
+DEPENDENCIES = [
+    'cascadio',  # solids of STEP files
+    'coacd',  # convex pieces of a part, for edges that touch its real shape
+    'contourpy>=1.2',  # outlines of meshes of many triangles
+    'ezdxf>=1',  # outlines as DXF
+    'fast-simplification',  # fewer triangles for curved surroundings
+    'jinja2>=3',  # pages
+    'llvmlite',  # loads the compiled kernel; numba determines its version
+    'lxml>=4.9',  # with which trimesh reads 3MF
+    'manifold3d>=2.5',  # unites bodies that overlap
+    'matplotlib>=3.6',  # figures
+    'mcap>=1.1,<2',  # logs
+    'networkx>=2.8',  # trimesh reads 3MF files with it
+    'numba>=0.58',  # compiles the kernel
+    'numpy>=1.26,<3',  # arrays
+    'aiohttp>=3.14,<4',  # serves the page of resting_aspects studio
+    'openpyxl>=3.1,<4',  # tables as XLSX
+    'pillow>=10',  # templates of outlines as PNG
+    'pydantic>=1.10,<3',  # checks the YAML and JSON files that are read
+    'pyyaml>=6',  # files of parts and surfaces
+    'rich>=13',  # tables and progress
+    'scipy>=1.11,<2',  # hulls, rotations, intervals
+    'shapely>=2,<3',  # polygons of outlines
+    'trimesh>=4,<6',  # meshes and their volume integrals
+]
+EXTRAS = {
+    'bullet': ['pybullet>=3.2,<4'],  # edges, meshes, and an independent check of the kernel
+    'dask': ['distributed'],  # drops on many machines
+    'gpu': ['numba-cuda'],  # the kernel on an NVIDIA GPU
+    'parquet': ['pyarrow'],  # results of studies as Parquet
+    # The nodes also need the messages, which `make setup` builds; see docs/how_to/install.md.
+    'ros': [
+        'opencv-python-headless>=4.6',  # contours in the image of a camera
+        'ros-jazzy-common-interfaces',
+        'ros-jazzy-rclpy',
+        'ros-jazzy-rmw-fastrtps-cpp',
+    ],
+}
+
 
 def shared(folder):
     """Return (target, files) of each folder below one, for share/<package>."""
@@ -26,7 +68,7 @@ setup(
     maintainer_email='maintainers@resting-aspects.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['report/page_files/*']},
+    package_data={NAME: ['report/page_files/*', 'studio/page_files/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -34,15 +76,8 @@ setup(
         *shared('launch'),
         *shared('rviz'),
     ],
-    # pip installs the packages of requirements.txt, and rosdep those of package.xml.
-    install_requires=['setuptools'],
-    extras_require={
-        'dask': ['distributed'],
-        'bodies': ['manifold3d'],
-        'pieces': ['coacd'],
-        'curved': ['fast-simplification'],
-        'parquet': ['pyarrow'],
-    },
+    install_requires=DEPENDENCIES,
+    extras_require=EXTRAS,
     zip_safe=True,
     entry_points={
         'console_scripts': [

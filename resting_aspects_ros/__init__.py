@@ -21,7 +21,7 @@ _MODULES = {
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',
     'ControlledRuns': 'feeding.tray_simulation',
-    'DriftResult': 'api.drift',
+    'DriftResult': 'api.compare',
     'DropConditions': 'simulation.conditions',
     'DropResult': 'api.drop_result',
     'EngineError': 'errors',
@@ -33,7 +33,7 @@ _MODULES = {
     'Identification': 'vision.identification',
     'InvalidValueError': 'errors',
     'Kick': 'simulation.actions',
-    'KnownPart': 'vision.known_part',
+    'KnownPart': 'vision.rolling',
     'LiveCounts': 'statistics.counted_parts',
     'LogError': 'errors',
     'MachineTransitions': 'api.roadmap',
@@ -53,8 +53,9 @@ _MODULES = {
     'RestingAspectsError': 'errors',
     'RestingAspectsWarning': 'errors',
     'RetentionResult': 'api.retention',
-    'Track': 'track.description',
-    'TrackResult': 'api.track',
+    'Track': 'tracks.description',
+    'TrackDesign': 'api.track_result',
+    'TrackResult': 'api.track_result',
     'Step': 'simulation.actions',
     'Telecentric': 'vision.camera',
     'StoppedError': 'errors',
@@ -93,7 +94,7 @@ _MODULES = {
     'study': 'studies.study',
     'surroundings': 'api.conditions',
     'transformed_pose': 'vision.camera',
-    'watch_drift': 'api.drift',
+    'watch_drift': 'api.compare',
 }
 __all__ = sorted(_MODULES)  # noqa: PLE0605 a list, but ruff cannot see it
 

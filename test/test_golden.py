@@ -132,7 +132,7 @@ def study_of_an_action():
 
 def optimise():
     result = ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=4000, seed=3)
-    counts = {'drops': result.drops, 'points': [row.tolist() for _, row, _ in result.points]}
+    counts = {'drops': result.drops, 'points': [row.tolist() for _, row in result.points]}
     return counts, {'certainty': result.certainty}, result
 
 
@@ -169,6 +169,32 @@ def estimate():
     return {'methods': sorted(found)}, found, result
 
 
+def track():
+    traps = [{'kind': 'wiper', 'height': '22.25mm'}, {'kind': 'balcony', 'width': '12mm'}]
+    on = {'width': '55mm', 'roll': '5deg', 'speed': '300mm/s', 'traps': traps}
+    result = ra.track('u_bracket', on, 2, drops=200, simulate=2, seed=3)
+    counts = {
+        'outcomes': [[each.outcome for each in of_trap] for of_trap in result.passage.outcomes],
+        'runs': result.runs.counts.tolist(),
+    }
+    values = {
+        'rate': result.passage.rate,
+        'shares': [row.probability for row in result.rows],
+        'critical': [[each.critical for each in of] for of in result.passage.outcomes],
+    }
+    return counts, values, result
+
+
+def design_track():
+    result = ra.design_track('u_bracket', 2, drops=200, seed=3)
+    counts = {'kinds': [[trap.kind for trap in each.traps] for each in _passages(result)]}
+    return counts, {'margins': [each.margin for each in result.designs]}, result
+
+
+def _passages(result):
+    return [each.passage.track for each in result.designs]
+
+
 CASES = (
     drop_on_the_plane,
     drop_in_a_slope,
@@ -189,6 +215,8 @@ CASES = (
     classify,
     identify,
     estimate,
+    track,
+    design_track,
 )
 
 

@@ -1,6 +1,7 @@
 """package.xml, setup.py and requirements.in declare exactly what the code needs."""
 
 import ast
+import json
 import re
 import shutil
 import subprocess
@@ -23,6 +24,7 @@ INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
     'PIL': ('pillow', 'python3-pil'),
+    'aiohttp': ('aiohttp', 'python3-aiohttp'),
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
@@ -46,6 +48,7 @@ DEPENDENCIES = {
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', 'mcap-ros2-support'),
     'numpy': ('numpy', 'python3-numpy'),
+    'openpyxl': ('openpyxl', 'python3-openpyxl'),
     'llvmlite': ('llvmlite', 'python3-llvmlite'),
     'numba': ('numba', 'python3-numba'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
@@ -72,16 +75,8 @@ DEPENDENCIES = {
     'yaml': ('pyyaml', 'python3-yaml'),
     'zstandard': ('mcap', 'mcap-ros2-support'),
 }
-# What the suite can do without, by the extra of setup.py that asks for it; package.xml has no such
-# thing.
-OPTIONAL = {'dask': {'distributed'}}
-# What make setup installs and rosdep cannot, so that it is an extra too.
-NO_ROSDEP_KEY = {
-    'bodies': {'manifold3d'},
-    'pieces': {'coacd'},
-    'parquet': {'pyarrow'},
-    'curved': {'fast-simplification'},
-}
+# What the suite can do without, and neither requirements.in nor package.xml has.
+OPTIONAL = {'distributed'}
 # Used without an import: the time limit of tests in pyproject.toml.
 NEVER_IMPORTED = {'python3-pytest-timeout'}
 
@@ -106,7 +101,7 @@ def third_party_imports(folder):
 
 def needed(folder):
     """Return what the imports of a folder need: names in requirements*.in, and in package.xml."""
-    imported = third_party_imports(folder) - set().union(*OPTIONAL.values())
+    imported = third_party_imports(folder) - OPTIONAL
     assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
     pairs = [DEPENDENCIES[name] for name in imported]
     return {name for name, _ in pairs} - {None}, {key for _, key in pairs} - {None}
@@ -163,20 +158,35 @@ def test_imports_of_the_suite_are_declared():
     assert pinned - requirements('requirements.in') == set()
 
 
-def test_optional_packages_are_tested_extras():
-    optional = set().union(*OPTIONAL.values())
-    assert optional <= third_party_imports('resting_aspects_ros')
-    assert optional <= requirements('requirements-dev.in') - requirements('requirements.in')
-    script = "import setuptools; setuptools.setup = lambda **given: print(given['extras_require'])"
+def declared_by_setup():
+    """Return the names that setup.py requires, and those of its extras."""
+    script = (
+        'import json, runpy, setuptools\n'
+        "keys = ('install_requires', 'extras_require')\n"
+        'setuptools.setup = lambda **given: print(json.dumps([given[key] for key in keys]))\n'
+        'runpy.run_path("setup.py")'
+    )
     printed = subprocess.run(
-        [sys.executable, '-c', f'{script}\nimport runpy\nrunpy.run_path("setup.py")'],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    extras = OPTIONAL | NO_ROSDEP_KEY
-    assert ast.literal_eval(printed) == {name: sorted(of) for name, of in extras.items()}
+    required, extras = json.loads(printed)
+    name = re.compile('[A-Za-z0-9-]+')
+    return (
+        {name.match(each)[0] for each in required},
+        {extra: {name.match(each)[0] for each in of} for extra, of in extras.items()},
+    )
+
+
+def test_setup_declares_what_the_rooms_without_ros_import():
+    required, extras = declared_by_setup()
+    optional = set().union(*extras.values())
+    pinned, _ = needed('resting_aspects_ros')
+    assert pinned - required - optional == set()
+    # trimesh reads 3MF files with networkx.
+    assert required - pinned == {'networkx'}
+    assert extras['dask'] == OPTIONAL
+    assert requirements('requirements-dev.in') - requirements('requirements.in') >= OPTIONAL
+    assert required | (optional - OPTIONAL - {'numba-cuda'}) <= requirements('requirements.in')
 
 
 def test_imports_of_the_tests_are_declared():
@@ -276,7 +286,7 @@ def test_wheel_has_all_shared_files(tmp_path):
         [sys.executable, '-m', 'pip', 'wheel', *options, '--wheel-dir', tmp_path, source],
         check=True,
     )
-    (wheel,) = tmp_path.glob('*.whl')
+    (wheel,) = tmp_path.glob('*-py3-none-any.whl')
     share = '.data/data/share/resting_aspects_ros/'
     packed = {name.split(share)[1] for name in ZipFile(wheel).namelist() if share in name}
     assert packed == {*shared, 'package.xml'}

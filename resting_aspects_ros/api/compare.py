@@ -1,13 +1,15 @@
-"""Compare two distributions over the same aspects."""
+"""Compare two distributions, and counted parts with the simulation."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from resting_aspects_ros.api.count_files import counted_drops
+from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
 from resting_aspects_ros.api.counts import (
     CountedDrops,
     check_same_part,
@@ -16,12 +18,33 @@ from resting_aspects_ros.api.counts import (
 )
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
+from resting_aspects_ros.report.document import SCHEMA_VERSION
+from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics import comparison as statistics
+from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter
+from resting_aspects_ros.statistics.counted_parts import (
+    PRIOR_WEIGHT,
+    LiveCounts,
+    ObservedCounts,
+)
+from resting_aspects_ros.statistics.drift import (
+    LEVEL,
+    POWER,
+    SHIFT,
+    DriftTest,
+    TooFewDropsError,
+    find_drift,
+    parts_needed,
+)
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 
-# Seed of the Monte Carlo p values, so that equal inputs give equal results.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
 MAX_LISTED = 20
 
@@ -63,7 +86,10 @@ class ComparisonResult(Result):
 
 
 def compare(
-    a: DropResult | str | Path, b: DropResult | str | Path, *, confidence: float = CONFIDENCE
+    a: DropResult | CountedDrops | str | Path,
+    b: DropResult | CountedDrops | str | Path,
+    *,
+    confidence: float = CONFIDENCE,
 ) -> ComparisonResult:
     """Compare two sets of drops, neither of which is the truth.
 
@@ -72,9 +98,10 @@ def compare(
 
     Parameters
     ----------
-    a, b : DropResult, str or Path
-        A result, or a file: a log (the folder of a run, or its .mcap file), a JSON document of
-        `resting_aspects drop` or `request`, or a CSV with columns aspect (or class) and count.
+    a, b : DropResult, CountedDrops, str or Path
+        A result, counts, or a file: a log (the folder of a run, or its .mcap file), a JSON
+        document of `resting_aspects drop` or `request`, or a CSV with columns aspect (or class)
+        and count.
         Reading a log imports ROS.
     confidence : float
         Confidence of the bounds, which hold for all aspects together: more than 0.5 and less
@@ -191,3 +218,199 @@ def _fields(given: CountedDrops) -> dict[str, object]:
 def _listed(ids: Sequence[int]) -> str:
     more = f' and {len(ids) - MAX_LISTED} more' if len(ids) > MAX_LISTED else ''
     return (', '.join(map(str, ids[:MAX_LISTED])) or 'none') + more
+
+
+# -- Drift ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class DriftResult(Result):
+    """Counted parts beside the simulation, with the test of each window.
+
+    Attributes
+    ----------
+    expected : CountedDrops
+        The simulated drops by symmetry class.
+    source : str
+        The file of the counted parts.
+    test : DriftTest
+        The windows, their p values, and the deviation of the drifted windows.
+    live : LiveCounts
+        All counted parts with the simulation as the prior.
+    shift : float
+        A deviation of the share of a class.
+    needed : int or None
+        Number of parts in a window that finds this deviation with a probability of 80 %; None if
+        the simulated drops are too few.
+    """
+
+    expected: CountedDrops
+    source: str
+    test: DriftTest
+    live: LiveCounts
+    shift: float
+    needed: int | None
+
+    @property
+    def drift(self) -> bool:
+        """Whether any window raises an alarm."""
+        return len(self.test.drifted) > 0
+
+    @property
+    def verdict(self) -> str:
+        """A sentence: no drift, or which class deviates, by how much and since which part."""
+        return drift_sentence(self.test)
+
+    @property
+    def title(self) -> str:
+        """The counted parts and the simulated drops, in one line."""
+        return f'{self.live.parts} parts against {self.expected.title}'
+
+    def document(self) -> dict[str, object]:
+        """Return the document that `resting_aspects drift --json` prints."""
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'file': self.source,
+            'part': self.expected.part or None,
+            'part_sha256': self.expected.part_sha256 or None,
+            'expected': {
+                'file': self.expected.source,
+                'run_id': self.expected.run.run_id if self.expected.run else None,
+                'drops': self.expected.drops,
+            },
+            **drift_fields(self.test, self.live),
+            'shift': self.shift,
+            'parts_needed': self.needed,
+        }
+
+    def figure(self) -> 'Figure':
+        """Return the shares in each window."""
+        # This import takes about a second.
+        from resting_aspects_ros.report.drift import drift_figure
+
+        return drift_figure(self.test)
+
+
+def watch_drift(
+    expected: DropResult | CountedDrops | str | Path,
+    counts: ObservedCounts | str | Path | npt.ArrayLike,
+    *,
+    window: int | None = None,
+    level: float = LEVEL,
+    shift: float = SHIFT,
+    cumulative: bool = False,
+    prior_weight: float = PRIOR_WEIGHT,
+    confidence: float = CONFIDENCE,
+) -> DriftResult:
+    """Test whether counted parts still have the shares of the simulation.
+
+    The parts are divided into disjoint windows in the order in which they were counted. Each
+    window is compared with the simulated drops by symmetry class. Classes that the counts do not
+    distinguish ('3+4') are compared with the sum of their simulated drops. That batches differ
+    more than by chance is estimated from successive batches, and taken into account.
+
+    Parameters
+    ----------
+    expected : DropResult, CountedDrops, str or Path
+        Simulated drops: a result, or a file as in `compare`.
+    counts : str, Path, (b, c) int or ObservedCounts
+        Newly supplied parts, each counted once: a CSV, an array with a row for each batch and a
+        column for each symmetry class, or what `read_observed` returned. Unclassified parts are
+        not tested.
+    window : int, optional
+        Minimum number of parts in a window; batches are not divided. By default the number with
+        which a class that deviates by ``shift`` is found with a probability of 80 %. If fewer
+        parts were counted, they are one window.
+    level : float
+        Probability of an alarm in a window without drift, 0.0001 to 0.25.
+    shift : float
+        The deviation of a class that should be found, 0.0001 to 0.4.
+    cumulative : bool
+        Whether each count in the file is the total since the start.
+    prior_weight : float
+        Weight of the simulated drops in the shares of `DriftResult.live`, in parts.
+    confidence : float
+        Confidence of the intervals: more than 0.5 and less than 1.
+
+    Returns
+    -------
+    DriftResult
+
+    Raises
+    ------
+    InvalidValueError
+        A value is out of bounds, a file cannot be read, or the part has only one class.
+
+    Warns
+    -----
+    RestingAspectsWarning
+        The simulated drops are too few to find ``shift`` with any window.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> expected = ra.drop('l_bracket', drops=500, seed=1)
+    >>> ra.watch_drift(expected, [[56, 53, 50, 26, 15]], window=200).verdict
+    'No drift in 1 window of 200 parts.'
+    """
+    simulated = counted_by_class(counted_drops(expected))
+    observed = _observed(counts, simulated, cumulative=cumulative)
+    counted = tuple(sorted(number for group in observed.groups for number in group))
+    if simulated.members != counted:
+        raise InvalidValueError(
+            f'invalid classes {list(simulated.members)} in {simulated.source!r}: expected those '
+            f'of the counted parts, {list(counted)} (a class that was never seen has count 0)'
+        )
+    groups = common_groups(simulated.groups, observed.groups)
+    simulated, observed = simulated.grouped(groups), observed.grouped(groups)
+    drops = simulated.tally.counts
+    live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
+    needed = _needed(drops, observed, shift, level)
+    if window is None and needed is None:
+        warn(
+            f'{drops.sum()} simulated drops are too few to find a class that deviates by '
+            f'{100 * shift:g} points with a probability of {100 * POWER:g} %: a window has as '
+            'many parts as drops; simulate more drops'
+        )
+    size = min(needed or int(drops.sum()), observed.parts) if window is None else window
+    test = drift_test(observed, drops, size, level, confidence)
+    return DriftResult(simulated, observed.source, test, live, shift, needed)
+
+
+def drift_test(
+    observed: ObservedCounts,
+    simulated: Counts,
+    window: int,
+    level: float,
+    confidence: float = CONFIDENCE,
+) -> DriftTest:
+    """Return the tests of windows; equal counts give equal p values. See `find_drift`."""
+    generator = np.random.default_rng(SEED)
+    return find_drift(observed, simulated, window, generator, level, confidence)
+
+
+def _needed(drops: Counts, observed: ObservedCounts, shift: float, level: float) -> int | None:
+    """Return the number of parts that finds the shift, with the scatter of the batches."""
+    try:
+        needed = parts_needed(drops, shift, level)
+    except TooFewDropsError:
+        return None
+    scatter = batch_scatter(observed.windows(UNIT)[0])
+    return math.ceil(needed * (1.0 if scatter is None else max(scatter.factor, 1.0)))
+
+
+def _observed(
+    counts: ObservedCounts | str | Path | npt.ArrayLike,
+    simulated: CountedDrops,
+    *,
+    cumulative: bool,
+) -> ObservedCounts:
+    if isinstance(counts, str | Path):
+        return read_observed(
+            Path(counts), simulated.members, cumulative=cumulative, part=simulated.part
+        )
+    if cumulative:
+        raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
+    if isinstance(counts, ObservedCounts):
+        return counts
+    return counts_from_array(counts, simulated.groups)

@@ -7,7 +7,8 @@ planes meet a part, texts say how part and surroundings are represented.
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -33,6 +34,7 @@ from resting_aspects_ros.report.format import number_text
 from resting_aspects_ros.rotations import canonical, orientation_with_down, product, rotate
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
+    UNCERTAINTY,
     DropConditions,
     Surfaces,
     actions_file,
@@ -102,6 +104,49 @@ def condition_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
     for name, quantity in QUANTITIES.items():
         of = f' ({conditions.height_of.label})' if name == 'height' else ''
         yield quantity.label, f'{getattr(conditions, name):g} {quantity.unit}'.rstrip() + of
+
+
+def surface_entry(
+    name: str,
+    conditions: DropConditions,
+    source: str,
+    samples: Sequence[Mapping[str, float]] = (),
+) -> str:
+    """Return an entry for a surfaces file, such as config/surfaces.yaml.
+
+    Parameters
+    ----------
+    name : str
+        Name of the surface.
+    conditions : DropConditions
+    source : str
+        Where the values come from.
+    samples : sequence of mappings
+        Equally probable values of the conditions that are not known exactly.
+    """
+    lines = [f'{name}:']
+    for key in QUANTITIES:
+        lines.append(f'  {key}: {getattr(conditions, key)}')
+        if key == 'height':
+            lines.append(f'  height_of: {conditions.height_of.name}')
+    lines.append('  source: >-')
+    lines += [f'    {line}' for line in _folded(source, 94)]
+    if samples:
+        comment = 'equally probable; the k-th values belong together'
+        lines.append(f'  {UNCERTAINTY}:  # {comment}')
+    for key in samples[0] if samples else ():
+        values = ', '.join(f'{each[key]:.3g}' for each in samples)
+        lines += [
+            f'    {key}: [',
+            *(f'      {line}' for line in _folded(values, 92)),
+            '    ]',
+        ]
+    return '\n'.join(lines) + '\n'
+
+
+def _folded(text: str, width: int) -> list[str]:
+    """Return the lines of a text that YAML can fold again."""
+    return textwrap.wrap(' '.join(text.split()), width, break_long_words=False)
 
 
 def when_text(started: int) -> str:

@@ -143,7 +143,7 @@ def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -
 
 
 def forecast(
-    part: Part | str | Path,
+    part: Part | str | Path | ReorientResult,
     pickable: Sequence[int] | None = None,
     *,
     pickable_classes: Sequence[int] | None = None,
@@ -174,8 +174,9 @@ def forecast(
 
     Parameters
     ----------
-    part : Part, str or Path
-        A part, or what `load_part` accepts.
+    part : Part, str, Path or ReorientResult
+        A part, or what `load_part` accepts; or the result of `reorient`, whose action and
+        conditions then hold, and which is not simulated again.
     pickable : sequence of int, optional
         Ids of the aspects in which the robot can pick the part.
     pickable_classes : sequence of int, optional
@@ -287,7 +288,7 @@ def forecast_each(
 
 
 def plan_forecasts(
-    part: Part | str | Path,
+    part: Part | str | Path | ReorientResult,
     sets: Sequence[Pickable],
     *,
     robot: float = ROBOT,
@@ -310,7 +311,7 @@ def plan_forecasts(
     **simulation: Any,
 ) -> 'PlannedForecasts':
     """Check and plan the forecasts of a part; see `forecast` for the arguments."""
-    named = named_action(action)
+    named = part.action if isinstance(part, ReorientResult) else named_action(action)
     times = cycle_times(
         named,
         robot=robot,
@@ -325,7 +326,16 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation = plan_reorient(part, [named], per_aspect, **simulation)
+    reorientation: PlannedReorient | KnownReorient
+    if isinstance(part, ReorientResult):
+        if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
+            raise InvalidValueError(
+                'invalid action or conditions: expected none with the result of reorient, which '
+                'has its own'
+            )
+        reorientation = KnownReorient(part)
+    else:
+        reorientation = plan_reorient(part, [named], per_aspect, **simulation)
     loaded, aspects = reorientation.part, reorientation.aspects
     check_tray(loaded, aspects, cell, parts_on_tray)
     pickable = [pickable_aspects(aspects, *each) for each in sets]
@@ -353,6 +363,28 @@ def plan_forecasts(
 
 
 @dataclass(frozen=True)
+class KnownReorient:
+    """Drops and an action that are simulated already, in place of a PlannedReorient."""
+
+    result: ReorientResult
+
+    @property
+    def part(self) -> Part:
+        """The part."""
+        return self.result.part
+
+    @property
+    def aspects(self) -> AspectSet:
+        """The aspects of the part that are counted."""
+        return self.result.matrix.aspects
+
+    def make(self, runner: Runner) -> list[ReorientResult]:
+        """Return the result."""
+        del runner
+        return [self.result]
+
+
+@dataclass(frozen=True)
 class PlannedForecasts:
     """Forecasts of a part that are checked, for one or several sets of pickable aspects.
 
@@ -360,7 +392,7 @@ class PlannedForecasts:
         Other arguments of `forecast_from`.
     """
 
-    reorientation: PlannedReorient
+    reorientation: PlannedReorient | KnownReorient
     pickable: list[tuple[int, ...]]
     tray: Tray
     times: CycleTimes

@@ -33,9 +33,9 @@ from resting_aspects_ros.vision.identification import (
     identify,
     observed_polygon,
 )
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.outline import Outline, find_outlines
+from resting_aspects_ros.vision.rolling import KnownPart
 
 # Added to each count of a distribution, so that an aspect that was never seen remains possible.
 PSEUDO_COUNT = 0.5

@@ -91,7 +91,8 @@ def mesh_file(text: str | Path | None) -> Path | None:
     """Return the path if a part is given as a file, None if it is a name."""
     if isinstance(text, Path):
         return text
-    if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
+    seps = [sep for sep in (os.sep, os.altsep) if sep]
+    if text and (any(sep in text for sep in seps) or Path(text).suffix or text in ('.', '..')):
         return Path(text)
     return None
 

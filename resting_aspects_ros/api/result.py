@@ -4,7 +4,6 @@ Output files are checked before the work, and replaced only when they are comple
 """
 
 import csv
-import fcntl
 import glob
 import os
 import tempfile
@@ -21,6 +20,7 @@ from resting_aspects_ros.api.runner import Consumer
 from resting_aspects_ros.errors import InvalidValueError, OutputError
 from resting_aspects_ros.report.document import plain, to_json
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.system import lock_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,8 +94,8 @@ def _locked_part(target: Path) -> Iterator[Path]:
     while True:
         part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
         with part.open('xb') as file:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+            if lock_file(file, wait=True) is None:
+                file.close()  # Windows does not move a file that is open
             if not part.exists():  # removed by another program before it was locked
                 continue
             try:
@@ -110,8 +110,8 @@ def _remove_abandoned(target: Path) -> None:
     name = f'{glob.escape(target.stem)}.{"[0-9a-f]" * 8}.part{glob.escape(target.suffix)}'
     for part in target.parent.glob(name):
         with suppress(OSError), part.open('rb') as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            part.unlink()
+            if lock_file(file):
+                part.unlink()
 
 
 def _reason(error: BaseException) -> str:

@@ -2,239 +2,56 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import shapely
 
-from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import given_part
-from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.api.reorient import reorient
+from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.runner import Progress, never
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import SCHEMA_VERSION
-from resting_aspects_ros.report.format import numbers_text, share_text
-from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.report.format import numbers_text
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     config_folder,
+    quantities_of,
 )
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.track.description import Track, read_track, read_track_file
-from resting_aspects_ros.track.design import MOST_TRAPS, design_traps
-from resting_aspects_ros.track.orientations import Orientation, orientations_on
-from resting_aspects_ros.track.rate import Passage, Tolerance, pass_traps
-from resting_aspects_ros.track.show import (
-    margin_text,
-    outcome_fields,
-    range_text,
-    row_fields,
-    row_table,
-    trap_table,
+from resting_aspects_ros.tracks.bands import measured_band
+from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
+from resting_aspects_ros.tracks.design import (
+    MAX_TRAPS,
+    DesignResult,
+    asymmetric_cut,
+    design_traps,
 )
-from resting_aspects_ros.track.traps import Cut, trap_text
+from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
+from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
+from resting_aspects_ros.tracks.sensor import confusion
+from resting_aspects_ros.tracks.show import margin_text
+from resting_aspects_ros.tracks.simulate import run_track
+from resting_aspects_ros.tracks.traps import Sensor, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from resting_aspects_ros.report.page import Page
-
 DROPS = 2000
-
-
-@dataclass(frozen=True, eq=False)
-class TrackResult(Result):
-    """What the traps of a track do to each orientation of a part, and how many good parts pass.
-
-    Attributes
-    ----------
-    drop : DropResult
-        The drops from which the shares of the aspects are.
-    passage : Passage
-        Rows, outcomes of the traps, and what follows from them.
-    alike : tuple of int
-        Of a design: ids of the rows that its traps cannot separate from the wanted one.
-    margin : float or None
-        Of a design: its least margin, m.
-    """
-
-    drop: DropResult
-    passage: Passage
-    alike: tuple[int, ...] = ()
-    margin: float | None = None
-
-    @property
-    def part(self) -> Part:
-        """The part."""
-        return self.passage.part
-
-    @property
-    def rows(self) -> tuple[Orientation, ...]:
-        """The orientations on the track, the most probable one first."""
-        return self.passage.rows
-
-    @property
-    def complete(self) -> bool:
-        """Whether all drops are made."""
-        return self.drop.complete
-
-    @property
-    def title(self) -> str:
-        """Part, track and drops in lines."""
-        surface = self.passage.track.surface
-        return (
-            f'{self.part.name} on a track of {1e3 * surface.width:g} mm, '
-            f'{1e3 * self.passage.track.speed:g} mm/s\n'
-            f'{self.drop.distribution.drops} drops on '
-            f'{conditions_text(self.drop.run.conditions)}, seed {self.drop.run.seed}'
-        )
-
-    @property
-    def trap_names(self) -> list[str]:
-        """The traps in words, in their order."""
-        return [trap_text(trap) for trap in self.passage.track.traps]
-
-    @cached_property
-    def sentences(self) -> list[str]:
-        """What follows, and what limits it, in sentences."""
-        return [*self._rate_sentences(), *self._warnings()]
-
-    def _rate_sentences(self) -> Iterator[str]:
-        found = self.passage
-        wanted = numbers_text(found.wanted)
-        low, high = found.good
-        if high == 0:
-            yield f'No part in row {wanted} passes the traps.'
-            return
-        rate, purity = found.rate, found.purity
-        yield (
-            f'{range_text(*rate, "good parts per minute")}: '
-            f'{range_text(100 * low, 100 * high, "%")} of the parts pass in row {wanted}, with '
-            f'{range_text(100 * purity[0], 100 * purity[1], "%")} purity.'
-        )
-        if low > 0:
-            yield (
-                f'A good part needs {range_text(1 / high, 1 / low, "passes")} of the traps on '
-                'average; the others fall back.'
-            )
-
-    def _warnings(self) -> Iterator[str]:
-        found = self.passage
-        if found.jams > 0:
-            yield f'{share_text(found.jams)} % of the parts jam in a trap.'
-        unknown = [row.id for row in self.rows if row.rolls]
-        if unknown:
-            yield f'The part rolls in row {numbers_text(unknown)}: its outcome is not known.'
-        ends = zip(self.rows, self._ends(), strict=True)
-        uncertain = [row.id for row, end in ends if end in ('unknown', 'turn') and not row.rolls]
-        if uncertain:
-            yield (
-                f'Statics does not tell what becomes of row {numbers_text(uncertain)}: only edges '
-                'of the part touch the track, or it turns over.'
-            )
-        limit = found.tolerance.both
-        close = sorted(
-            {
-                row.id
-                for of_trap in found.outcomes
-                for row, each in zip(self.rows, of_trap, strict=True)
-                if abs(each.margin) < limit
-            }
-        )
-        if close:
-            yield (
-                f'The margin of row {numbers_text(close)} is less than the tolerances of part and '
-                f'trap together, {margin_text(limit)}.'
-            )
-        if len(self.alike) > 1:
-            yield (
-                f'Rows {numbers_text(self.alike)} are alike to these traps, as mirror images are: '
-                'an asymmetric cut-out or a camera separates them.'
-            )
-
-    def tables(self) -> list[Table]:
-        """Return the tables of the rows, and of what each trap does to them."""
-        found = self.passage
-        tables = [row_table(self.rows, found.wanted, found.passing, self.title)]
-        if found.outcomes:
-            tables.append(trap_table(self.rows, self.trap_names, found.outcomes))
-        return tables
-
-    def document(self) -> dict[str, object]:
-        """Return the document that `resting_aspects track --json` prints, in SI units."""
-        found = self.passage
-        run = self.drop.run.document()
-        del run['precision']
-        traps: Any = found.track.document['traps']
-        return {
-            'schema_version': SCHEMA_VERSION,
-            **run,
-            'mesh_sha256': self.part.mesh_sha256,
-            'track': found.track.document,
-            'orientations': [row_fields(row) for row in self.rows],
-            'wanted': list(found.wanted),
-            'alike': list(self.alike),
-            'traps': [
-                {
-                    **trap,
-                    'results': [
-                        outcome_fields(row.id, each)
-                        for row, each in zip(self.rows, of_trap, strict=True)
-                    ],
-                }
-                for trap, of_trap in zip(traps, found.outcomes, strict=True)
-            ],
-            'design_margin': self.margin,
-            'efficiency': list(found.good),
-            'purity': list(found.purity),
-            'rate': list(found.rate),
-            'arrivals': found.arrivals,
-            'jams': found.jams,
-            'tolerance': {'part': found.tolerance.part, 'trap': found.tolerance.trap},
-            'summary': self.sentences,
-        }
-
-    def figure(self) -> 'Figure':
-        """Return each orientation from above, with its contact, and whether it passes."""
-        from resting_aspects_ros.track.show import rows_figure
-
-        outlines = [self._outline(row) for row in self.rows]
-        return rows_figure(self.rows, outlines, self._ends(), self.passage.wanted)
-
-    def page(self) -> 'Page':
-        """Return a page with the rows, the track to scale, and where the parts go."""
-        from resting_aspects_ros.api.track_page import track_page
-
-        return track_page(self)
-
-    def _ends(self) -> list[str]:
-        """Return what becomes of each row: the first outcome that is no pass."""
-        ends = []
-        for k in range(len(self.rows)):
-            of_row = [of_trap[k].outcome for of_trap in self.passage.outcomes]
-            ends.append(next((each for each in of_row if each != 'pass'), 'pass'))
-        return ends
-
-    def _outline(self, row: Orientation) -> shapely.Geometry:
-        outline = seen_outline(self.part, row.orientation)
-        return shapely.affinity.translate(outline, 0.0, row.yaw.distance)
-
-    def wanted_outline(self) -> shapely.Geometry:
-        """Return the outline of the first wanted row from above, m, the wall at y = 0."""
-        return self._outline(next(row for row in self.rows if row.id in self.passage.wanted))
-
-    def cuts(self) -> list[shapely.Geometry | None]:
-        """Return what each trap cuts out of the track, m; None: nothing."""
-        return [
-            trap.removed() if isinstance(trap, Cut) else None for trap in self.passage.track.traps
-        ]
+MAX_PARTS = 100_000
+# Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
+PLAUSIBLE = 0.002, 20.0
+# A camera that resolves this, m, separates outlines that differ by more.
+RESOLVED = 3e-4
 
 
 def track(
@@ -242,6 +59,8 @@ def track(
     on: Track | Mapping[str, Any] | str | Path,
     want: int | Sequence[int] = (),
     *,
+    simulate: int = 0,
+    before: Sequence[str | Action | NamedAction] = (),
     drops: int = DROPS,
     surface: str | DropConditions = DEFAULT_SURFACE,
     tolerance: float = 0.0,
@@ -266,6 +85,11 @@ def track(
         config/tracks.
     want : int or sequence of int
         Ids of the rows that the feeder shall deliver; by default the most probable one.
+    simulate : int
+        Parts of each row that run over the traps at the speed of the track in Bullet; 0: none.
+    before : sequence of str, action or NamedAction
+        Actions that the parts undergo before the traps, in their order, as for `reorient`. They
+        change the shares of the aspects by their transition matrices.
     drops : int
         Number of drops for the shares of the aspects.
     tolerance, trap_tolerance : float
@@ -276,7 +100,7 @@ def track(
     Raises
     ------
     InvalidValueError
-        A value is out of bounds, or a name is not known.
+        A value is out of bounds, a name is not known, or the track does not support a wanted row.
 
     Examples
     --------
@@ -288,18 +112,14 @@ def track(
     """
     given, wanted = given_track(on), (want,) if isinstance(want, int) else tuple(want)
     limits = Tolerance(tolerance, trap_tolerance)
-    dropped = drop(
-        given_part(part),
-        drops,
-        surface=surface,
-        seed=seed,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
-        **conditions,
-    )
-    rows = _rows(dropped, given)
-    return TrackResult(dropped, pass_traps(_part(dropped), rows, given, wanted, limits))
+    _check_parts(simulate)
+    loaded = given_part(part)
+    _warn_of_units(loaded, given)
+    options = _Options(surface, drops, seed, workers, progress, stopped, conditions)
+    dropped, acted, rows = _arrivals(loaded, given, before, options)
+    confusions = _confusions(loaded, rows, given, dropped, seed)
+    passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
+    return _with_runs(TrackResult(dropped, passage, acted), simulate, options)
 
 
 def design_track(
@@ -307,7 +127,9 @@ def design_track(
     want: int,
     on: Track | Mapping[str, Any] | str | Path | None = None,
     *,
-    traps: int = MOST_TRAPS,
+    traps: int = MAX_TRAPS,
+    simulate: int = 0,
+    before: Sequence[str | Action | NamedAction] = (),
     drops: int = DROPS,
     surface: str | DropConditions = DEFAULT_SURFACE,
     tolerance: float = 0.0,
@@ -317,7 +139,7 @@ def design_track(
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
     **conditions: Any,
-) -> list[TrackResult]:
+) -> TrackDesign:
     """Propose traps that pass only a wanted orientation of a part, with the largest margins.
 
     Parameters
@@ -329,38 +151,55 @@ def design_track(
         towards the wall by 5 degrees.
     traps : int
         Maximum number of traps, 1 to 3.
-    part, drops, surface, tolerance, trap_tolerance, seed, workers, progress, stopped, conditions
+    simulate : int
+        As for `track`, with the best design. Its margins are then those from the grey band of each
+        trap and row, in which only some of the parts pass at the speed of the track.
+    part, before, drops, surface, tolerance, trap_tolerance, seed, workers, progress, stopped,
+    conditions
         As for `track`.
 
     Returns
     -------
-    list of TrackResult
-        The best proposals, the one with the largest margin first; empty if no set of traps passes
-        only the wanted row.
+    TrackDesign
+        The proposals, the one with the largest margin first; none if no set of traps passes only
+        the wanted row, and then what would separate the others.
 
     Raises
     ------
     InvalidValueError
-        A value is out of bounds, a name is not known, or the part rolls in the wanted row.
+        A value is out of bounds, a name is not known, the part rolls in the wanted row, or the
+        track does not support it.
     """
     loaded = given_part(part)
     given = default_track(loaded) if on is None else replace(given_track(on), traps=())
     limits = Tolerance(tolerance, trap_tolerance)
-    dropped = drop(
-        loaded,
-        drops,
-        surface=surface,
-        seed=seed,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
-        **conditions,
+    _check_parts(simulate)
+    options = _Options(surface, drops, seed, workers, progress, stopped, conditions)
+    dropped, acted, rows = _arrivals(loaded, given, before, options)
+
+    def measure(row: Orientation, trap: Any, name: str, critical: float) -> Any:
+        physics = dropped.run.conditions
+        return measured_band(loaded, row, trap, name, critical, given, physics, seed)
+
+    found = design_traps(
+        loaded, rows, given, want, limits, traps, measure if simulate and not stopped() else None
     )
-    found = design_traps(loaded, _rows(dropped, given), given, want, limits, traps)
-    return [
-        TrackResult(dropped, design.passage, found.alike, design.margin)
+    results = [
+        TrackResult(
+            dropped,
+            design.passage,
+            acted,
+            alike=found.alike,
+            margin=design.margin,
+            bands=design.bands,
+        )
         for design in found.designs
     ]
+    if results:
+        results[0] = _with_runs(results[0], simulate, options)
+    bare = TrackResult(dropped, pass_traps(loaded, rows, given, (want,), limits), acted)
+    advice = tuple(_advice(loaded, rows, given, want, found))
+    return TrackDesign(tuple(results), bare, found.alike, advice)
 
 
 def default_track(part: Part) -> Track:
@@ -387,16 +226,151 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
     return read_track_file(path)
 
 
-def _rows(dropped: DropResult, on: Track) -> list[Orientation]:
+# -- Arrivals -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Options:
+    """Options that drops and actions share."""
+
+    surface: str | DropConditions
+    drops: int
+    seed: int
+    workers: int | Workers | None
+    progress: Progress
+    stopped: Callable[[], bool]
+    conditions: Mapping[str, Any]
+
+    @property
+    def shared(self) -> dict[str, Any]:
+        return {
+            'surface': self.surface,
+            'drops': self.drops,
+            'seed': self.seed,
+            'workers': self.workers,
+            'progress': self.progress,
+            'stopped': self.stopped,
+            **self.conditions,
+        }
+
+
+def _arrivals(
+    part: Part,
+    on: Track,
+    before: Sequence[str | Action | NamedAction],
+    options: _Options,
+) -> tuple[DropResult, tuple[ReorientResult, ...], list[Orientation]]:
+    """Return drops, actions, and the rows with their shares before the traps."""
+    dropped = drop(part, **options.shared)
+    acted = tuple(reorient(part, action, **options.shared) for action in before)
     distribution = dropped.distribution
-    total = max(int(distribution.counts.sum()), 1)
-    shares = [count / total for count in distribution.counts.tolist()]
+    shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
+    for each in acted:
+        shares = shares @ np.nan_to_num(each.matrix.transitions)
     wall = on.wall
-    return orientations_on(
-        _part(dropped), distribution.aspects, shares, wall.height, wall.friction
-    )
+    rows = orientations_on(part, distribution.aspects, shares.tolist(), wall.height, wall.friction)
+    return dropped, acted, rows
 
 
-def _part(dropped: DropResult) -> Part:
-    assert dropped.part is not None
-    return dropped.part
+def _confusions(
+    part: Part, rows: Sequence[Orientation], on: Track, dropped: DropResult, seed: int
+) -> dict[Sensor, Array]:
+    """Return the confusion matrix of each sensor of the track."""
+    sensors = {trap for trap in on.traps if isinstance(trap, Sensor)}
+    if not sensors:
+        return {}
+    known = known_part(part, dropped)
+    return {sensor: confusion(known, rows, sensor.noise, seed) for sensor in sensors}
+
+
+def _with_runs(result: TrackResult, parts: int, options: _Options) -> TrackResult:
+    """Return the result with simulated parts."""
+    if not parts or not result.passage.track.traps:
+        return result
+    physics = result.drop.run.conditions
+    runs = run_track(result.passage, physics, parts, options.seed, options.stopped)
+    return replace(result, runs=runs, interrupted=runs is None)
+
+
+def _check_parts(simulate: int) -> None:
+    whole = isinstance(simulate, int) and not isinstance(simulate, bool)
+    if not (whole and 0 <= simulate <= MAX_PARTS):
+        raise InvalidValueError(
+            f'invalid number of simulated parts {shown(simulate)}: expected 0 to {MAX_PARTS}'
+        )
+
+
+def _warn_of_units(part: Part, on: Track) -> None:
+    """Warn of dimensions that are so far from the size of the part that the unit is in doubt."""
+    size = 2 * part.hull_radius
+    low, high = (factor * size for factor in PLAUSIBLE)
+    for of in (on.surface, *on.traps):
+        what = 'track' if of is on.surface else trap_text(of)  # type: ignore[arg-type]
+        for name, each in quantities_of(of).items():
+            value = getattr(of, name)
+            default = type(of).__dataclass_fields__[name].default
+            if each.unit != 'm' or not value or value == default or name == 'noise':
+                continue
+            if not low <= value <= high:
+                warn(
+                    f'the {each.label} of {1e3 * value:g} mm ({what}) is far from the size of '
+                    f'{part.name}, {1e3 * size:.3g} mm: numbers without a unit are in m; write '
+                    '12mm for millimetres'
+                )
+
+
+# -- Advice ---------------------------------------------------------------------------------------
+
+
+def _advice(
+    part: Part, rows: Sequence[Orientation], on: Track, want: int, found: DesignResult
+) -> Iterator[str]:
+    """Yield what separates rows that the traps do not separate."""
+    mixed = [number for number in found.alike if number != want]
+    if found.designs and not mixed:
+        return
+    if not found.designs:
+        yield (
+            f'No set of traps passes only row {want}'
+            + (
+                f': no trap that passes it rejects row {numbers_text(found.remaining)}.'
+                if found.remaining
+                else ' with a margin of 0.1 mm.'
+            )
+        )
+        if found.others:
+            best = sorted(found.others, key=lambda each: -each[1])[:3]
+            texts = [f'{number} (margin {margin_text(margin)})' for number, margin in best]
+            yield f'Traps exist for these wanted rows: {", ".join(texts)}.'
+    by_id = {row.id: row for row in rows}
+    for other in [*mixed, *found.remaining]:
+        cut = asymmetric_cut(part, rows, on.surface, want, other)
+        if cut is not None:
+            corners = ', '.join(
+                f'({1e3 * cut[0].scale * x:.1f}, {1e3 * cut[0].scale * y:.1f})'
+                for x, y in cut[0].points
+            )
+            yield (
+                f'A triangular cut-out with the corners {corners} mm passes row {want} and '
+                f'rejects row {other}, with a margin of {margin_text(cut[1])}.'
+            )
+        elif _camera_separates(part, by_id[want], by_id[other]):
+            yield f'A camera (a sensor) separates row {want} from row {other}.'
+        else:
+            yield (
+                f'From above, row {want} looks like row {other}: neither a triangular cut-out nor '
+                'a camera separates them.'
+            )
+
+
+def _camera_separates(part: Part, one: Orientation, other: Orientation) -> bool:
+    """Return whether the outlines of two rows differ where the wall is, from above."""
+    outlines = [
+        shapely.transform(seen_outline(part, row.orientation), _from_corner)
+        for row in (one, other)
+    ]
+    return bool(shapely.hausdorff_distance(*outlines) > RESOLVED)
+
+
+def _from_corner(points: Array) -> Array:
+    return np.asarray(points - points.min(axis=0))

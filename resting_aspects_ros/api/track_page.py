@@ -1,15 +1,18 @@
 """The page of a track with traps."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.report_files import part_facts, run_facts
 from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
 from resting_aspects_ros.simulation.conditions import quantities_of
-from resting_aspects_ros.track.show import flow_figure, margin_text, track_figure
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.show import flow_figure, track_figure
+from resting_aspects_ros.tracks.traps import value_text
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.track import TrackResult
+    from resting_aspects_ros.api.track_result import TrackResult
 
 PAGE, FIGURES = 'track.html', ('orientations', 'track', 'flow')
 
@@ -30,7 +33,9 @@ def track_page(result: 'TrackResult') -> Page:
                     'mass',
                     result.figure,
                     'From above; the wall is the thick line, and parts move to the right. Blue: '
-                    'where the part touches the track. Cross: its centre of mass.',
+                    'where the part touches the track. Dashed: the region that the narrowest part '
+                    'of the track supports, in which the centre of mass, the cross, has to be. '
+                    'The margin is that of the trap that stops the row, or the least one.',
                     result.figure,
                 ),
                 rows,
@@ -39,7 +44,7 @@ def track_page(result: 'TrackResult') -> Page:
     ]
     if names:
         draw = partial(track_figure, found.track.surface.width, names, result.cuts())
-        flow = partial(flow_figure, result.rows, names, found.outcomes)
+        flow = partial(flow_figure, found, names)
         items: list[Item] = [
             Chart(
                 'track',
@@ -53,14 +58,13 @@ def track_page(result: 'TrackResult') -> Page:
                 'flow',
                 'Share of the parts before and after each trap, by row',
                 flow,
-                'Share of the parts that arrive at each trap; numbers are rows, and grey is what '
-                'statics does not tell.',
+                'The height of a band is a share of the parts, and its number a row. Below are '
+                'the parts that leave the track; grey is what statics does not tell.',
                 flow,
             ),
         ]
         sections.append(Section('Traps', 'traps', items))
     run = result.drop.run
-    surface, track = found.track.surface, found.track
     return Page(
         file=PAGE,
         title=run.part,
@@ -71,18 +75,17 @@ def track_page(result: 'TrackResult') -> Page:
         reading=reading('track'),
         facts={
             'Part': part_facts(result.part, run, result.drop.distribution.aspects),
-            'Track': [
-                (each.label, f'{getattr(of, name):.4g} {each.unit}'.rstrip())
-                for of in (surface, track.wall, track)
-                for name, each in quantities_of(of).items()
-            ],
+            'Track': list(_track_facts(found.track)),
             'Run': run_facts(run, result.drop.distribution.drops, 'drops'),
         },
-        top=[Text(sentence, 'verdict') for sentence in result.sentences]
-        + (
-            [Text(f'Least margin of the design: {margin_text(result.margin)}.', 'verdict')]
-            if result.margin is not None
-            else []
-        ),
+        top=[Text(sentence, 'verdict') for sentence in result.sentences],
         names=file_names(PAGE, FIGURES),
     )
+
+
+def _track_facts(track: Track) -> Iterator[tuple[str, str]]:
+    """Yield label and value of each dimension of a track: mm and degrees."""
+    for of in (track.surface, track.wall, track):
+        for name, each in quantities_of(of).items():
+            label = each.label if name not in ('friction', 'height') else each.text
+            yield label, value_text(getattr(of, name), each.unit)

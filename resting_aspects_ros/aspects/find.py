@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -18,8 +19,8 @@ from resting_aspects_ros.aspects.aspect_set import (
 )
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.aspects.symmetry import find_symmetry
-from resting_aspects_ros.part.frames import triangle_points
 from resting_aspects_ros.part.hull import Polyhedron, coplanar_facets
+from resting_aspects_ros.part.mass import triangle_points
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import CURVED_STEP, CurvedEdges
 from resting_aspects_ros.rotations import (
@@ -346,13 +347,29 @@ class _UnnumberedAspect:
     rolls: bool = False
 
 
+# The aspects of the parts that still exist.
+_found: WeakKeyDictionary[Part, AspectSet] = WeakKeyDictionary()
+
+
 def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
     """Return the numbered aspects of a part with their symmetry classes.
 
-    ``landscape`` is the landscape of the part, if known already: computing it takes a quarter of
-    the time.
+    They are found once for each part. ``landscape`` is the landscape of the part, if known
+    already: computing it takes a quarter of the time.
     """
-    landscape = Landscape(part) if landscape is None else landscape
+    found = _found.get(part)
+    if found is None:
+        found = _find_aspects(part, Landscape(part) if landscape is None else landscape)
+        keep_aspects(part, found)
+    return found
+
+
+def keep_aspects(part: Part, aspects: AspectSet) -> None:
+    """Keep the aspects of a part, such as those that another process found."""
+    _found[part] = aspects
+
+
+def _find_aspects(part: Part, landscape: Landscape) -> AspectSet:
     joined = join_minima(landscape)
     unnumbered = _sorted_aspects([_unnumbered(landscape, part, g) for g in joined], part)
     owner = np.empty(len(landscape.minima), dtype=np.int64)

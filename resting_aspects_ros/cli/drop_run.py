@@ -32,9 +32,13 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, OutputError, RestingAspectsError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces, quantities_of
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
-from resting_aspects_ros.simulation.starts import Noise
+from resting_aspects_ros.simulation.conditions import (
+    QUANTITIES,
+    Noise,
+    all_surfaces,
+    quantities_of,
+)
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 from resting_aspects_ros.statistics.intervals import check_precision
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.rolling import KnownPart
 from resting_aspects_ros.vision.tray_image import TrayCamera
 
 # Of the camera.

@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,10 +19,12 @@ from resting_aspects_ros.errors import (
     LogError,
     RestingAspectsError,
     analysis,
+    warn,
 )
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.report.table import Table
     from resting_aspects_ros.simulation.workers import Workers
 
 T = TypeVar('T')
@@ -130,6 +133,52 @@ def result_folder(
     if getattr(arguments, 'report', False):
         check_report(flag, out)
     return out
+
+
+# Tables that the command has shown; None unless they are written into a file.
+_shown: ContextVar['list[Table] | None'] = ContextVar('shown', default=None)
+
+
+def note_table(table: 'Table') -> None:
+    """Note a table that is shown, for `tables_written`."""
+    if (tables := _shown.get()) is not None:
+        tables.append(table)
+
+
+@contextmanager
+def tables_written(path: Path | None) -> Iterator[None]:
+    """Write the tables that are shown during the `with` into a file; None: do nothing.
+
+    An XLSX file has a sheet for each table. As CSV, each table after the first is a file of its
+    own, whose name ends with its number: nut.csv, nut_2.csv.
+
+    Raises InvalidValueError for another ending, or if the file cannot be written; OutputError.
+    """
+    if path is None:
+        yield
+        return
+    # These imports are slow, and only needed for files.
+    from resting_aspects_ros.api.result import check_output, whole_file
+    from resting_aspects_ros.report.table_files import check_ending, save_csv, save_xlsx
+
+    check_ending('--table', path)
+    check_output('--table', path)
+    tables: list[Table] = []
+    token = _shown.set(tables)
+    try:
+        yield
+    finally:
+        _shown.reset(token)
+    if not tables:
+        warn(f'{path} was not written: there is no table')
+    elif path.suffix.lower() == '.xlsx':
+        with whole_file(path) as file:
+            save_xlsx(tables, file)
+    else:
+        for number, table in enumerate(tables, start=1):
+            name = path if number == 1 else path.with_stem(f'{path.stem}_{number}')
+            with whole_file(name) as file:
+                save_csv(table, file)
 
 
 def text_file(text: Callable[[], str]) -> Callable[[Path], None]:

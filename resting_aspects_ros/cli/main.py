@@ -9,20 +9,20 @@ import argparse
 import errno
 import os
 import re
-import resource
 import signal
 import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from importlib.util import find_spec
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT
-from resting_aspects_ros.cli.verbs import COMMANDS
+from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
+from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS, ROS
 from resting_aspects_ros.errors import (
     InvalidValueError,
     NoLogError,
@@ -31,13 +31,16 @@ from resting_aspects_ros.errors import (
     RestingAspectsWarning,
     StoppedError,
     UnknownPartError,
+    did_you_mean,
     one_line,
     shown,
 )
 from resting_aspects_ros.input_files import MAX_PATH
-from resting_aspects_ros.simulation.interruption import SIGNALS, catch
+from resting_aspects_ros.simulation.interruption import catch
+from resting_aspects_ros.system import SIGNALS
 
 MAX_LINE = 2000
+INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'
 MIN_MEMORY = 512 << 20  # bytes
 # Messages of the dynamic linker, of C libraries and of Python if a thread or memory is refused.
 _NO_MEMORY = re.compile(
@@ -47,7 +50,7 @@ _WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
-EPILOG = """exit codes:
+EXIT_CODES = """exit codes:
   0    done
   1    failure during the work; partial results are saved
   2    wrong input: one line names the value and what was expected
@@ -60,6 +63,7 @@ class _Parser(argparse.ArgumentParser):
 
     # The command whose help lists the flags: unknown flags are reported by the main parser.
     helpful = ''
+    flags: Sequence[str] = ()
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options, allow_abbrev=False)
@@ -67,6 +71,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
             message += '; several numbers are separated by commas without spaces, such as 1,3'
+        elif unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
+            message += did_you_mean(unknown[1], self.flags)
         self.exit(
             WRONG_INPUT, f'error: {_line(message)} (see {self.helpful or self.prog} --help)\n'
         )
@@ -76,14 +82,22 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     """Return a parser of all subcommands, with the flags of the one that `argv` requests."""
     parser = _Parser(
         prog='resting_aspects',
+        usage='resting_aspects COMMAND ...',
         description=DESCRIPTION,
-        epilog=EPILOG,
+        epilog=f'{_listed_commands()}\n{EXIT_CODES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
-    subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
+    subparsers = parser.add_subparsers(
+        prog='resting_aspects', metavar='COMMAND', required=True, help=argparse.SUPPRESS
+    )
     requested = next((word for word in argv if not word.startswith('-')), '')
-    for command, text in COMMANDS.items():
+    if argv and requested == argv[0] and requested not in COMMANDS:
+        parser.error(
+            f'invalid command {shown(requested)}: expected one of {", ".join(COMMANDS)}'
+            f'{did_you_mean(requested, COMMANDS)}'
+        )
+    for command in COMMANDS:
         if command == requested:
             _check_memory()
             module = import_module(f'resting_aspects_ros.cli.verbs.{command}')
@@ -94,11 +108,21 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
                 formatter_class=argparse.RawDescriptionHelpFormatter,
             )
             module.add_arguments(subparser)
-            subparser.set_defaults(run=module.run)
+            subparser.set_defaults(run=module.run, command=command)
             parser.helpful = subparser.prog
+            parser.flags = re.findall(r'--[a-z][a-z-]+', subparser.format_usage())
         else:
-            subparsers.add_parser(command, help=text)
+            subparsers.add_parser(command)
     return parser
+
+
+def _listed_commands() -> str:
+    """Return the commands by group, a line each."""
+    width = max(map(len, COMMANDS))
+    return '\n'.join(
+        f'{title}:\n' + ''.join(f'  {name:<{width}}  {text}\n' for name, text in group.items())
+        for title, group in GROUPS.items()
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -119,7 +143,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 warnings.simplefilter('always', RestingAspectsWarning)
                 warnings.showwarning = _print_warning
                 arguments = make_parser(words).parse_args(words)
-                code = int(arguments.run(arguments))
+                if arguments.command in GROUPS[ROS]:
+                    _check_ros(arguments.command)
+                with tables_written(getattr(arguments, 'table', None)):
+                    code = int(arguments.run(arguments))
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe closed it
@@ -128,7 +155,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         # Block further signals: the interpreter removes its handlers as it ends, and the exit code
         # would become that of the signal. Threads that libraries started are not blocked.
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        if hasattr(signal, 'pthread_sigmask'):
+            signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
@@ -153,8 +181,19 @@ def _print_warning(
         print(text, file=file or sys.stderr)
 
 
+def _check_ros(command: str) -> None:
+    """Raise RestingAspectsError if ROS, or the messages of the suite, are not installed."""
+    for package in ('rclpy', 'resting_aspects_interfaces'):
+        if find_spec(package) is None:
+            raise RestingAspectsError(f'{command} needs {package}: {INSTALL_ROS}')
+
+
 def _check_memory() -> None:
     """Raise RestingAspectsError if memory is so limited that importing OpenBLAS ends or hangs."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
         raise RestingAspectsError(
@@ -187,6 +226,8 @@ def _outcome(error: Exception) -> tuple[int, str]:
     """Return exit code and message of an error; raises an unexpected error again."""
     if _is_of_memory(error):
         return FAILED, 'error: there is not enough memory'
+    if isinstance(error, ModuleNotFoundError) and _is_of_ros(error.name or ''):
+        return FAILED, f'error: this needs {error.name}: {INSTALL_ROS}'
     if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
         return WRONG_INPUT, f'error: {error}'
     if isinstance(error, StoppedError):
@@ -196,6 +237,11 @@ def _outcome(error: Exception) -> tuple[int, str]:
     if isinstance(error, OSError):
         return FAILED, f'error: {_place(error)}{error.strerror or error}'
     raise error
+
+
+def _is_of_ros(module: str) -> bool:
+    """Return whether a module belongs to ROS or to the messages of the suite."""
+    return module.partition('.')[0].endswith(('rclpy', '_interfaces', '_msgs', '_srvs'))
 
 
 def _is_of_memory(error: BaseException | None) -> bool:

@@ -14,13 +14,7 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
     Quantity,
 )
-from resting_aspects_ros.simulation.job import (
-    BULLET,
-    CUDA,
-    DEFAULT_DROPS,
-    KERNEL,
-    check_drops,
-)
+from resting_aspects_ros.simulation.limits import BULLET, CUDA, DEFAULT_DROPS, KERNEL, check_drops
 
 MAX_DIGITS = 20
 
@@ -65,7 +59,7 @@ def add_confidence(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
-    """Add --json, and --each for a table of aspects."""
+    """Add --json and --table, and --each for a table of aspects."""
     if each:
         parser.add_argument(
             '--each',
@@ -73,7 +67,14 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
             help='show a row for each aspect, even for those that a rotation of the part maps '
             'onto each other',
         )
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument('--json', action='store_true', help='print one JSON document instead')
+    output.add_argument(
+        '--table',
+        metavar='FILE',
+        type=Path,
+        help='also write the printed tables as .csv or .xlsx, with numbers as numbers',
+    )
 
 
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:

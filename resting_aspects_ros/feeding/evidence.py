@@ -19,7 +19,7 @@ from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
 from resting_aspects_ros.vision.grasp import Grasp
-from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.rolling import KnownPart
 
 # If there are fewer flips of a class, the missing ones have the result of a drop.
 MIN_FLIPS = 20

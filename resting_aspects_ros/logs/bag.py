@@ -250,8 +250,8 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
         with suppress(OSError):
             temporary.unlink()
         raise
-    # The entries of the folders survive a power failure too.
-    for each in (folder, folder.parent):
+    # The entries of the folders survive a power failure too. Windows does not open a folder.
+    for each in (folder, folder.parent) if os.name == 'posix' else ():
         descriptor = os.open(each, os.O_RDONLY)
         try:
             os.fsync(descriptor)

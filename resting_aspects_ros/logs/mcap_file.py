@@ -8,7 +8,6 @@ the end are valid. Any other deviation is damage, and a damaged file is rejected
 recover`, this module does not search a damaged file for readable records.
 """
 
-import fcntl
 import os
 import struct
 import zlib
@@ -39,6 +38,7 @@ from mcap.summary import Summary
 from resting_aspects_ros.errors import LogError, NoLogError, one_line
 from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag import EXPECTED, MAGIC, open_file, unpacking_failure
+from resting_aspects_ros.system import lock_file, unlock_file
 
 # Maximum size in bytes of a record, of an unpacked chunk and of the index. The largest record of
 # a log is a part's description with its mesh.
@@ -278,14 +278,10 @@ class McapFile:
 
 def _is_locked(file: IO[bytes]) -> bool:
     """Return whether another process, or another stream of this process, is writing the file."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False  # the file system does not support locks
-    fcntl.flock(file, fcntl.LOCK_UN)
-    return False
+    locked = lock_file(file, shared=True)
+    if locked:
+        unlock_file(file)
+    return locked is False
 
 
 # -- records --------------------------------------------------------------------------------------

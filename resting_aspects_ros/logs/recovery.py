@@ -28,10 +28,10 @@ from resting_aspects_ros.logs.topics import Qos, qos_profiles
 from resting_aspects_ros.logs.writer import (
     ROSBAG2,
     finish_file,
-    lock_file,
     register_channel,
     start_file,
 )
+from resting_aspects_ros.system import lock_file
 
 # QoS of a channel that does not record one, as rosbag2 assumes it.
 _DEFAULT_QOS = Qos(10)
@@ -82,7 +82,7 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
                 'because the metadata contain it'
             )
         # The lock is held during the recovery, so that no other process writes the log.
-        if not lock_file(file.stream):
+        if lock_file(file.stream) is False:
             return RecoveryResult(0, being_written=True)
         try:
             return _recovered(file, log if log.is_dir() else None, records or {})

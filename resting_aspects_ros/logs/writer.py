@@ -6,7 +6,6 @@ attachments. Messages are passed as CDR bytes, so this module does not depend on
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -14,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, BinaryIO, final
+from typing import Any, BinaryIO, final
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
@@ -28,6 +27,7 @@ from resting_aspects_ros.logs.topics import (
     qos_profiles,
     yaml_text,
 )
+from resting_aspects_ros.system import lock_file
 
 # A name that is one folder on every file system, and not hidden.
 _FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
@@ -269,18 +269,3 @@ def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None
     stream.flush()
     os.fsync(stream.fileno())
     stream.close()
-
-
-def lock_file(file: IO[bytes]) -> bool:
-    """Lock a file while it is written or recovered; returns False if it is locked already.
-
-    The lock is released at the latest when the process ends. Returns True without a lock if the
-    file system does not support locks.
-    """
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True

@@ -25,8 +25,8 @@ from resting_aspects_ros.input_files import (
     validated,
 )
 from resting_aspects_ros.part.loading import FILE_FORMATS, load_part
+from resting_aspects_ros.part.mesh_files import SCENE_FORMATS
 from resting_aspects_ros.part.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, Unit, is_valid_name
-from resting_aspects_ros.part.scene_files import SCENE_FORMATS
 
 
 class PartFile(FileModel):

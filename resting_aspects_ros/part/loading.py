@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ from resting_aspects_ros.part.hull import convex_hull, simplify_hull
 from resting_aspects_ros.part.mass import GivenMassValues, mass_properties, solid_integrals
 from resting_aspects_ros.part.mesh_files import (
     MESH_FORMATS,
+    SCENE_FORMATS,
+    STEP_FORMATS,
     Triangles,
     read_triangles,
     without_unused,
@@ -35,14 +37,10 @@ from resting_aspects_ros.part.part import (
     size_warnings,
     valid_name,
 )
-from resting_aspects_ros.part.scene_files import (
-    SCENE_FORMATS,
-    STEP_FORMATS,
-    Scene,
-    glb_from_step,
-    read_scene,
-)
 from resting_aspects_ros.part.surface import Surface, closed_surface, triangle_edges
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.part.scene_files import Scene
 
 # -- Bodies ---------------------------------------------------------------------------------------
 
@@ -387,6 +385,9 @@ def load_part(
     data = read_input(path, MAX_BYTES, 'mesh', PartError)
     notes: tuple[str, ...] = ()
     if mesh_format in STEP_FORMATS:
+        # Other files do not need this module.
+        from resting_aspects_ros.part.scene_files import glb_from_step
+
         data, left_out = glb_from_step(data, label)
         mesh_format, unit = 'glb', None if unit == 'mm' else unit
         notes = _left_out(label, left_out)
@@ -498,6 +499,9 @@ def _part(
     if mesh_format not in SCENE_FORMATS:
         mesh = read_triangles(data, mesh_format, label)
         return mesh_part(label, mesh, unit, body_number(chosen_body), given, file)
+    # Other files do not need this module.
+    from resting_aspects_ros.part.scene_files import read_scene
+
     scene = read_scene(data, mesh_format, label)
     if unit not in (None, scene.unit):
         raise InvalidValueError(
@@ -518,7 +522,7 @@ def _left_out(label: str, names: list[str]) -> tuple[str, ...]:
 
 def _scene_part(
     label: str,
-    scene: Scene,
+    scene: 'Scene',
     chosen: int | str | None,
     given: GivenMassValues,
     file: tuple[str, bytes, str],

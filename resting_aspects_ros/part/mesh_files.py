@@ -342,6 +342,8 @@ def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Verti
 
 # Formats of a single mesh without a unit.
 MESH_FORMATS = ('stl', 'obj', 'ply', 'off')
+# Files of bodies with names; see scene_files.
+SCENE_FORMATS, STEP_FORMATS = ('glb', '3mf'), ('step', 'stp')
 # More triangles take minutes and gigabytes and do not change the aspects.
 MAX_TRIANGLES = 1_000_000
 

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import PartError
-from resting_aspects_ros.part.frames import (
+from resting_aspects_ros.part.hull import outward_hull
+from resting_aspects_ros.part.mass import (
     higher_moments,
     intrinsic_signs,
     principal_frame,
     symmetric_top_axes,
 )
-from resting_aspects_ros.part.hull import outward_hull
 
 # -- Units ----------------------------------------------------------------------------------------
 

@@ -32,7 +32,6 @@ from resting_aspects_ros.part.surface import (
     weld_groups,
 )
 
-SCENE_FORMATS = ('glb', '3mf')
 UNPACKED = 256 << 20  # maximum size of the files in a 3MF, bytes
 MAX_LISTED = 5
 # The words of the unit in a 3MF, as trimesh returns them. Lengths in a GLB are in metres.
@@ -398,7 +397,6 @@ def _closed_shells(
 # -- STEP files -----------------------------------------------------------------------------------
 
 
-STEP_FORMATS = ('step', 'stp')
 # Maximum distance between a curved surface and its triangles, mm, and maximum angle between
 # neighbouring triangles on it, rad. The others are tried if the triangles of a solid leave gaps.
 DEVIATIONS = ((0.01, 0.1), (0.005, 0.08), (0.02, 0.15), (0.002, 0.05), (0.05, 0.25), (0.01, 0.4))
@@ -408,12 +406,16 @@ _CONVERT = """
 import sys
 sys.path[:] = sys.argv[4:]
 sys.modules['trimesh'] = None  # cascadio imports it if it can, which takes a second
-import os, resource
+import os
 result = os.dup(1)
 os.dup2(2, 1)
 limit = int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+except ImportError:
+    pass  # Windows
 import cascadio
 # Parallel meshing could change the order of the triangles, and with it the bytes.
 found = cascadio.load(

@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -168,9 +169,10 @@ def drop_page(
         Whether the parts lie on a level plane, as the pictures and the properties of the aspects
         assume.
     """
-    drawn = _DrawnRows(distribution, part)
+    drawn = DrawnRows(distribution, part)
     rows = [*drawn.rows, *drawn.outside]
-    shown = _outcome_rows(distribution, rows, drawn, part, level=level_floor)
+    longest = max((row.interval.upper for row in rows), default=1.0)
+    shown = outcome_rows(distribution, drawn, part, level=level_floor, longest=longest)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
     sections = [_aspect_section(shown, drops, spread, view=drawn.has_view, level=level_floor)]
@@ -178,7 +180,8 @@ def drop_page(
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
     if measured is not None:
-        sections.append(_measured_section(drawn.rows, *measured))
+        items = list(comparison_items(drawn.rows, *measured))
+        sections.append(Section('Measured and simulated', 'comparison', items))
     if history is None and drops > 1:
         sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
     elif history is not None and len(history[0]) > 1 and drawn.rows:
@@ -206,10 +209,14 @@ def drop_page(
     )
 
 
-class _DrawnRows:
-    """The rows of a distribution, and the pictures of the part in them."""
+class DrawnRows:
+    """The rows of a distribution, and the pictures of the part in them.
 
-    def __init__(self, distribution: Distribution, part: Part | None) -> None:
+    pixels : int
+        Side of a picture; by default that of the page of the distribution.
+    """
+
+    def __init__(self, distribution: Distribution, part: Part | None, pixels: int = 0) -> None:
         self.rows = class_rows(distribution)
         self.outside = outside_rows(distribution)
         self.part = part and picture_part(part, distribution.aspects.aspects)
@@ -217,8 +224,9 @@ class _DrawnRows:
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
         order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
         self.pictured = sorted(order[:MAX_PICTURED_ROWS])
-        self.oblique = self._images(OBLIQUE)
-        self.above = self._images(FROM_ABOVE)
+        pixels = pixels or (PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS)
+        self.oblique = self._images(OBLIQUE, pixels)
+        self.above = self._images(FROM_ABOVE, pixels)
 
     @property
     def has_view(self) -> bool:
@@ -233,18 +241,17 @@ class _DrawnRows:
         small = downsample(oblique, len(oblique) // SMALL_PIXELS)
         return [picture_uri(image) for image in (oblique, self.above[k], small)]
 
-    def _images(self, view: Array) -> dict[int, Image]:
+    def _images(self, view: Array, pixels: int) -> dict[int, Image]:
         """Return the pictures by row index."""
         posed_parts = [self.posed_parts[k] for k in self.pictured]
         colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        pixels = PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS
         images = draw_parts(posed_parts, colours, pixels, view)
         return dict(zip(self.pictured, images, strict=True))
 
 
 def _top(
     shown: Sequence[OutcomeRow],
-    drawn: _DrawnRows,
+    drawn: DrawnRows,
     part: Part | None,
     distribution: Distribution,
     spread: str,
@@ -292,9 +299,10 @@ def _aspect_section(
     return Section('Aspects', 'aspects', items)
 
 
-def _measured_section(
+def comparison_items(
     rows: Sequence[Row], comparison: Comparison, sides: ComparedResults
-) -> Section:
+) -> Iterator[Item]:
+    """Yield what shows the comparison of two sets of drops, with a row for each compared class."""
     confidence = f'{100 * comparison.confidence:g}'
     first, second = sides.labels
     labelled = [
@@ -304,23 +312,16 @@ def _measured_section(
         )
     ]
     draw = partial(comparison_figure, rows, labelled, difference_texts(comparison, sides))
-    chart = _chart(
+    yield _chart(
         'comparison',
         draw,
         'Bars show the share of each aspect in the drops that came to rest in an aspect, with '
         f'{confidence} % intervals (Wilson). The text beside the bars is the difference, {first} '
         f'minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
     )
-    return Section(
-        'Measured and simulated',
-        'comparison',
-        [
-            chart,
-            Text(verdict(comparison, [row.name for row in rows]), 'verdict'),
-            comparison_table(comparison, sides, ''),
-            Facts(list(measures(comparison, sides).items())),
-        ],
-    )
+    yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
+    yield comparison_table(comparison, sides, '')
+    yield Facts(list(measures(comparison, sides).items()))
 
 
 def _estimate_section(
@@ -352,40 +353,66 @@ def _estimate_section(
     )
 
 
-def _outcome_rows(
+def outcome_rows(
     distribution: Distribution,
-    rows: Sequence[Row],
-    drawn: _DrawnRows,
+    drawn: DrawnRows,
     part: Part | None,
     *,
     level: bool,
+    longest: float,
 ) -> list[OutcomeRow]:
     """Return the texts and pictures of each row.
 
-    ``level`` is whether the parts lie on a level plane. If not, the facts that are true there say
-    so.
+    Parameters
+    ----------
+    level : bool
+        Whether the parts lie on a level plane. If not, the facts that are true there say so.
+    longest : float
+        The share at which a bar has the full width.
     """
-    longest = max((row.interval.upper for row in rows), default=1.0)
+    rows = [*drawn.rows, *drawn.outside]
     heights = millimetre_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
     classes = distribution.aspects.classes()
-    return [
-        OutcomeRow(
-            row.name,
-            short_name(row),
-            _note(row),
-            row.colour,
-            row.count,
-            _probability(row, distribution.drops),
-            interval_text(row.interval),
-            _bar(row.interval, longest),
-            _facts(row, height, part, classes, level=level) if row.aspects else (),
-            _members(distribution, row) if len(row.aspects) > 1 else None,
-            *drawn.pictures(k),
+    found = []
+    for k, (row, height) in enumerate(zip(rows, heights, strict=True)):
+        share = share_fields(row, distribution.drops, longest)
+        oblique, above, small = drawn.pictures(k)
+        found.append(
+            OutcomeRow(
+                name=row.name,
+                short=short_name(row),
+                note=_note(row),
+                colour=row.colour,
+                count=row.count,
+                probability=share.probability,
+                interval=share.interval,
+                bar=share.bar,
+                facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
+                members=_members(distribution, row) if len(row.aspects) > 1 else None,
+                oblique=oblique,
+                above=above,
+                small=small,
+            )
         )
-        for k, (row, height) in enumerate(zip(rows, heights, strict=True))
-    ]
+    return found
+
+
+@dataclass(frozen=True)
+class ShareFields:
+    """The texts and the bar of an OutcomeRow, which change with the counts."""
+
+    probability: str
+    interval: str
+    bar: tuple[float, float, float]
+
+
+def share_fields(row: Row, drops: int, longest: float) -> ShareFields:
+    """Return the texts and the bar of a row; a bar has the full width at the longest share."""
+    return ShareFields(
+        _probability(row, drops), interval_text(row.interval), _bar(row.interval, longest)
+    )
 
 
 def _members(distribution: Distribution, row: Row) -> Table:

@@ -28,7 +28,7 @@ from resting_aspects_ros.report.format import (
     share_text,
     short_name,
 )
-from resting_aspects_ros.report.table import DOWN, NOTHING, RESTS_ON, Table
+from resting_aspects_ros.report.table import DOWN, NOTHING, RESTS_ON, Number, Table
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution, Placements
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, intervals
@@ -123,7 +123,7 @@ def _each_text(row: Row, drops: int) -> str:
     if len(row.aspects) == 1 or not drops:
         return ''
     share = 100 * row.interval.probability / len(row.aspects)
-    return f'{share:.{decimals_of(row.interval)}f} %'
+    return Number(f'{share:.{decimals_of(row.interval)}f} %', share)
 
 
 def down_text(aspect: Aspect) -> str:
@@ -159,18 +159,24 @@ def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = Fal
     heights = millimetre_texts(np.array([row[0].com_height for row in rows]))
     for row, height in zip(rows, heights, strict=True):
         aspect = row[0]
-        basin = f'{100 * sum(aspect.basin_share for aspect in row):.1f} %'
+        basin = 100 * sum(aspect.basin_share for aspect in row)
         table.add_row(
             ids_text(row),
             str(aspect.symmetry_class),
             resting_on(part, aspect),
             *([down_text(aspect)] if each else []),
             height,
-            basin,
-            f'{1000 * aspect.min_barrier:.3g}' if aspect.neighbour else '-',
+            Number(f'{basin:.1f} %', basin),
+            _barrier_text(aspect),
             _to_text(aspect, None if each else classes),
         )
     return table
+
+
+def _barrier_text(aspect: Aspect) -> str:
+    if not aspect.neighbour:
+        return NOTHING
+    return Number(f'{1000 * aspect.min_barrier:.3g}', 1000 * aspect.min_barrier)
 
 
 def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
@@ -299,7 +305,10 @@ def estimate_table(
     else:
         headings = ['drops', '95 %\ninterval']
         first = [
-            [share_text(each.probability), interval_text(each).removesuffix(' %')]
+            [
+                share_text(each.probability),
+                Number(interval_text(each).removesuffix(' %'), 100 * each.lower, 100 * each.upper),
+            ]
             for each in intervals(against.counts, int(against.counts.sum()))
         ]
     for method in shares:

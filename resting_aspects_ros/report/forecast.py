@@ -29,7 +29,7 @@ from resting_aspects_ros.report.format import (
     number_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, Table
+from resting_aspects_ros.report.table import NOTHING, Number, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -176,10 +176,10 @@ def curve_table(named: NamedForecast) -> Table:
     ):
         table.add_row(
             f'{number}',
-            f'{rate:.2f}',
-            f'{lower:.2f} to {upper:.2f}',
-            f'{100 * empty:.1f} %',
-            f'{100 * free:.1f} %',
+            Number(f'{rate:.2f}', rate),
+            Number(f'{lower:.2f} to {upper:.2f}', lower, upper),
+            Number(f'{100 * empty:.1f} %', 100 * empty),
+            Number(f'{100 * free:.1f} %', 100 * free),
         )
     return table
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.table import Number
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
@@ -59,22 +60,22 @@ def decimals_of(interval: Interval) -> int:
 
 def probability_text(interval: Interval) -> str:
     """Return the probability in percent, as '27.8 %'; '0 %' if the count is zero."""
-    return f'{percent_text(interval.probability, decimals_of(interval))} %'
+    text = percent_text(interval.probability, decimals_of(interval))
+    return Number(f'{text} %', 100 * interval.probability)
 
 
 def interval_text(interval: Interval) -> str:
     """Return both bounds in percent, as '25.1 to 30.7 %' or '0 to 0.38 %'."""
     decimals = decimals_of(interval)
-    return (
-        f'{percent_text(interval.lower, decimals)} to {percent_text(interval.upper, decimals)} %'
-    )
+    lower, upper = (percent_text(each, decimals) for each in (interval.lower, interval.upper))
+    return Number(f'{lower} to {upper} %', 100 * interval.lower, 100 * interval.upper)
 
 
 def points_text(deviation: float, lower: float, upper: float) -> str:
     """Return a difference of shares in percentage points, as '+3.1 (-0.9 to +7.0)'."""
     decimals = decimals_of(Interval(deviation, lower, upper))
     difference, low, high = (points(x, decimals) for x in (deviation, lower, upper))
-    return f'{difference} ({low} to {high})'
+    return Number(f'{difference} ({low} to {high})', 100 * deviation, 100 * lower, 100 * upper)
 
 
 def shown_difference(first: float, second: float, decimals: int) -> float:
@@ -92,7 +93,13 @@ def share_text(share: float) -> str:
     It has one decimal, as '27.8', or below 1 % two significant digits, as '0.034'.
     """
     percent = 100 * share
-    return f'{percent:.1f}' if percent >= 0.995 or not percent else f'{percent:.2g}'
+    text = f'{percent:.1f}' if percent >= 0.995 or not percent else f'{percent:.2g}'
+    return Number(text, percent)
+
+
+def share_percent_text(share: float) -> str:
+    """Return a share in percent, as '27.8 %'."""
+    return Number(f'{share_text(share)} %', 100 * share)
 
 
 def direction_text(direction: npt.NDArray[np.float64]) -> str:
@@ -104,7 +111,8 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
     """Return lengths (n,), m, in mm, all with the decimals that give the longest four digits."""
     longest = float(lengths.max(initial=0.0)) * 1000
     whole_digits = math.floor(math.log10(longest)) + 1 if longest > 0 else 1
-    return [f'{1000 * length:.{max(4 - whole_digits, 0)}f}' for length in lengths]
+    decimals = max(4 - whole_digits, 0)
+    return [Number(f'{1000 * x:.{decimals}f}', 1000 * x) for x in lengths.tolist()]
 
 
 def millimetres_text(length: float) -> str:
@@ -125,7 +133,7 @@ def size_text(part: Part) -> str:
 def percent_text(share: float, decimals: int) -> str:
     """Return a share in percent without the percent sign; '0' if it is exactly zero."""
     # An exact zero has no decimals: they would suggest that it was measured precisely.
-    return f'{100 * share:.{decimals}f}' if share else '0'
+    return Number(f'{100 * share:.{decimals}f}' if share else '0', 100 * share)
 
 
 def points(share: float, decimals: int) -> str:
@@ -141,7 +149,7 @@ def _signed(value: float) -> str:
 
 def number_text(number: float) -> str:
     """Return a number with three significant digits, or as an integer from 100."""
-    return f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}'
+    return Number(f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}', number)
 
 
 def minutes_text(minutes: float) -> str:

@@ -141,6 +141,26 @@ def outline_table(
     return table
 
 
+def pair_table(outlines: Sequence[Outline], look_alikes: LookAlikes, title: str) -> Table:
+    """Return a table of all pairs of classes, those that a camera confuses most easily first.
+
+    A camera that does not resolve the stated distance cannot distinguish the classes.
+    """
+    pairs = [
+        (each.symmetry_class, other)
+        for each in outlines
+        for other in look_alikes[each.symmetry_class]
+        if each.symmetry_class < other.symmetry_class
+    ]
+    headings = ('classes', 'outlines', 'resolution that separates them')
+    table = Table(title, headings, texts={'outlines': None})
+    for number, other in sorted(pairs, key=lambda pair: _order(pair[1])):
+        distance = f'{millimetres_text(other.resolution)} mm'
+        separates = distance if other.verdict == 'distinct' else NOTHING
+        table.add_row(f'{number} and {other.symmetry_class}', other.verdict, separates)
+    return table
+
+
 def yaw_symmetry_text(order: int) -> str:
     """Return by which turns an outline looks the same: 'none', '120 deg' or 'any turn'."""
     if order == 1:

@@ -5,6 +5,7 @@ classes of this module, or a Table. The template has a macro for each of them, w
 """
 
 import base64
+import functools
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,13 +19,14 @@ from resting_aspects_ros.report.figure import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.table import Table
 
 if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written
+    import jinja2
     from matplotlib.figure import Figure
 
     from resting_aspects_ros.report.picture import Image
 
 # Endings of the files of a figure.
 ENDINGS = ('png', 'svg')
-TEMPLATE = 'page.html'
+TEMPLATE, ITEMS = 'page.html', 'items.html'
 _CSS_PIXELS_PER_INCH = 96
 # Rows of a page with more of them are small.
 MANY_ROWS = 12
@@ -147,6 +149,9 @@ class OutcomeRow:
         Pictures as data URIs.
     bar : (float, float, float)
         Length of the bar, and start and length of its whisker, as percentages of the width.
+    model : (float, float) or None
+        Start and length of a second range, which is drawn thinner: that of the model, if it is
+        known.
     facts : tuple of (str, str, str)
         Properties of the aspect that follow from the shape: label, value, explanation.
     members : Table or None
@@ -166,6 +171,7 @@ class OutcomeRow:
     oblique: str = ''
     above: str = ''
     small: str = ''
+    model: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -246,50 +252,73 @@ class Page:
                 files = list(chart.files())
             yield from files
         drawn: dict[str, dict[str, Any]] = {}
-        for chart in self._charts():
-            files = []
-            with analysis(f'the figure {chart.label!r}', notes):
-                svg, content = _inline(chart)
-                files = list(chart.files(svg if chart.saved is chart.draw else ''))
-                drawn[chart.name] = content
-            yield from files
+        for items in (self.top, *(section.items for section in self.sections)):
+            for chart in _charts(items):
+                files = []
+                with analysis(f'the figure {chart.label!r}', notes):
+                    svg, content = _inline(chart)
+                    files = list(chart.files(svg if chart.saved is chart.draw else ''))
+                    drawn[chart.name] = content
+                yield from files
         yield self.file, self._html(notes, drawn).encode()
 
     def html(self) -> str:
         """Return the page alone."""
         return dict(self.files())[self.file].decode()
 
-    def _charts(self) -> Iterator[Chart]:
-        for items in (self.top, *(section.items for section in self.sections)):
-            for item in items:
-                if isinstance(item, Chart):
-                    yield item
-                if isinstance(item, Bars):
-                    yield item.chart
-
     def _html(self, notes: Sequence[str], drawn: Mapping[str, Mapping[str, Any]]) -> str:
-        # The import takes 0.2 s, and no other command needs it.
-        import jinja2
-
-        environment = jinja2.Environment(
-            autoescape=True,
-            undefined=jinja2.StrictUndefined,
-            loader=jinja2.FunctionLoader(read_file),
-            trim_blocks=True,
-        )
         views = [item for item in self.top if isinstance(item, View)]
-        scripts = ('three.module.min.js', 'OrbitControls.js')
+        scripts = ('three.module.min.js', 'OrbitControls.js', 'view.js')
         # The template marks the scripts and the style as safe: they contain no data.
-        return environment.get_template(TEMPLATE).render(
-            page=self,
-            notes=notes,
-            drawn=drawn,
-            kind=lambda item: type(item).__name__,
-            style=read_file('page.css'),
-            scene=views[0].scene if views else None,
-            script=read_file('page.js'),
-            modules={name.partition('.')[0]: script_uri(name) for name in scripts if views},
+        return (
+            templates()
+            .get_template(TEMPLATE)
+            .render(
+                page=self,
+                notes=notes,
+                drawn=drawn,
+                style=read_file('page.css'),
+                scene=views[0].scene if views else None,
+                script=read_file('page.js'),
+                modules={name.partition('.')[0]: script_uri(name) for name in scripts if views},
+            )
         )
+
+
+@functools.cache
+def templates() -> 'jinja2.Environment':
+    """Return the templates of page_files, with all values escaped."""
+    # The import takes 0.2 s, and few commands need it.
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        loader=jinja2.FunctionLoader(read_file),
+        trim_blocks=True,
+    )
+    environment.globals['kind'] = lambda item: type(item).__name__
+    return environment
+
+
+def items_html(items: Sequence[Item]) -> str:
+    """Return the HTML of items as a page shows them; a figure that fails is left out."""
+    drawn: dict[str, dict[str, Any]] = {}
+    for chart in _charts(items):
+        with analysis(f'the figure {chart.label!r}'):
+            drawn[chart.name] = _inline(chart)[1]
+    macros: Any = templates().get_template(ITEMS).make_module({'drawn': drawn})
+    return str(macros.show(items))
+
+
+def _charts(items: Sequence[Item]) -> Iterator[Chart]:
+    for item in items:
+        if isinstance(item, Chart):
+            yield item
+        if isinstance(item, Bars):
+            yield item.chart
+        if isinstance(item, Fold):
+            yield from _charts(item.items)
 
 
 def _inline(chart: Chart) -> tuple[str, dict[str, Any]]:
@@ -314,10 +343,10 @@ def file_names(page: str, figures: Sequence[str]) -> list[str]:
 
 def picture_uri(image: 'Image') -> str:
     """Return a picture as a data URI."""
-    from matplotlib.image import imsave
+    from PIL import Image as Picture
 
     file = io.BytesIO()
-    imsave(file, image, format='png')
+    Picture.fromarray((image * 255).round().astype('uint8')).save(file, format='png')
     return _data_uri('image/png', file.getvalue())
 
 

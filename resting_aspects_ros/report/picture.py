@@ -65,13 +65,12 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
     slope[facing] = -normal[facing, :2] / normal[facing, 2:]
     face, row, column = _covered(corners, facing, size)
 
-    first = corners[face, 0]
-    along = np.stack([column + 0.5, row + 0.5], axis=1) - first[:, :2]
-    heights = corners[face, :, 2]
+    # A column of coordinates for each term: sums over short axes are slow.
+    (x, y, z), (right, up) = corners[:, 0].T, slope.T
+    inside = right[face] * (column + 0.5 - x[face]) + up[face] * (row + 0.5 - y[face])
+    low, high = corners[:, :, 2].min(axis=1), corners[:, :, 2].max(axis=1)
     # Clipped to the depths of the corners: a triangle seen edge-on has an almost infinite slope.
-    depth = np.clip(
-        first[:, 2] + (slope[face] * along).sum(axis=1), heights.min(axis=1), heights.max(axis=1)
-    )
+    depth = np.clip(z[face] + inside, low[face], high[face])
     pixel = row * size + column
     nearest = np.full(size * size, -np.inf)
     np.maximum.at(nearest, pixel, depth)
@@ -391,9 +390,12 @@ def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view:
 
 def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
     """Return the means over factor x factor pixels of an RGBA image; opacity weights colours."""
-    image = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
-    size = len(image) // factor
-    mean = image.reshape(size, factor, size, factor, 4).mean(axis=(1, 3))
+    weighted = image.copy()
+    for channel in range(3):
+        weighted[..., channel] *= image[..., 3]
+    # First the rows, then the columns of a third as many pixels: sums over short axes are slow.
+    rows = sum(weighted[start::factor] for start in range(factor))
+    mean = sum(rows[:, start::factor] for start in range(factor)) / factor**2
     mean[..., :3] /= np.maximum(mean[..., 3:], 1e-9)
     return mean.astype(np.float32)
 

@@ -18,6 +18,23 @@ NOTHING = '-'
 RESTS_ON, DOWN = 'rests on', 'down in part'
 
 
+class Number(str):
+    """The text of a number or of an interval, with the exact values for files.
+
+    values : tuple of float
+        In the unit of the text, such as percent: a number, or the bounds of an interval, or both.
+    """
+
+    __slots__ = ('values',)
+    values: tuple[float, ...]
+
+    def __new__(cls, text: str, *values: float) -> 'Number':  # noqa: PYI034 - Self is newer
+        """Return the text, which has the values."""
+        number = super().__new__(cls, text)
+        number.values = values
+        return number
+
+
 @dataclass(eq=False)
 class Table:
     """A table of plain texts: numbers are aligned to the right, texts to the left.

@@ -19,9 +19,10 @@ from resting_aspects_ros.report.format import (
     number_text,
     percent_text,
     probability_text,
+    share_percent_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, WIDTH, Table
+from resting_aspects_ros.report.table import NOTHING, WIDTH, Number, Table
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.statistics.markov import LongRun, Plan
 from resting_aspects_ros.statistics.transitions import (
@@ -84,10 +85,7 @@ def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') ->
     table = Table(title, ('from', *cells.headings, 'actions'), caption=caption)
     for k, name in enumerate(cells.rows):
         found = cells.of_row(k)
-        texts = [
-            f'{_bare(probability_text(found[c]))}\n{_bounds(found[c])}' if found else NOTHING
-            for c in cells.columns
-        ]
+        texts = [_with_bounds(found[c]) if found else NOTHING for c in cells.columns]
         table.add_row(name, *texts, cells.actions[k])
     return table
 
@@ -179,9 +177,12 @@ def _half_width(cells: _Cells, row: int) -> str:
     return _bare(probability_text(half)) if cells.of_row(row) else NOTHING
 
 
-def _bounds(interval: Interval) -> str:
-    """Return both bounds in percent, as '25.1-30.7': narrower than interval_text."""
-    return _bare(interval_text(interval)).replace(' to ', '-')
+def _with_bounds(interval: Interval) -> str:
+    """Return the probability in percent, and below it its bounds, as '25.1-30.7'."""
+    bounds = _bare(interval_text(interval)).replace(' to ', '-')
+    values = (interval.probability, interval.lower, interval.upper)
+    text = f'{_bare(probability_text(interval))}\n{bounds}'
+    return Number(text, *(100 * value for value in values))
 
 
 def _bare(percentage: str) -> str:
@@ -235,7 +236,7 @@ def long_run_table(
     )
     table = Table(title, headings)
     values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
-    once = [[]] * len(rows) if after is None else [[f'{share_text(x)} %'] for x in after.tolist()]
+    once = [[]] * len(rows) if after is None else [[share_percent_text(x)] for x in after.tolist()]
     columns = zip(rows, values, once, drop.tolist(), marks, strict=True)
     for row, value, one, dropped, mark in columns:
         interval = Interval(*value)
@@ -244,7 +245,7 @@ def long_run_table(
             probability_text(interval),
             interval_text(interval),
             *one,
-            f'{share_text(dropped)} %',
+            share_percent_text(dropped),
             *([mark] if any(marks) else []),
         )
     return table
@@ -271,9 +272,11 @@ def actions_table(
     table = Table(title, (_heading(rows), 'in a\ndrop', *shares))
     columns = (drop, *shares.values())
     for number, row in enumerate(rows):
-        table.add_row(ids_text(row), *(f'{share_text(column[number])} %' for column in columns))
+        table.add_row(
+            ids_text(row), *(share_percent_text(float(column[number])) for column in columns)
+        )
     if wanted.any():
-        sums = (f'{share_text(float(column[wanted].sum()))} %' for column in columns)
+        sums = (share_percent_text(float(column[wanted].sum())) for column in columns)
         table.add_row(WANTED, *sums)
     return table
 
@@ -394,7 +397,7 @@ def _chance_text(probability: float) -> str:
     if not 0 < probability <= _CERTAIN:
         return '100 %' if probability else '0 %'
     text = share_text(probability)
-    return '> 99.9 %' if text == '100.0' else f'{text} %'
+    return '> 99.9 %' if text == '100.0' else share_percent_text(probability)
 
 
 def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float) -> Table:

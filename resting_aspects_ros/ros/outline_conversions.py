@@ -17,9 +17,9 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.outlines import polygon_fields
 from resting_aspects_ros.ros.conversions import pose_msg
 from resting_aspects_ros.vision import outline as part_outline
-from resting_aspects_ros.vision.known_part import Candidate
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.outline import LookAlike
+from resting_aspects_ros.vision.rolling import Candidate
 
 # By the verdict of a LookAlike.
 VERDICTS = {

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
-from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.job import NO_BULLET, DropJob
 from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import (
     Block,
@@ -47,8 +47,11 @@ def _silenced_stderr() -> Iterator[None]:
         os.close(null)
 
 
-with _silenced_stderr():  # pybullet prints its build time on import, in every process
-    import pybullet
+try:
+    with _silenced_stderr():  # pybullet prints its build time on import, in every process
+        import pybullet
+except ImportError:
+    raise EngineError(NO_BULLET) from None
 
 __all__ = ['compound', 'empty_client', 'pybullet']
 
@@ -158,9 +161,13 @@ class World:
     ----------
     frame : (3,) float
         Velocity with which the world moves, R / T; by default ``DropJob.frame_velocity``.
+    breaking : float
+        Contacts persist until their points are this far apart, R. See CONTACT_BREAKING.
     """
 
-    def __init__(self, job: DropJob, frame: Array | None = None) -> None:
+    def __init__(
+        self, job: DropJob, frame: Array | None = None, breaking: float = CONTACT_BREAKING
+    ) -> None:
         client = empty_client()
         residual = SOLVER_RESIDUAL if job.scene.level else RESIDUAL
         if job.motion is not None:
@@ -178,7 +185,7 @@ class World:
             # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
-            contactBreakingThreshold=min(CONTACT_BREAKING, THIN_PART_FRACTION * job.min_height),
+            contactBreakingThreshold=min(breaking, THIN_PART_FRACTION * job.min_height),
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Optional, TypeVar
 
 from pydantic import create_model
 
-from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 
 if TYPE_CHECKING:
@@ -274,6 +274,22 @@ class DropConditions:
         return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of normal errors of given states, for each component in tray axes."""
+
+    orientation: float = quantity(
+        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
+    )
+    velocity: float = quantity(
+        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
+    )
+    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
@@ -351,10 +367,14 @@ class Surfaces:
     """The named sets of conditions, and the samples of those that are not known exactly."""
 
     def __init__(
-        self, sets: Mapping[str, DropConditions], samples: Mapping[str, Samples] | None = None
+        self,
+        sets: Mapping[str, DropConditions],
+        samples: Mapping[str, Samples] | None = None,
+        sources: Mapping[str, str] | None = None,
     ) -> None:
         self._sets = dict(sets)
         self._samples = dict(samples or {})
+        self._sources = dict(sources or {})
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
@@ -366,12 +386,17 @@ class Surfaces:
         if name not in self._sets:
             raise InvalidValueError(
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
+                f'{did_you_mean(name, self.names())}'
             )
         return self._sets[name]
 
     def samples(self, name: str = '') -> Samples:
         """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
         return self._samples.get(name or DEFAULT_SURFACE, ())
+
+    def source(self, name: str = '') -> str:
+        """Return what a surface resembles and where its values come from; can be empty."""
+        return self._sources.get(name or DEFAULT_SURFACE, '')
 
     def named(self, conditions: DropConditions) -> DropConditions:
         """Return the conditions, without the surface's name if the surface has other values."""
@@ -400,7 +425,11 @@ class Surfaces:
     def extended(self, path: Path) -> 'Surfaces':
         """Return these surfaces and those of a file, which replace others of the same name."""
         own = Surfaces.read(path)
-        return Surfaces(self._sets | own._sets, self._samples | own._samples)  # noqa: SLF001
+        return Surfaces(
+            self._sets | own._sets,  # noqa: SLF001
+            self._samples | own._samples,  # noqa: SLF001
+            self._sources | own._sources,  # noqa: SLF001
+        )
 
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
@@ -411,15 +440,17 @@ class Surfaces:
             raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
         sets: dict[str, DropConditions] = {}
         samples: dict[str, Samples] = {}
+        sources: dict[str, str] = {}
         for name, entry in document.items():
             where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
             try:
                 check_name('a surface', name)
                 given = validated(SurfaceEntry, entry, expected=EXPECTED)
                 sets[name], samples[name] = _conditions(name, given)
+                sources[name] = one_line(str(given.source))
             except InvalidValueError as error:
                 raise InvalidValueError(f'{where}: {error}') from None
-        return cls(sets, samples)
+        return cls(sets, samples, sources)
 
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:

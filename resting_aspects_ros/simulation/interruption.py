@@ -4,7 +4,7 @@ import signal
 from types import TracebackType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from resting_aspects_ros.system import SIGNALS
 
 
 def catch(handler: Any) -> dict[signal.Signals, Any]:

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,11 +16,24 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import JoinedMinima, join_minima
 from resting_aspects_ros.aspects.landscape import Landscape, RestRule
-from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
+from resting_aspects_ros.errors import EngineError, InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.hull import SAME_FACET
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
+from resting_aspects_ros.simulation.limits import (
+    BULLET,
+    CUDA,
+    DEFAULT_DROPS,
+    DEFAULT_SEED,
+    KERNEL,
+    MAX_DROPS,
+    MAX_SEED,
+    NO_BULLET,
+    check_drops,
+    check_integer,
+    check_seed,
+)
 from resting_aspects_ros.simulation.scene import Scene, make_scene
 from resting_aspects_ros.simulation.starts import Edge, Starts
 from resting_aspects_ros.statistics.intervals import check_precision
@@ -28,19 +41,26 @@ from resting_aspects_ros.statistics.intervals import check_precision
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Vibration
 
+# The names of `limits` that modules which simulate import from here.
+__all__ = [
+    'BULLET',
+    'CUDA',
+    'DEFAULT_DROPS',
+    'DEFAULT_SEED',
+    'KERNEL',
+    'MAX_DROPS',
+    'MAX_SEED',
+    'NO_BULLET',
+    'check_drops',
+    'check_seed',
+]
+
 # -- Description ----------------------------------------------------------------------------------
 
 
-MAX_DROPS = 2_000_000
-MAX_SEED = 2**64 - 1
 _MAX_RUN_ID_LENGTH = 64
 # The run id is a part of the name of the run's log.
 _RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_RUN_ID_LENGTH - 1}}}')
-# The default seed is fixed, so that identical requests have identical results.
-DEFAULT_SEED = 1
-DEFAULT_DROPS = 1000
-# The engines: the kernel, for parts that only touch planes, also on a GPU, and Bullet.
-KERNEL, CUDA, BULLET = 'kernel', 'cuda', 'bullet'
 # The version of the law and its numerical parameters: poses of another version can differ.
 KERNEL_VERSION = '1'
 
@@ -89,16 +109,6 @@ class RunDescription:
         )
 
 
-def check_drops(drops: int) -> None:
-    """Raise InvalidValueError if the number of drops of a run is out of bounds."""
-    _check_integer('drops', drops, 1, MAX_DROPS)
-
-
-def check_seed(seed: int) -> None:
-    """Raise InvalidValueError if the seed is out of bounds."""
-    _check_integer('seed', seed, 0, MAX_SEED)
-
-
 def check_run_id(run_id: str) -> None:
     """Raise InvalidValueError if the run id is invalid; an empty one requests a new id."""
     if run_id and not _RUN_ID.fullmatch(run_id):
@@ -110,14 +120,7 @@ def check_run_id(run_id: str) -> None:
 
 def check_first_drop(first_drop: int, drops: int) -> None:
     """Raise InvalidValueError if the first drop is out of bounds for this number of drops."""
-    _check_integer('first_drop', first_drop, 0, MAX_SEED - drops)
-
-
-def _check_integer(name: str, value: object, low: int, high: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise InvalidValueError(
-            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
-        )
+    check_integer('first_drop', first_drop, 0, MAX_SEED - drops)
 
 
 # -- Job ------------------------------------------------------------------------------------------
@@ -481,8 +484,16 @@ def make_job(
 
 
 def engine_version(engine: str) -> str:
-    """Return the version of an engine; it is not imported, because only the workers need it."""
-    return version('pybullet') if engine == BULLET else KERNEL_VERSION
+    """Return the version of an engine; it is not imported, because only the workers need it.
+
+    Raises EngineError if Bullet is not installed.
+    """
+    if engine != BULLET:
+        return KERNEL_VERSION
+    try:
+        return version('pybullet')
+    except PackageNotFoundError:
+        raise EngineError(NO_BULLET) from None
 
 
 def _engine(wanted: str, scene: Scene, starts: Starts | None) -> str:

@@ -25,9 +25,8 @@ from resting_aspects_ros.simulation import kernel_data
 from resting_aspects_ros.simulation.actions import RAMP_PERIODS
 from resting_aspects_ros.simulation.job import CUDA, DropJob
 from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, States, work_of
-from resting_aspects_ros.simulation.release import Ends, initial_states, resting_poses
+from resting_aspects_ros.simulation.release import TIME_LIMIT, Ends, initial_states, resting_poses
 from resting_aspects_ros.simulation.scene import HalfSpace
-from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 # A part in surroundings that is faster than this, R / T, and than this multiple of the speed of

@@ -76,6 +76,8 @@ class DropRandom:
 START_CLEARANCE = 0.05
 # Height above the surface, R, at which Bullet lets a hull rest: its collision margin.
 REST_MARGIN = 0.001
+# A drop that still moves after this time, T, is unsettled.
+TIME_LIMIT = 500.0
 
 
 @dataclass(frozen=True, eq=False)

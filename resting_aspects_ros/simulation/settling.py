@@ -8,7 +8,13 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.release import Ends, InitialState, depth_of, part_from_body
+from resting_aspects_ros.simulation.release import (
+    TIME_LIMIT,
+    Ends,
+    InitialState,
+    depth_of,
+    part_from_body,
+)
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -27,8 +33,6 @@ MAX_SLIDE_RATE = 0.05
 # A drop has failed if its centre of mass is further below the surface than this, R. The
 # penetration of an impact is at most the travel of one step, a tenth of this limit.
 MAX_DEPTH = 0.5
-# A drop that still moves after this time, T, is unsettled.
-TIME_LIMIT = 500.0
 # A drop has failed if its energy exceeds the minimum of all earlier checks by more than this
 # fraction of the minimum plus m g R. Newton's law of restitution with friction adds energy in some
 # impacts (Kane and Levinson 1985): with restitution 0.8 and friction 0.5 by a fraction of up to

@@ -22,15 +22,16 @@ from resting_aspects_ros.rotations import (
 )
 from resting_aspects_ros.simulation.conditions import (
     DropConditions,
-    check_quantities,
+    Noise,
     quantities_of,
-    quantity,
 )
 from resting_aspects_ros.simulation.scene import Scene, level_plane
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Vibration
+
+__all__ = ['Noise']  # declared in `conditions`, which help reads at once
 
 # -- Starts ---------------------------------------------------------------------------------------
 
@@ -113,22 +114,6 @@ class Starts(Protocol):
 
 
 # -- Given states ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of normal errors of given states, for each component in tray axes."""
-
-    orientation: float = quantity(
-        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
-    )
-    velocity: float = quantity(
-        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
-    )
-    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True, eq=False)

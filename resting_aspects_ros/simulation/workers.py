@@ -4,7 +4,6 @@ import asyncio
 import logging
 import os
 import pickle
-import signal
 import socket
 import sys
 import threading
@@ -13,7 +12,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -25,6 +24,7 @@ from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription
 from resting_aspects_ros.statistics.intervals import checkpoints
 from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.system import available_cores, blocked_signals
 
 # -- Chunks ---------------------------------------------------------------------------------------
 
@@ -163,16 +163,13 @@ _PROGRAM = (
 # Workers run at lower priority than other processes of this machine.
 NICENESS = 5
 _ENGINE = 'resting_aspects_ros.simulation.bullet_engine'
-# The parent handles these signals. Workers block them, because a terminal sends them to all of
-# its processes.
-_PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 # Timeout for a killed process to end, s. It ends at once unless the system is holding it.
 _END_TIMEOUT = 5.0
 
 
 def default_workers() -> int:
     """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    return available_cores()
 
 
 class LocalWorkers:
@@ -264,23 +261,22 @@ class _Process:
     """A process that runs `serve`; it imports the engine before the first chunk arrives."""
 
     def __init__(self) -> None:
+        if os.name != 'posix':
+            raise EngineError('Bullet runs in processes that need Linux or macOS')
         self._job: DropJob | None = None
         self._lost = False
         self._socket, theirs = socket.socketpair()
         self._connection = Connection(os.dup(self._socket.fileno()))
-        # A process inherits the signal mask of its parent.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, _PARENTS_SIGNALS)
-        try:
-            with theirs:
-                self._process = Popen(
-                    [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), *sys.path],
-                    pass_fds=[theirs.fileno()],
-                    stdin=DEVNULL,
-                    # Bullet prints to standard output.
-                    stdout=DEVNULL,
-                )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # The parent handles the signals. A terminal sends them to all of its processes, and a
+        # process inherits the signals that its parent blocks.
+        with blocked_signals(), theirs:
+            self._process = Popen(
+                [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), *sys.path],
+                pass_fds=[theirs.fileno()],
+                stdin=DEVNULL,
+                # Bullet prints to standard output.
+                stdout=DEVNULL,
+            )
 
     def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
         """Simulate a chunk; raises WorkerDiedError, or the exception of the process."""
@@ -317,7 +313,8 @@ class _Process:
 
 def serve(descriptor: int) -> None:
     """Serve the connection with this file descriptor; never returns."""
-    os.nice(NICENESS)
+    if hasattr(os, 'nice'):
+        os.nice(NICENESS)
     connection = Connection(descriptor)
     tasks: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()
@@ -423,9 +420,16 @@ def worker_versions() -> dict[str, str]:
     return {
         'resting_aspects_ros': __version__,
         'numba': version('numba'),
-        'pybullet': version('pybullet'),
+        'pybullet': _version('pybullet'),
         'numpy': version('numpy'),
     }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return 'not installed'
 
 
 def _connect(scheduler: str) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -16,8 +16,6 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.result import make_folder, whole_file
 from resting_aspects_ros.api.runner import Progress, given_workers, never
@@ -41,6 +39,9 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.studies.points import Case
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.drop_result import DropResult
 
 PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
 # Aspects whose down directions differ by more than this are not the same, rad.
@@ -319,7 +320,7 @@ class BatchEntry:
     """
 
     source: str
-    result: DropResult | None = None
+    result: 'DropResult | None' = None
     folder: str = ''
     error: str = ''
 
@@ -422,6 +423,9 @@ def drop_batch(
     >>> [entry.error for entry in batch.entries]
     ['', "mesh 'missing.stl' does not exist"]
     """
+    # A study, which needs the files of parts too, does not need this module.
+    from resting_aspects_ros.api.drop import drop
+
     check_seed(seed)
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     sources = _sources(parts)

@@ -23,6 +23,7 @@ from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.statistics.distribution import contacts_text
+from resting_aspects_ros.statistics.intervals import containing
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 from resting_aspects_ros.studies.design import Setting
 
@@ -30,6 +31,8 @@ from resting_aspects_ros.studies.design import Setting
 SHARE_TOLERANCE, ENTROPY_TOLERANCE = 0.01, 0.02
 # Pseudo-drops of the Dirichlet prior, divided among the outcomes: 1 drop in all (Perks 1947).
 PRIOR = 1.0
+# Draws of a posterior, for an interval.
+DRAWS = 20_000
 # Contacts that are in no aspect, by name; also as tables and documents show them.
 CODES: dict[str, int] = {'none': NONE, 'side': SIDE, 'edge': EDGE, 'corner': CORNER} | {
     text: code for code, text in CODE_TEXT.items()
@@ -158,6 +161,52 @@ class Objective:
     def difference(self, value: float) -> str:
         """Return a difference as text: points of a share, or nat."""
         return f'{value:.3f} nat' if self.is_entropy else f'{100 * value:.1f} points'
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value with its credible interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Advantage:
+    """By how much the best conditions are better than others, and how certain that is.
+
+    gain : Estimated
+        Positive if the best conditions are better, even if less is better.
+    certainty : float
+        Posterior probability that they are better at all.
+    """
+
+    gain: Estimated
+    certainty: float
+
+
+def estimated(draws: Array, confidence: float) -> Estimated:
+    """Return the mean and the central interval of draws."""
+    tail, mean = (1 - confidence) / 2, float(draws.mean())
+    lower, upper = np.quantile(draws, [tail, 1 - tail])
+    lower, upper = containing(mean, lower, upper)
+    return Estimated(mean, float(lower), float(upper))
+
+
+def compared(draws: Sequence[Array], confidence: float) -> tuple[list[Advantage], float]:
+    """Return by how much the first of some conditions is better than each other one.
+
+    Also returns the posterior probability that it is better than all of them. ``draws`` are those
+    of the posteriors of their scores, by drops that did not select the conditions, so that the
+    values are not those of the luckiest of many points (winner's curse).
+    """
+    first, *others = draws
+    gains = [
+        Advantage(estimated(first - each, confidence), float((first > each).mean()))
+        for each in others
+    ]
+    return gains, float(np.all([first > each for each in others], axis=0).mean())
 
 
 def make_objective(

@@ -1,14 +1,12 @@
 """Find the conditions with the most of the wanted aspects, or with the least entropy."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import norm
 
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
@@ -21,11 +19,7 @@ from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.intervals import (
-    CONFIDENCE,
-    check_confidence,
-    containing,
-)
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.studies.design import (
     Factor,
@@ -37,20 +31,20 @@ from resting_aspects_ros.studies.design import (
     read_factor,
     sobol,
 )
-from resting_aspects_ros.studies.effects import homogeneity
 from resting_aspects_ros.studies.objective import (
+    DRAWS,
     Objective,
+    compared,
     contacts_wanted,
+    estimated,
     finder_in,
     make_objective,
 )
 from resting_aspects_ros.studies.optimum import (
-    SIGNIFICANCE,
-    Advantage,
     Candidate,
-    Estimated,
-    FactorFacts,
+    FactorCurve,
     OptimiseResult,
+    factor_curve,
 )
 from resting_aspects_ros.studies.points import (
     Monitor,
@@ -72,251 +66,109 @@ NEAR_END = 0.15
 LEVELS = 9
 # Conditions are nearly the same if all factors differ by less than this share of their ranges.
 NEARLY_SAME = 0.2
-# The best value is at a bound if it is this close to it, relative to the range.
-AT_BOUND = 0.01
-# Draws of a posterior, for a rank and for an interval.
-FEW_DRAWS, DRAWS = 200, 20_000
+# Draws of a posterior, for a rank.
+FEW_DRAWS = 200
+
+# Returns counts (m, c) of independent drops at points (m, d) of the unit cube. The text is a seed.
+# Impossible points, and those that are stopped, have no drops.
+Drop = Callable[[Array, int, str], Counts]
+# Counts (c,) of the outcomes by the point of the unit cube.
+Points = dict[tuple[float, ...], Counts]
 
 
-@dataclass(frozen=True)
-class Budget:
-    """How drops are divided: half of them search, a quarter compares, and a quarter makes curves.
-
-    total : int
-        All drops.
-    factors : int
-        Number of factors.
-    """
-
-    total: int
-    factors: int
-
-    def __post_init__(self) -> None:
-        check_drops(self.total)
-        needed = 12 * self.points * MIN_DROPS
-        if self.total < needed:
-            raise InvalidValueError(
-                f'invalid budget {self.total}: expected at least {needed} drops for '
-                f'{self.factors} factors'
-            )
-
-    @property
-    def points(self) -> int:
-        """Points of the first round of the search, a power of two."""
-        return int(2 ** np.ceil(np.log2(POINTS * self.factors)))
-
-    @property
-    def search(self) -> list[int]:
-        """Drops at each point of each round: an eighth of all in the first and last round."""
-        each = self.total // 4 // (ROUNDS * self.points // 2)
-        return [self.total // 8 // self.points, *[each] * ROUNDS, self.total // 8 // FINALISTS]
-
-    @property
-    def compared(self) -> int:
-        """Fresh drops at each of the three conditions that are compared."""
-        return self.total // 12
-
-    @property
-    def curve(self) -> int:
-        """Drops at each value of a factor in its curve."""
-        return self.total // 4 // (LEVELS * self.factors)
-
-
-class Problem(Protocol):
-    """What is optimised over the unit cube."""
-
-    def snapped(self, points: Array) -> Array:
-        """Return the nearest points (n, d) that the factors allow."""
-
-    def counts(self, points: Array, drops: int, batch: str) -> Counts:
-        """Return counts (m, c) of independent drops at points (m, d).
-
-        A batch is a seed. Impossible points, and those that are stopped, have no drops.
-        """
-
-
-@dataclass(eq=False)
-class Search:
-    """Points (n, d) of the unit cube, their counts (n, c), and the round in which they came.
-
-    The first points are those of a Sobol sequence, some of them moved to bounds. In each further
-    round, points are drawn from a
-    normal distribution with the mean and the deviations of the best quarter of the round before
-    (cross-entropy method: de Boer, Kroese, Mannor and Rubinstein 2005, Annals of Operations
-    Research 134:19). The mean of many points is known better than which of them is the best. In
-    the last round, the best points of all rounds and the last mean get more drops.
-    """
-
-    problem: Problem
-    objective: Objective
-    budget: Budget
-    seed: int
-
-    def __post_init__(self) -> None:
-        self.points = np.zeros((0, self.budget.factors))
-        self.counts = np.zeros((0, len(self.objective.groups) + 1), dtype=np.int64)
-        self.rounds: list[int] = []
-
-    def run(self, given: Array | None = None, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Make the drops of all rounds; ends early if ``stopped``.
-
-        ``given`` (k, d) are more points of the first round.
-        """
-        d, size = self.budget.factors, self.budget.points
-        points = sobol(d, size, self.seed)
-        # Many optima are at a bound: half of the points have some coordinates there.
-        at_bound = np.random.default_rng((self.seed, 0)).random((size // 2, d)) < 0.5
-        points[::2] = np.where(at_bound, points[::2].round(), points[::2])
-        made = self._drop(points if given is None else np.vstack([given, points]), 0)
-        for number in range(1, ROUNDS + 2):
-            best = self.points[made[self._order(made)[: size // 8]]]
-            if stopped() or len(best) < 2:
-                return
-            mean, spread = best.mean(axis=0), best.std(axis=0) + MIN_SPREAD
-            if number <= ROUNDS:
-                normal = ndtri(np.clip(sobol(d, size // 2, (self.seed, number)), 1e-3, 1 - 1e-3))
-                made = self._drop(np.clip(mean + spread * normal, 0, 1), number)
-        ends = np.where(np.abs(mean - 0.5) > 0.5 - NEAR_END, mean.round(), mean)
-        best = self.points[self.ranked()[: FINALISTS - 2]]
-        self._drop(np.vstack([mean, ends, best]), ROUNDS + 1)
-
-    def ranked(self) -> list[int]:
-        """Return the points from the best on, by the mean score less its standard deviation.
-
-        A point with few drops is therefore not first because it was lucky.
-        """
-        return self._order(np.arange(len(self.points)), 1.0).tolist()
-
-    def best(self) -> list[Array]:
-        """Return the best point, and the best one that is not nearly the same, if there is one."""
-        ranked = self.ranked()
-        finalists = [k for k in ranked if self.counts[k].sum() >= self.budget.search[-1]]
-        first = self.points[(finalists or ranked)[0]]
-        others = (self.points[k] for k in [*finalists, *ranked])
-        return [first, *[p for p in others if np.abs(p - first).max() >= NEARLY_SAME][:1]]
-
-    def counts_of(self, point: Array | None) -> Counts | None:
-        """Return the counts (c,) of a point; None if it is not one of the search."""
-        same = np.flatnonzero([point is not None and (p == point).all() for p in self.points])
-        return np.asarray(self.counts[same[0]]) if len(same) else None
-
-    def _order(self, which: Counts, deviations: float = 0.0) -> Counts:
-        """Return the order of points (n,), from the best on, by mean score less deviations."""
-        rng = np.random.default_rng((self.seed, 1))
-        draws = [self.objective.posterior(self.counts[k], rng, FEW_DRAWS) for k in which]
-        scores = [self.objective.sign * x.mean() - deviations * x.std() for x in draws]
-        return np.argsort(-np.array(scores), kind='stable')
-
-    def _drop(self, points: Array, number: int) -> Counts:
-        """Make drops at points, and return where those are that are possible."""
-        wanted = np.unique(self.problem.snapped(points), axis=0)
-        counts = self.problem.counts(wanted, self.budget.search[number], f'round {number}')
-        found = []
-        for point, row in zip(wanted, counts, strict=True):
-            if not row.sum():
-                continue
-            same = np.flatnonzero((self.points == point).all(axis=1))
-            if len(same):
-                self.counts[same[0]] += row
-                found.append(int(same[0]))
-            else:
-                self.points = np.vstack([self.points, point])
-                self.counts = np.vstack([self.counts, row])
-                self.rounds.append(number)
-                found.append(len(self.points) - 1)
-        return np.array(found, dtype=np.int64)
-
-
-def estimated(draws: Array, confidence: float) -> Estimated:
-    """Return the mean and the central interval of draws."""
-    tail, mean = (1 - confidence) / 2, float(draws.mean())
-    lower, upper = np.quantile(draws, [tail, 1 - tail])
-    lower, upper = containing(mean, lower, upper)
-    return Estimated(mean, float(lower), float(upper))
-
-
-def compared(draws: Sequence[Array], confidence: float) -> tuple[list[Advantage], float]:
-    """Return by how much the first of some conditions is better than each other one.
-
-    Also returns the posterior probability that it is better than all of them. ``draws`` are those
-    of the posteriors of their scores, by drops that did not select the conditions, so that the
-    values are not those of the luckiest of many points (winner's curse).
-    """
-    first, *others = draws
-    gains = [
-        Advantage(estimated(first - each, confidence), float((first > each).mean()))
-        for each in others
-    ]
-    return gains, float(np.all([first > each for each in others], axis=0).mean())
-
-
-def factor_facts(
+def search(
+    drop: Drop,
+    factors: Sequence[Factor],
     objective: Objective,
-    at: Array,
-    counts: Counts,
-    best: float,
-    rng: np.random.Generator,
-    confidence: float,
-) -> FactorFacts:
-    """Return what a factor does, by counts (l, c) at its values ``at`` (l,), one of them best."""
-    order = np.argsort(at)
-    at, counts = at[order], counts[order]
-    draws = np.array([objective.posterior(row, rng, DRAWS) for row in counts])
-    found = [estimated(row, confidence) for row in draws]
-    error = draws.std(axis=1)
-    values = np.array([each.value for each in found])
-    change = np.abs(values[:, None] - values)
-    reach = norm.ppf((1 + confidence) / 2) * np.hypot(error[:, None], error)
-    p_value, flat = homogeneity(counts), (0.0, 1.0)
-    k = int(np.abs(at - best).argmin())
-    loss = objective.sign * (values[k] - values)
-    if p_value < SIGNIFICANCE:
-        flat = _flat_range(at, loss, counts.sum(axis=1), k, objective.tolerance)
-    # With a loss of 0 or less at an end, this is the best value or a better one.
-    near = np.where(np.abs(at - best) <= AT_BOUND, 0.0, loss)
-    bound = 0 if min(near[0], near[-1]) > 0 else -1 if near[0] < near[-1] else 1
-    return FactorFacts(
-        at,
-        values,
-        np.array([each.lower for each in found]),
-        np.array([each.upper for each in found]),
-        flat,
-        bound,
-        float(change.max()),
-        float((change + np.where(change > 0, reach, 0)).max()),
-        p_value,
-    )
+    budget: int,
+    seed: int,
+    *,
+    given: Array | None = None,
+    stopped: Callable[[], bool] = never,
+) -> Points:
+    """Return points of the unit cube and their drops, which are half of the budget.
 
-
-def _flat_range(
-    at: Array, loss: Array, drops: Counts, k: int, tolerance: float
-) -> tuple[float, float]:
-    """Return where the loss reaches the tolerance on both sides of value k.
-
-    The loss is taken to grow with the distance from there, and to be linear between the values.
+    The first points are those of a Sobol sequence, some of them moved to bounds, and the ``given``
+    one (d,). In each further round, points are drawn from a normal distribution with the mean and
+    the deviations of the best quarter of the round before (cross-entropy method: de Boer, Kroese,
+    Mannor and Rubinstein 2005, Annals of Operations Research 134:19). The mean of many points is
+    known better than which of them is the best. In the last round, the best points of all rounds
+    and the last mean get more drops. The search ends early if ``stopped``.
     """
-    ends = []
-    for side in (slice(k, None, -1), slice(k, None)):
-        u, grown = at[side], _ascending(loss[side], drops[side])
-        j = int(np.argmax(grown > tolerance))
-        if grown[j] <= tolerance:
-            ends.append(float(u[-1]))
-        elif j == 0:
-            ends.append(float(u[0]))
-        else:
-            ends.append(float(np.interp(tolerance, grown[j - 1 : j + 1], u[j - 1 : j + 1])))
-    return ends[0], ends[1]
+    d, found = len(factors), Points()
+    size = first_points(d)
+
+    def add(points: Array, drops: int, number: int) -> list[tuple[float, ...]]:
+        """Make drops at points, and return those points that are possible."""
+        wanted = np.unique(on_levels(points, factors), axis=0)
+        counts = drop(wanted, drops, f'round {number}')
+        made = {tuple(p): row for p, row in zip(wanted.tolist(), counts, strict=True) if row.sum()}
+        for point, row in made.items():
+            found[point] = found[point] + row if point in found else row
+        return list(made)
+
+    points = sobol(d, size, seed)
+    # Many optima are at a bound: half of the points have some coordinates there.
+    at_bound = np.random.default_rng((seed, 0)).random((size // 2, d)) < 0.5
+    points[::2] = np.where(at_bound, points[::2].round(), points[::2])
+    points = points if given is None else np.vstack([given, points])
+    made = add(points, budget // 8 // size, 0)
+    each = budget // 4 // (ROUNDS * size // 2)
+    for number in range(1, ROUNDS + 2):
+        best = np.array(ranked({p: found[p] for p in made}, objective, seed, 0.0)[: size // 8])
+        if stopped() or len(best) < 2:
+            return found
+        mean, spread = best.mean(axis=0), best.std(axis=0) + MIN_SPREAD
+        if number <= ROUNDS:
+            normal = ndtri(np.clip(sobol(d, size // 2, (seed, number)), 1e-3, 1 - 1e-3))
+            made = add(np.clip(mean + spread * normal, 0, 1), each, number)
+    ends = np.where(np.abs(mean - 0.5) > 0.5 - NEAR_END, mean.round(), mean)
+    finalists = ranked(found, objective, seed)[: FINALISTS - 2]
+    add(np.vstack([mean, ends, finalists]), final_drops(budget), ROUNDS + 1)
+    return found
 
 
-def _ascending(values: Array, weights: Counts) -> Array:
-    """Return the nearest ascending values (isotonic regression: Barlow et al. 1972)."""
-    blocks: list[tuple[float, float, int]] = []  # mean, weight, number of values
-    for value, weight in zip(values.tolist(), weights.tolist(), strict=True):
-        blocks.append((value, weight, 1))
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            (a, v, n), (b, w, m) = blocks[-2:]
-            blocks[-2:] = [((a * v + b * w) / (v + w), v + w, n + m)]
-    return np.repeat([mean for mean, _, _ in blocks], [number for _, _, number in blocks])
+def first_points(factors: int) -> int:
+    """Return the number of points of the first round, a power of two."""
+    return int(2 ** np.ceil(np.log2(POINTS * factors)))
+
+
+def final_drops(budget: int) -> int:
+    """Return the number of drops that each finalist of the search gets."""
+    return budget // 8 // FINALISTS
+
+
+def ranked(
+    points: Points, objective: Objective, seed: int, deviations: float = 1.0
+) -> list[tuple[float, ...]]:
+    """Return the points from the best on, by the mean score less its standard deviations.
+
+    With deviations, a point with few drops is not first because it was lucky.
+    """
+    rng = np.random.default_rng((seed, 1))
+    draws = [objective.sign * objective.posterior(c, rng, FEW_DRAWS) for c in points.values()]
+    scores = np.array([x.mean() - deviations * x.std() for x in draws])
+    known = list(points)
+    return [known[k] for k in np.argsort(-scores, kind='stable').tolist()]
+
+
+def best_points(points: Points, objective: Objective, budget: int, seed: int) -> list[Array]:
+    """Return the best point, and the best one that is not nearly the same, if there is one."""
+    order = [np.array(p) for p in ranked(points, objective, seed)]
+    final = [p for p in order if points[tuple(p.tolist())].sum() >= final_drops(budget)]
+    first = (final or order)[0]
+    others = (p for p in [*final, *order] if np.abs(p - first).max() >= NEARLY_SAME)
+    return [first, *list(others)[:1]]
+
+
+def check_budget(budget: int, factors: int) -> None:
+    """Raise InvalidValueError if there are too few drops for the points of the search."""
+    check_drops(budget)
+    needed = 12 * first_points(factors) * MIN_DROPS
+    if budget < needed:
+        raise InvalidValueError(
+            f'invalid budget {budget}: expected at least {needed} drops for {factors} factors'
+        )
 
 
 def optimise(
@@ -340,11 +192,10 @@ def optimise(
 ) -> OptimiseResult:
     """Find the conditions with the most of the wanted aspects, or with the least entropy.
 
-    Drops at the points of a Sobol sequence, then more drops at the better half of them and at new
-    points around these, in five rounds. Fresh drops at the best conditions, at the second best and
-    at the given conditions then show how certain the answer is, and drops along each factor
-    through the best conditions how flat the optimum is. The same arguments give the same result
-    for any number of workers.
+    Half of the drops search. Fresh drops at the best conditions, at the second best and at the
+    given conditions then show how certain the answer is, and drops along each factor through the
+    best conditions how flat the optimum is. The same arguments give the same result for any number
+    of workers.
 
     Parameters
     ----------
@@ -395,11 +246,11 @@ def optimise(
     """
     loaded = given_part(part)
     base = given_setting(surface, conditions, surroundings, action)
-    factors = [read_factor(name, _range(given), base) for name, given in vary.items()]
+    factors = tuple(read_factor(name, _range(given), base) for name, given in vary.items())
     check_factors(factors)
     check_seed(seed)
     check_confidence(confidence)
-    divided = Budget(budget, len(factors))
+    check_budget(budget, len(factors))
     with given_workers(workers) as pool:
         simulation = Simulation.of(loaded, pool)
         aspects = simulation.aspects
@@ -412,7 +263,7 @@ def optimise(
         )
         with DropProgress(loaded.name, budget, shown=progress) as bar:
             drops = _Drops(simulation, factors, base, objective, seed, bar, stopped)
-            return _found(drops, divided, confidence)
+            return _found(drops, budget, confidence)
 
 
 def _range(given: Any) -> Any:
@@ -423,19 +274,25 @@ def _range(given: Any) -> Any:
 
 
 class _Drops:
-    """The drops of a part at points of the unit cube; a Problem."""
+    """The drops of a part at points of the unit cube.
+
+    made : int
+        Number of drops that were made.
+    skipped : list of (dict of str to float, str)
+        Impossible points, and why.
+    """
 
     def __init__(
         self,
         simulation: Simulation,
-        factors: Sequence[Factor],
+        factors: tuple[Factor, ...],
         base: Setting,
         objective: Objective,
         seed: int,
         bar: DropProgress,
         stopped: Callable[[], bool],
     ) -> None:
-        self.simulation, self.factors, self.base = simulation, tuple(factors), base
+        self.simulation, self.factors, self.base = simulation, factors, base
         self.objective, self.seed, self.stopped = objective, seed, stopped
         self.made, self._bar = 0, bar
         self.skipped: list[tuple[Mapping[str, float], str]] = []
@@ -444,13 +301,9 @@ class _Drops:
         """Return the values of the factors at a point (d,), SI units."""
         return point_values(self.factors, point[None])[0]
 
-    def snapped(self, points: Array) -> Array:
-        """Return the nearest points (n, d) that the factors allow."""
-        return on_levels(points, self.factors)
-
     def counts(self, points: Array, drops: int, batch: str) -> Counts:
-        """Return counts (m, c) of independent drops at points (m, d); see Problem."""
-        values = [self.values(point) for point in points]
+        """Return counts (m, c) of independent drops at points (m, d); see Drop."""
+        values = point_values(self.factors, points)
         found = self.counts_at([partial(self.base.changed, v) for v in values], drops, batch)
         self.skipped += [(values[k], c) for k, c in enumerate(found) if isinstance(c, str)]
         return counted(found, len(self.objective.groups) + 1)
@@ -489,68 +342,85 @@ class _Drops:
         return np.array([found[0], drops - found[0]])
 
 
-def _found(drops: _Drops, budget: Budget, confidence: float) -> OptimiseResult:
+def _found(drops: _Drops, budget: int, confidence: float) -> OptimiseResult:
     """Search, compare, follow the factors, and return what is known at the end, or if stopped."""
-    objective, factors = drops.objective, drops.factors
-    search = Search(drops, objective, budget, drops.seed)
+    objective, factors, seed = drops.objective, drops.factors, drops.seed
     start = _within(drops.base, factors)
-    search.run(None if start is None else start[None], drops.stopped)
-    if len(search.points) < 2:
+    known = search(
+        drops.counts, factors, objective, budget, seed, given=start, stopped=drops.stopped
+    )
+    if len(known) < 2:
         if drops.stopped():
             raise StoppedError('interrupted; too few points were simulated for a result')
         reason = f': {drops.skipped[0][1]}' if drops.skipped else ''
         raise InvalidValueError(
-            f'invalid ranges: expected at least 2 possible points, not {len(search.points)}'
-            f'{reason}'
+            f'invalid ranges: expected at least 2 possible points, not {len(known)}{reason}'
         )
-    # The conditions of the user are one of the points, if they are within the ranges.
-    points = [p for p in search.best() if start is None or (p != start).any()]
-    settings: list[Callable[[], Setting]] = [
-        partial(drops.base.changed, drops.values(point)) for point in points
-    ]
-    fresh = drops.counts_at([*settings, lambda: drops.base], budget.compared, 'fresh')
-    complete = not any(each is None for each in fresh)
-    rng = np.random.default_rng((drops.seed, 5))
-    found: list[tuple[Candidate, Array]] = []
-    for point, setting, counts in zip(
-        [*points, start], [*settings, lambda: drops.base], fresh, strict=True
-    ):
-        own = counts if complete else search.counts_of(point)
-        if isinstance(own, np.ndarray):
-            made, draws = setting(), objective.posterior(own, rng, DRAWS)
-            values = {factor.name: made.value(factor.name) for factor in factors}
-            estimate = estimated(draws, confidence)
-            found.append((Candidate(made, values, point, own, estimate), objective.sign * draws))
-    # The best value is first; conditions outside the ranges are last.
-    found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
-    candidates = [candidate for candidate, _ in found]
-    facts: list[FactorFacts] = []
+    rng = np.random.default_rng((seed, 5))
+    found, complete = _compared(drops, known, start, budget, confidence, rng)
+    candidates = tuple(candidate for candidate, _ in found)
+    curves: list[FactorCurve] = []
     if complete:
-        facts = _facts(drops, candidates[0], budget, confidence, rng)
+        curves = _curves(drops, candidates[0], budget, confidence, rng)
     gains, certainty = compared([scores for _, scores in found], confidence)
     return OptimiseResult(
         part=drops.simulation.part,
         aspects=drops.simulation.aspects,
         objective=objective,
         factors=factors,
-        facts=tuple(facts),
-        candidates=tuple(candidates),
+        curves=tuple(curves),
+        candidates=candidates,
         start=next((each for each in candidates if each.setting is drops.base), None),
         gains=tuple(gains) if complete else (),
         certainty=certainty if complete else np.nan,
-        points=[
-            (drops.values(point), counts, int(number))
-            for point, counts, number in zip(
-                search.points, search.counts, search.rounds, strict=True
-            )
-        ],
+        points=[(drops.values(np.array(point)), counts) for point, counts in known.items()],
         skipped=tuple(drops.skipped),
-        budget=budget.total,
+        budget=budget,
         drops=drops.made,
-        complete=len(facts) == len(factors),
+        complete=len(curves) == len(factors),
         confidence=confidence,
-        seed=drops.seed,
+        seed=seed,
     )
+
+
+def _compared(
+    drops: _Drops,
+    known: Points,
+    start: Array | None,
+    budget: int,
+    confidence: float,
+    rng: np.random.Generator,
+) -> tuple[list[tuple[Candidate, Array]], bool]:
+    """Return the candidates with draws of their scores, and whether they are by fresh drops.
+
+    The best value is first; conditions outside the ranges are last.
+    """
+    objective = drops.objective
+    # The conditions of the user are one of the points, if they are within the ranges.
+    points: list[Array | None] = [
+        p
+        for p in best_points(known, objective, budget, drops.seed)
+        if start is None or (p != start).any()
+    ]
+    settings: list[Callable[[], Setting]] = [
+        partial(drops.base.changed, drops.values(point)) for point in points if point is not None
+    ]
+    points.append(start)
+    settings.append(lambda: drops.base)
+    fresh = drops.counts_at(settings, budget // 12, 'fresh')
+    complete = not any(each is None for each in fresh)
+    found: list[tuple[Candidate, Array]] = []
+    for point, setting, counts in zip(points, settings, fresh, strict=True):
+        own = counts
+        if not complete:
+            own = None if point is None else known.get(tuple(point.tolist()))
+        if isinstance(own, np.ndarray):
+            made, draws = setting(), objective.posterior(own, rng, DRAWS)
+            values = {factor.name: made.value(factor.name) for factor in drops.factors}
+            estimate = estimated(draws, confidence)
+            found.append((Candidate(made, values, point, own, estimate), objective.sign * draws))
+    found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
+    return found, complete
 
 
 def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
@@ -562,25 +432,22 @@ def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     return np.array([float(f.shares(np.array(v))) for f, v in zip(factors, values, strict=True)])
 
 
-def _facts(
-    drops: _Drops, best: Candidate, budget: Budget, confidence: float, rng: np.random.Generator
-) -> list[FactorFacts]:
+def _curves(
+    drops: _Drops, best: Candidate, budget: int, confidence: float, rng: np.random.Generator
+) -> list[FactorCurve]:
     """Make drops along each factor through the best conditions, and return what they show."""
-    point, d = best.point, len(drops.factors)
+    point, found = best.point, []
     assert point is not None
-    lines = []
-    for k in range(d):
+    for k in range(len(drops.factors)):
         line = np.repeat(point[None], LEVELS, axis=0)
         line[:, k] = np.linspace(0, 1, LEVELS)
-        line = np.unique(drops.snapped(line), axis=0)
-        lines.append(line[line[:, k] != point[k]])
-    counts = drops.counts(np.vstack(lines), budget.curve, 'curve')
-    if drops.stopped():
-        return []
-    found = []
-    for k, own in enumerate(np.split(counts, np.cumsum([len(line) for line in lines])[:-1])):
-        made = own.sum(axis=1) > 0
-        at = np.append(lines[k][made, k], point[k])
-        table = np.vstack([own[made], best.counts[None]])
-        found.append(factor_facts(drops.objective, at, table, float(point[k]), rng, confidence))
+        line = np.unique(on_levels(line, drops.factors), axis=0)
+        line = line[line[:, k] != point[k]]
+        counts = drops.counts(line, budget // 4 // (LEVELS * len(drops.factors)), 'curve')
+        if drops.stopped():
+            return []
+        made = counts.sum(axis=1) > 0
+        at = np.append(line[made, k], point[k])
+        table = np.vstack([counts[made], best.counts[None]])
+        found.append(factor_curve(drops.objective, at, table, float(point[k]), rng, confidence))
     return found

@@ -17,7 +17,15 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
-from resting_aspects_ros.studies.objective import Objective, listed
+from resting_aspects_ros.studies.effects import homogeneity
+from resting_aspects_ros.studies.objective import (
+    DRAWS,
+    Advantage,
+    Estimated,
+    Objective,
+    estimated,
+    listed,
+)
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
@@ -25,31 +33,10 @@ if TYPE_CHECKING:
 PAGE = 'report.html'
 # A factor has no effect that can be shown if the p value of its test is larger.
 SIGNIFICANCE = 0.05
+# The best value is at a bound if it is this close to it, relative to the range.
+AT_BOUND = 0.01
 # Values that belong to a pair of materials.
 MATERIAL = ('restitution', 'friction', 'rolling_friction', 'spinning_friction')
-
-
-@dataclass(frozen=True)
-class Estimated:
-    """A value with its credible interval."""
-
-    value: float
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True)
-class Advantage:
-    """By how much the best conditions are better than others, and how certain that is.
-
-    gain : Estimated
-        Positive if the best conditions are better, even if less is better.
-    certainty : float
-        Posterior probability that they are better at all.
-    """
-
-    gain: Estimated
-    certainty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +80,18 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class FactorFacts:
-    """What one factor does while the others have their best values, by drops at some values.
+class FactorCurve:
+    """The objective over one factor, while the others have their best values, by fresh drops.
 
     at : (l,) float
         Values of the factor from 0 to 1, ascending; the best one is among them.
     values, lower, upper : (l,) float
         Values of the objective with their credible intervals.
     flat : (float, float)
-        Range around the best value in which less than the tolerance is lost. The whole range if
-        no effect is shown.
+        Range of the values next to the best one at which less than the tolerance is lost. The
+        whole range if no effect is shown.
     bound : int
-        -1 or 1 if the lower or upper bound of the range is the best value or as good, else 0.
-    effect, effect_upper : float
-        Largest change of the objective, and its upper bound.
+        -1 or 1 if an effect is shown, and the lower or upper bound has the best value; else 0.
     p_value : float
         Of the test that the outcomes are the same for all values.
     """
@@ -117,8 +102,6 @@ class FactorFacts:
     upper: Array
     flat: tuple[float, float]
     bound: int
-    effect: float
-    effect_upper: float
     p_value: float
 
     @property
@@ -127,23 +110,59 @@ class FactorFacts:
         return self.p_value < SIGNIFICANCE
 
     @property
-    def at_bound(self) -> bool:
-        """Whether a wider range would probably have a better point."""
-        return self.matters and self.bound != 0
+    def change(self) -> float:
+        """Largest difference between two values."""
+        return float(np.ptp(self.values))
 
     def document(self, factor: Factor) -> dict[str, Any]:
-        """Return the facts as plain JSON types, in SI units."""
+        """Return the curve as plain JSON types, in SI units."""
         return {
             'flat': factor.values(np.array(self.flat)).tolist(),
-            'at_bound': self.at_bound,
-            'effect': self.effect,
-            'effect_upper': self.effect_upper,
+            'at_bound': self.bound != 0,
+            'change': self.change,
             'p_value': self.p_value,
             'curve': {
                 'at': factor.values(self.at).tolist(),
                 **{name: plain(getattr(self, name)) for name in ('values', 'lower', 'upper')},
             },
         }
+
+
+def factor_curve(
+    objective: Objective,
+    at: Array,
+    counts: Counts,
+    best: float,
+    rng: np.random.Generator,
+    confidence: float,
+) -> FactorCurve:
+    """Return the curve of a factor, by counts (l, c) at its values ``at`` (l,), one of them best.
+
+    That the outcomes differ is shown by a chi-square test.
+    """
+    order = np.argsort(at)
+    at, counts = at[order], counts[order]
+    found = [estimated(objective.posterior(row, rng, DRAWS), confidence) for row in counts]
+    values = np.array([each.value for each in found])
+    score, p_value = objective.sign * values, homogeneity(counts)
+    flat, bound = (0.0, 1.0), 0
+    if p_value < SIGNIFICANCE:
+        k = int(np.abs(at - best).argmin())
+        lost = np.flatnonzero(score[k] - score > objective.tolerance)
+        low = int(max(lost[lost < k], default=-1)) + 1
+        high = int(min(lost[lost > k], default=len(at))) - 1
+        flat = float(at[low]), float(at[high])
+        place = at[score.argmax()]
+        bound = int(place >= 1 - AT_BOUND) - int(place <= AT_BOUND)
+    return FactorCurve(
+        at,
+        values,
+        np.array([each.lower for each in found]),
+        np.array([each.upper for each in found]),
+        flat,
+        bound,
+        p_value,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +175,7 @@ class OptimiseResult(Result):
     aspects : AspectSet
     objective : Objective
     factors : tuple of Factor
-    facts : tuple of FactorFacts
+    curves : tuple of FactorCurve
         For each factor, how flat the optimum is and whether the factor matters; empty if stopped.
     candidates : tuple of Candidate
         The conditions that are compared by fresh drops, those with the best value first: the best
@@ -168,8 +187,8 @@ class OptimiseResult(Result):
         By how much the first candidate is better than each other one, by fresh drops.
     certainty : float
         Posterior probability that it is better than all of them; NaN without fresh drops.
-    points : list of (dict of str to float, (c,) int, int)
-        Points of the search: values of the factors, SI units, counts, and the round.
+    points : list of (dict of str to float, (c,) int)
+        Points of the search: values of the factors, SI units, and counts.
     skipped : list of (dict of str to float, str)
         Impossible points, and why.
     budget, drops : int
@@ -183,12 +202,12 @@ class OptimiseResult(Result):
     aspects: AspectSet
     objective: Objective
     factors: tuple[Factor, ...]
-    facts: tuple[FactorFacts, ...]
+    curves: tuple[FactorCurve, ...]
     candidates: tuple[Candidate, ...]
     start: Candidate | None
     gains: tuple[Advantage, ...]
     certainty: float
-    points: Sequence[tuple[Mapping[str, float], Counts, int]]
+    points: Sequence[tuple[Mapping[str, float], Counts]]
     skipped: Sequence[tuple[Mapping[str, float], str]]
     budget: int
     drops: int
@@ -244,7 +263,7 @@ class OptimiseResult(Result):
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types, in SI units."""
-        facts = self.facts or [None] * len(self.factors)
+        curves = self.curves or [None] * len(self.factors)
         compared = {'best': self.best, 'second': self.second, 'start': self.start}
         return {
             'schema_version': SCHEMA_VERSION,
@@ -258,7 +277,7 @@ class OptimiseResult(Result):
             'factors': [
                 {'name': factor.name, **factor.document, 'unit': factor.unit}
                 | ({} if own is None else own.document(factor))
-                for factor, own in zip(self.factors, facts, strict=True)
+                for factor, own in zip(self.factors, curves, strict=True)
             ],
             **{name: None if c is None else c.document for name, c in compared.items()},
             'over_second': plain(self.over(self.second)),
@@ -267,8 +286,8 @@ class OptimiseResult(Result):
             'winner': self.winner,
             'notes': self.notes,
             'points': [
-                {'values': dict(values), 'counts': counts.tolist(), 'round': number}
-                for values, counts, number in self.points
+                {'values': dict(values), 'counts': counts.tolist()}
+                for values, counts in self.points
             ],
             'skipped': [{'values': dict(v), 'reason': reason} for v, reason in self.skipped],
             'budget': self.budget,
@@ -288,9 +307,9 @@ class OptimiseResult(Result):
         ]
         with whole_file(Path(path)) as file, file.open('w', newline='', encoding='utf-8') as out:
             writer = csv.writer(out)
-            writer.writerow([*(f.name for f in self.factors), 'round', *outcomes, 'other'])
-            for values, counts, number in self.points:
-                writer.writerow([*values.values(), number, *counts.tolist()])
+            writer.writerow([*(f.name for f in self.factors), *outcomes, 'other'])
+            for values, counts in self.points:
+                writer.writerow([*values.values(), *counts.tolist()])
 
     def page(self) -> 'Page':
         """Return a page with the objective over each factor."""
@@ -331,19 +350,19 @@ class OptimiseResult(Result):
         return table
 
     def factor_table(self) -> Table:
-        """Return the table of the factors: range, flat range and effect."""
+        """Return the table of the factors: range, flat range and largest change."""
         difference = self.objective.difference
         within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
-        headings = ('factor', 'searched', f'within {within}', 'effect, at most')
+        headings = ('factor', 'searched', f'within {within}', 'largest change')
         title = 'what the factors do at the best conditions'
         table = Table(title, headings, texts={'factor': None})
-        for factor, facts in zip(self.factors, self.facts, strict=False):
-            low, high = factor.values(np.array(facts.flat)).tolist()
+        for factor, curve in zip(self.factors, self.curves, strict=False):
+            low, high = factor.values(np.array(curve.flat)).tolist()
             table.add_row(
                 factor.label or factor.name,
                 f'{factor.text(factor.low)} to {factor.text(factor.high)}',
                 f'{factor.text(low)} to {factor.text(high)}',
-                difference(facts.effect_upper),
+                difference(curve.change) if curve.matters else 'not shown',
             )
         return table
 
@@ -393,28 +412,19 @@ def _against(found: Advantage, objective: Objective, other: str) -> str:
 
 
 def _factor_notes(result: OptimiseResult) -> Iterator[str]:
-    """Say which values are at a bound, which factors do not matter, and which are materials."""
-    known = list(zip(result.factors, result.facts, strict=False))
-    for factor, facts in known:
-        if facts.at_bound:
-            end, value = ('lower', factor.low) if facts.bound < 0 else ('upper', factor.high)
-            quantity = result.best.setting.quantity(factor.name)
-            last = value == (quantity.low if facts.bound < 0 else quantity.high)
+    """Say which values are at a bound, which effects are not shown, and which are materials."""
+    known = list(zip(result.factors, result.curves, strict=False))
+    for factor, curve in known:
+        if curve.bound:
+            end, value = ('lower', factor.low) if curve.bound < 0 else ('upper', factor.high)
             yield (
-                f'The best {factor.name} is at the {end} bound '
-                f'{"that is possible at all" if last else "of its range"}, {factor.text(value)}'
-                f'{"" if last else ": widen the range, it may be better beyond"}.'
+                f'The best {factor.name} is at the {end} bound of its range, '
+                f'{factor.text(value)}: it may be better beyond.'
             )
-    small = [(f, x) for f, x in known if x.effect_upper <= result.objective.tolerance]
-    hidden = [(f, x) for f, x in known if (f, x) not in small and not x.matters]
-    for found, one, several in (
-        (small, 'does not matter', 'do not matter'),
-        (hidden, 'has no effect that can be shown', 'have no effect that can be shown'),
-    ):
-        if found:
-            most = result.objective.difference(max(x.effect_upper for _, x in found))
-            verb = one if len(found) == 1 else several
-            yield f'{_names(f for f, _ in found)} {verb} at the best conditions: {most} at most.'
+    hidden = [factor for factor, curve in known if not curve.matters]
+    if hidden:
+        verb = 'has' if len(hidden) == 1 else 'have'
+        yield f'{_names(hidden)} {verb} no effect that can be shown at the best conditions.'
     materials = [f for f in result.factors if f.name.rpartition('.')[2] in MATERIAL]
     if materials:
         verb = 'is a property' if len(materials) == 1 else 'are properties'
@@ -424,7 +434,7 @@ def _factor_notes(result: OptimiseResult) -> Iterator[str]:
         )
 
 
-def _names(factors: Iterator[Factor] | Sequence[Factor]) -> str:
+def _names(factors: Sequence[Factor]) -> str:
     """Return names as they begin a sentence; those with a dot are kept as they are."""
     names = listed(factor.name for factor in factors)
     return names if '.' in names else names[0].upper() + names[1:]

@@ -338,11 +338,11 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
             pictures = map(picture_uri, images)
             answer.insert(0, _gallery(names, colours, pictures, ['wanted'] * len(names)))
     factors: list[Item] = [result.factor_table()]
-    if result.facts:
+    if result.curves:
         chart = Chart(
             'curves',
             'Charts of the objective over each factor',
-            partial(facts_figure, result),
+            partial(optimum_figure, result),
             f'Points: drops, with {confidence} % intervals, while the other factors have their '
             'best values. Dashed: the best value. Shaded: the range in which little is lost.',
         )
@@ -367,20 +367,20 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     )
 
 
-def facts_figure(result: 'OptimiseResult') -> 'Figure':
+def optimum_figure(result: 'OptimiseResult') -> 'Figure':
     """Return the objective over each factor, with its intervals, and the best value."""
     figure, panels = _panels(len(result.factors), PANEL_HEIGHT)
-    low = min(float(facts.lower.min()) for facts in result.facts)
-    top = max(float(facts.upper.max()) for facts in result.facts)
+    low = min(float(curve.lower.min()) for curve in result.curves)
+    top = max(float(curve.upper.max()) for curve in result.curves)
     margin, entropy_wanted = 0.05 * (top - low), result.objective.is_entropy
-    for k, (axes, factor, facts) in enumerate(
-        zip(panels, result.factors, result.facts, strict=True)
+    for k, (axes, factor, curve) in enumerate(
+        zip(panels, result.factors, result.curves, strict=True)
     ):
-        x = factor.scale * factor.values(facts.at)
-        flat = factor.scale * factor.values(np.array(facts.flat))
+        x = factor.scale * factor.values(curve.at)
+        flat = factor.scale * factor.values(np.array(curve.flat))
         axes.axvspan(*flat, color=COLOURS[0], alpha=0.1, linewidth=0)
-        axes.vlines(x, facts.lower, facts.upper, color=COLOURS[0], lw=1.4, clip_on=False)
-        axes.plot(x, facts.values, '.-', color=COLOURS[0], lw=0.8, ms=6, clip_on=False)
+        axes.vlines(x, curve.lower, curve.upper, color=COLOURS[0], lw=1.4, clip_on=False)
+        axes.plot(x, curve.values, '.-', color=COLOURS[0], lw=0.8, ms=6, clip_on=False)
         assert result.best.point is not None
         best = float(factor.values(result.best.point[k]))
         axes.axvline(factor.scale * best, color=TEXT, linewidth=1, linestyle='--')
@@ -493,13 +493,14 @@ def _comparison_sections(
     """Yield a section for each pair of designs side by side; pictures by id(case)."""
     for number, found in enumerate(comparisons, start=1):
         heading = f'{found.first.name} and {found.second.name} side by side'
-        items = list(_comparison_items(found, pictures, confidence))
+        items = list(comparison_items(found, pictures, confidence))
         yield Section(heading, f'comparison-{number}', items)
 
 
-def _comparison_items(
+def comparison_items(
     found: 'CaseComparison', pictures: dict[int, list[str]], confidence: float
 ) -> Iterator[Item]:
+    """Yield what shows the aspects that two designs share; pictures by id(case)."""
     first, second = found.first, found.second
     if not found.shared:
         yield Text(

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from resting_aspects_ros.arrays import Array, Indices
-from resting_aspects_ros.aspects.surface_match import SYMMETRY_TOLERANCE
+from resting_aspects_ros.aspects.symmetry import SYMMETRY_TOLERANCE
 from resting_aspects_ros.part.tessellation import CURVED_STEP, MARGIN, MAX_WIDTH_RATIO
 
 # Spacing of the grid of the second attempt, as a share of the root of the area.

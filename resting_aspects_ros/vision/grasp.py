@@ -12,8 +12,8 @@ from shapely import affinity
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, product, rotate
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.rolling import KnownPart
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,16 +14,20 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import FileModel, validated
 from resting_aspects_ros.vision.boundary import common_area, turn
-from resting_aspects_ros.vision.camera import Pinhole, Telecentric
+from resting_aspects_ros.vision.camera import Pinhole, Telecentric, perspective_fits
 from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
     Shape,
     log_sum,
     unknown_likelihood,
 )
-from resting_aspects_ros.vision.known_part import Candidate, KnownPart
-from resting_aspects_ros.vision.perspective import perspective_fits
-from resting_aspects_ros.vision.rolling import NEGLIGIBLE, ViewFit, class_fits
+from resting_aspects_ros.vision.rolling import (
+    NEGLIGIBLE,
+    Candidate,
+    KnownPart,
+    ViewFit,
+    class_fits,
+)
 
 # -- Observed polygons ----------------------------------------------------------------------------
 

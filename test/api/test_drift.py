@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from resting_aspects_ros.api.compare import watch_drift
 from resting_aspects_ros.api.count_files import counts_from_array, read_observed
-from resting_aspects_ros.api.drift import watch_drift
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsWarning
 from resting_aspects_ros.statistics.drift import parts_needed
 

@@ -54,6 +54,25 @@ def test_part_of_a_class_gives_a_forecast_by_aspect(tossed):
     assert one.parts_per_minute < both.parts_per_minute
 
 
+def test_known_reorientation_is_not_simulated_again(crate, tossed, workers):
+    known = forecast(tossed, pickable_classes=[1], robot=2.0, parts_on_tray=10)
+    made = forecast(
+        crate,
+        pickable_classes=[1],
+        robot=2.0,
+        parts_on_tray=10,
+        action='toss',
+        per_aspect=40,
+        drops=100,
+        seed=3,
+        workers=workers,
+    )
+    assert known.parts_per_minute == made.parts_per_minute
+    assert known.reorientation is tossed
+    with pytest.raises(ra.InvalidValueError, match='with the result of reorient'):
+        forecast(tossed, [1], seed=4)
+
+
 def test_document_has_all_numbers(tossed):
     result = forecast_from(tossed, [1, 2], TRAY, TIMES, minutes=30)
     document = json.loads(result.to_json([result]))

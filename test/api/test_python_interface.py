@@ -1,7 +1,6 @@
 """The Python interface, as a script or a notebook uses it."""
 
 import doctest
-import json
 import signal
 import subprocess
 import sys
@@ -91,21 +90,6 @@ def test_it_stops_at_a_precision(workers):
     widths = [(each.upper - each.lower) / 2 for each in result.distribution.intervals()]
     assert max(widths) <= 0.05
     assert result.poses is None
-
-
-def test_the_document_is_that_of_the_command(workers):
-    result = ra.drop('hex_nut', drops=30, seed=3, workers=workers)
-    words = ['drop', 'hex_nut', '--drops', '30', '--seed', '3', '--json']
-    printed = subprocess.run(
-        [sys.executable, '-m', 'resting_aspects_ros.cli', *words],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    documents = [json.loads(text) for text in (result.to_json(), printed)]
-    for document in documents:
-        del document['run_id'], document['started']
-    assert documents[0] == documents[1]
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Estimates, comparisons and classifications of the Python interface."""
 
 import json
-import re
 import subprocess
 import sys
 
@@ -10,7 +9,6 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.statistics.poses import RestStatus
 
 
@@ -173,12 +171,3 @@ def test_poses_without_a_part_have_no_aspects(dropped):
 def test_poses_of_another_part_are_pointed_out(dropped):
     with pytest.warns(ra.RestingAspectsWarning, match="are in no aspect of 'tetrahedron'"):
         ra.classify(dropped[0].poses, 'tetrahedron')
-
-
-def test_the_page_states_conditions_by_their_names_for_people(dropped, tmp_path):
-    dropped[0].report(tmp_path)
-    page = (tmp_path / 'report.html').read_text(encoding='utf-8')
-    visible = re.sub(r'<(style|script).*?</\1>|<[^>]*>', ' ', page, flags=re.DOTALL)
-    assert [q.label for q in QUANTITIES.values() if q.label not in visible] == []
-    assert [name for name in QUANTITIES if '_' in name and name in visible] == []
-    assert 'm g R' not in visible

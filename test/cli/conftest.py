@@ -17,7 +17,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.cli import main
-from resting_aspects_ros.simulation.interruption import SIGNALS
+from resting_aspects_ros.system import SIGNALS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 # Variables of the environment that would change the output.

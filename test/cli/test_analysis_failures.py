@@ -36,7 +36,7 @@ COMMANDS = {
         'long-run shares',
         ['transitions.json', 'reorientation.html'],
     ),
-    'studies.pages:facts_figure': (OPTIMISE + SEARCH, 'figure', [*OPTIMISED, 'report.html']),
+    'studies.pages:optimum_figure': (OPTIMISE + SEARCH, 'figure', [*OPTIMISED, 'report.html']),
     'studies.batch:_write_index': (
         ('drop', 'tetrahedron', 'washer', *FEW),
         'index',

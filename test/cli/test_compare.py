@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import re
 
 import numpy as np
 import pytest
@@ -140,42 +139,6 @@ def test_p_value_of_few_drops_is_exact_and_reproducible(compared, tmp_path):
     assert compared('a', 'b')[0] == found
 
 
-def test_table_shows_both_sides(run, write_json, tmp_path):
-    write_json('a.json')
-    write_csv(tmp_path, BY_HAND)
-    ended = run('compare', 'a.json', 'm.csv')
-    assert (ended.returncode, ended.stderr) == (0, '')
-    lines = ended.stdout.splitlines()
-    assert max(map(len, lines)) <= 80
-    assert lines[0].strip() == 'A: a.json, l_bracket, 200 drops on rubber_mat, seed 3'
-    assert lines[1].strip() == 'B: m.csv, 213 drops'
-    row = r'^ +1 +0.00  0.00 \+1.00 +30.0 +24 to 37 +2\d\.\d +\+\d\.\d '
-    assert re.search(row, ended.stdout, re.MULTILINE)
-    assert re.search(r'^ +unsettled +0 +0 to 1.9 +1.4', ended.stdout, re.MULTILINE)
-    assert re.search(r'^total variation +\d', ended.stdout, re.MULTILINE)
-
-
-def test_swapping_sides_changes_signs(compared, write_json, tmp_path):
-    write_json('a.json')
-    write_csv(tmp_path, BY_HAND)
-    one, other = compared('a.json', 'm.csv')[0], compared('m.csv', 'a.json')[0]
-    assert [x['deviation'] for x in one['aspects']] == [-x['deviation'] for x in other['aspects']]
-    assert [x['down_in_part'] for x in one['aspects']] == [
-        x['down_in_part'] for x in other['aspects']
-    ]
-    assert one['p_value'] == pytest.approx(other['p_value'])
-
-
-def test_confidence_changes_the_intervals(compared, write_json, tmp_path):
-    write_json('a.json')
-    write_csv(tmp_path, BY_HAND)
-    narrow, wide = (compared('a.json', 'm.csv', '--confidence', c)[0] for c in (0.9, 0.99))
-    assert (narrow['confidence'], wide['confidence']) == (0.9, 0.99)
-    for one, other in zip(narrow['aspects'], wide['aspects'], strict=True):
-        assert other['a']['lower'] < one['a']['lower'] < one['a']['upper'] < other['a']['upper']
-        assert other['deviation_lower'] < one['deviation_lower']
-
-
 # -- logs ----------------------------------------------------------------------------------------
 
 
@@ -194,43 +157,6 @@ def test_last_distribution_of_a_log_is_used(compared, write_json, write_log, pla
     swapped, _ = compared('b.json', place)
     for one, other in zip(found['aspects'], swapped['aspects'], strict=True):
         assert one['down_in_part'] == other['down_in_part']
-
-
-def test_unfinished_log_is_compared_with_a_warning(compared, write_log, tmp_path):
-    log = write_log('run', [7, 5, 4, 2, 1], [70, 50, 40, 20, 4], cut=True)
-    write_csv(tmp_path, BY_HAND)
-    found, said = compared('run', 'm.csv')
-    assert counts_of(found, 'a') == [70, 50, 40, 20, 4]
-    being_written = "warning: log 'run' is being written: the messages in it so far are used\n"
-    incomplete = "warning: 'run' is not complete: it has {} of 200 drops\n"
-    assert said == being_written + incomplete.format(185)
-    content = log.path.read_bytes()
-    log.close()
-    log.path.write_bytes(content[:-100])
-    found, said = compared('run', 'm.csv')
-    assert counts_of(found, 'a') == [7, 5, 4, 2, 1]
-    broken_off = (
-        "warning: log 'run' was not closed: the messages in it are used "
-        '("resting_aspects recover" closes it)\n'
-    )
-    assert said == broken_off + incomplete.format(20)
-
-
-def test_log_without_distribution_is_refused(refused, write_log, tmp_path):
-    write_csv(tmp_path, BY_HAND)
-    write_log('run')
-    assert refused('compare', 'run', 'm.csv') == (
-        "error: invalid log 'run': expected a log with a message of type "
-        'resting_aspects_interfaces/msg/AspectDistribution'
-    )
-    with RunLog(tmp_path, 'junk') as log:
-        log.write(TOPIC, b'\0\1\0\0' + b'\xff' * 40, 1)
-    junk = refused('compare', 'junk', 'm.csv')
-    assert "log 'junk' has a message that cannot be read: failed to deseri" in junk
-    (tmp_path / 'folder').mkdir()
-    assert "folder 'folder' is not a log" in refused('compare', 'm.csv', 'folder')
-    (tmp_path / 'x.mcap').write_text(BY_HAND, encoding='utf-8')
-    assert "log 'x.mcap' is damaged, or not an MCAP file" in refused('compare', 'x.mcap', 'm.csv')
 
 
 # -- drops that are not independent --------------------------------------------------------------
@@ -255,57 +181,7 @@ def test_dependent_drops_warn(compared, write_json, changes, says):
     assert (f'warning: {says}' in said) == bool(says)
 
 
-def test_log_and_document_of_one_run_are_dependent(compared, write_json, write_log):
-    write_log('run', [60, 55, 48, 24, 12])
-    write_json('b.json')
-    assert '200 drops of A and B are the same' in compared('run', 'b.json')[1]
-
-
-def test_same_seed_with_other_conditions_warns(compared, write_json, surfaces):
-    write_json('a.json')
-    write_json('b.json', conditions=surfaces.get('').changed(height=0.3))
-    _, said = compared('a.json', 'b.json')
-    assert '200 drops of A and B start from the same orientations (seed 3)' in said
-
-
 # -- results that cannot be compared -------------------------------------------------------------
-
-
-def test_another_part_is_refused(refused, write_json):
-    write_json('a.json')
-    write_json('b.json', part='nut', part_sha256='f00')
-    assert refused('compare', 'a.json', 'b.json') == (
-        "error: these are different parts: A, 'a.json', is of 'l_bracket', B, 'b.json', of 'nut'"
-    )
-
-
-def test_parts_of_one_name_are_distinguished_by_short_hashes(refused, write_json, aspects):
-    write_json('a.json')
-    write_json('b.json', part_sha256='f00' * 20)
-    line = refused('compare', 'a.json', 'b.json')
-    assert 'the mesh, the unit, the mass or the inertia differs' in line
-    assert f'(part_sha256 {aspects.part_sha256[:8]} and f00f00f0)' in line
-
-
-@pytest.mark.parametrize(
-    ('other', 'confidence', 'says'),
-    [
-        ([70, 50, 44, 25, 11], '0.95', r'The distributions do not differ .* \(p = 0\.8\d\)\.'),
-        (
-            [20, 55, 88, 25, 12],
-            '0.95',
-            r'They differ by 20 points in aspect 3 \(95 % interval 8 to 32; p < 0\.0001\)\.',
-        ),
-        # A difference at 80 % confidence can be within chance at 99.9 %.
-        ([40, 70, 48, 25, 17], '0.8', r'They differ by 10 points in aspect 1 \(80 % interval .*'),
-        ([40, 70, 48, 25, 17], '0.999', r'The distributions do not differ .* \(p = 0\.\d+\)\.'),
-    ],
-)
-def test_the_last_line_is_the_verdict(run, write_json, other, confidence, says):
-    write_json('a.json')
-    write_json('b.json', other, seed=4)
-    ended = run('compare', 'a.json', 'b.json', '--confidence', confidence)
-    assert re.fullmatch(says, ended.stdout.splitlines()[-1])
 
 
 def test_missing_or_unknown_aspects_are_refused(refused, write_json, tmp_path):
@@ -344,25 +220,6 @@ def test_compare_with_manual_counts_by_class(run, compared, tmp_path):
     table = run('compare', tmp_path / 'nut.json', tmp_path / 'm.csv').stdout
     assert 'in class ' in table
     assert 'aspect ' not in table
-
-
-def test_counts_by_aspect_are_not_comparable_by_class(refused, tmp_path):
-    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n', 'a.csv')
-    write_csv(tmp_path, 'class,count\n1,2\n2,3\n', 'b.csv')
-    assert "'a.csv' counts by aspect and has no symmetry classes: expected a log, " in refused(
-        'compare', 'a.csv', 'b.csv'
-    )
-
-
-def test_manual_counts_can_have_arbitrary_ids(compared, tmp_path):
-    write_csv(tmp_path, 'aspect,count\n7,20\n2,50\n3,30\n', 'a')
-    write_csv(tmp_path, 'aspect,count\n2,80\n3,40\n7,80\n', 'b')
-    found, said = compared('a', 'b')
-    assert said == ''
-    assert [aspect['id'] for aspect in found['aspects']] == [2, 3, 7]
-    assert (found['largest_deviation']['aspect'], found['total_variation']) == (
-        7, pytest.approx(0.2)
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -472,14 +329,6 @@ def test_invalid_manual_counts_are_refused(refusal, text, says):
 def test_file_that_is_not_utf8_is_refused(refusal):
     words = refusal('aspect;count;Größe\n', encoding='latin-1')
     assert words == 'counts file f is not text in UTF-8'
-
-
-def test_incomplete_document_warns(compared, write_json, tmp_path):
-    write_json('a.json', complete=False, drops=1000)
-    write_csv(tmp_path, BY_HAND)
-    assert compared('a.json', 'm.csv')[1] == (
-        "warning: 'a.json' is not complete: it has 200 of 1000 drops\n"
-    )
 
 
 def test_compare_reads_the_document_of_classify(run, compared, tmp_path):

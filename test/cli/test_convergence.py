@@ -1,9 +1,7 @@
 """`drop --check-convergence`: how much the result changes with a finer time step."""
 
 import json
-import re
 import signal
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from resting_aspects_ros.api.runner import DropProgress, check_convergence
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
-from resting_aspects_ros.statistics.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.statistics.distribution import count_poses, no_drops
 
 DROPS = 2000
 
@@ -35,36 +33,6 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(run, part, surfac
     assert found['shift'] == pytest.approx(shift[moved], abs=1e-12)
     assert found['lower'] <= found['shift'] <= found['upper']
     assert 'with a finer time step' in ended.stderr
-
-
-@pytest.mark.parametrize(
-    ('counts', 'words'),
-    [
-        ([390, 300, 110, 100, 100], 'too few drops to detect 1 %'),
-        ([300, 350, 150, 100, 100], 'not explained by chance'),
-        ([40900, 29100, 10000, 10000, 10000], 'explained by chance'),
-    ],
-)
-def test_text_states_whether_chance_explains_the_shift(part, counts, words):
-    aspects = find_aspects(part('l_bracket'))
-    drops = sum(counts)
-    coarse = Distribution(aspects, np.array([41, 29, 10, 10, 10]) * (drops // 100), 0, 0, 0)
-    fine = Distribution(aspects, np.array(counts), 0, 0, 0)
-    found = check_convergence(coarse, fine, 1.5e-4, seed=1)
-    lines = found.text().splitlines()
-    assert lines[0].startswith('With 1/2 of the time step (150 us), aspect 1 changes most: -')
-    assert lines[1].startswith(f'{words} (95 % interval ')
-    assert lines[1].endswith(f'{drops} drops each).')
-    # This number makes the interval narrow enough, but not much narrower.
-    assert bool(lines[2:]) == ('too few' in words)
-    for line in lines[2:]:
-        enough = int(re.fullmatch(r'About (\d+) drops are needed.', line)[1])
-        scale = enough // drops
-        more = check_convergence(
-            *(replace(each, counts=each.counts * scale) for each in (coarse, fine)), 1.5e-4, seed=1
-        )
-        assert 0.005 < (more.upper - more.lower) / 2 < 0.0101
-    assert max(map(len, lines)) <= 80
 
 
 def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):

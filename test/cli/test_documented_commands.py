@@ -41,6 +41,7 @@ LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 TUTORIALS = {
     'docs/tutorials/first_part.md': 'out/bracket/report.html',
     'docs/tutorials/reorientation.md': 'out/actions/transitions_tap.png',
+    'docs/tutorials/from_part_to_bowl.md': 'out/bowl/track.html',
 }
 REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.

@@ -22,10 +22,6 @@ def heights(run):
 BOX = [0.005, 0.005, 0.01, 0.01, 0.015, 0.015]
 
 
-def test_aspects_of_a_registered_part(heights):
-    assert heights('box_10x20x30') == pytest.approx(BOX)
-
-
 @pytest.mark.parametrize(
     ('file', 'mesh_format'),
     [
@@ -46,14 +42,6 @@ def test_missing_file_ending_is_suggested(refused, box, tmp_path, file):
     assert refused('drop', 'my_box') == (
         f"error: part 'my_box' is not known; for the mesh file in this folder, write {file!r}"
     )
-
-
-def test_title_shows_the_size_of_the_part(run, box, tmp_path):
-    box.export(tmp_path / 'box.stl')
-    for unit, size in (('mm', '10 x 20 x 30 mm'), ('in', '254 x 508 x 762 mm')):
-        for command in (('drop', '--drops', 1), ('aspects',)):
-            first = run(*command, 'box.stl', '--unit', unit).stdout.splitlines()[0]
-            assert first.strip().startswith(f'box, {size}')
 
 
 def test_a_mesh_file_in_a_folder_and_its_unit(heights, box, tmp_path):
@@ -87,13 +75,6 @@ def test_unit_that_contradicts_the_yaml_is_refused(refused, box, tmp_path):
     (tmp_path / 'box.yaml').write_text('unit: cm\n', encoding='utf-8')
     line = refused('drop', 'box.stl', '--unit', 'in')
     assert line == "error: invalid unit 'in': expected 'cm', the unit in 'box.yaml'"
-
-
-def test_centre_of_mass_without_unit_refuses_another_unit(refused, box, tmp_path):
-    box.export(tmp_path / 'box.stl')
-    (tmp_path / 'box.yaml').write_text('centre_of_mass: [0, 0, 5]\n', encoding='utf-8')
-    line = refused('drop', 'box.stl', '--unit', 'in')
-    assert line.endswith('gives a centre_of_mass without a unit; write "unit: in" into it')
 
 
 def test_parts_of_another_folder(heights, refused, box, tmp_path):
@@ -152,21 +133,6 @@ def test_invalid_mesh_is_refused_with_one_line(refused, tmp_path, name, content,
     assert repr(name) in line
 
 
-def test_an_open_mesh_is_refused_with_the_number_of_open_edges(refused, box, tmp_path):
-    box.update_faces([True] * 11 + [False])
-    box.export(tmp_path / 'open.stl')
-    line = refused('drop', 'open.stl')
-    assert "'open.stl'" in line
-    assert '3 open edges' in line
-
-
-def test_unknown_part_lists_known_parts(refused):
-    line = refused('drop', 'l_braket')
-    for name in ('angle_45x30x8', 'box_10x20x30', 'l_bracket', 'tetrahedron', 'washer'):
-        assert name in line
-    assert "part 'l_braket' is not known" in line
-
-
 def test_height_in_the_wrong_unit_is_refused_unless_forced(refused, run, box, tmp_path):
     line = refused('drop', 'l_bracket', '--height', '60')
     assert line.startswith('error: invalid height 60 m: expected at most 500 times the radius')
@@ -201,11 +167,3 @@ def test_number_that_is_not_an_integer_is_refused(refused, text):
 def test_precision_as_a_share_or_in_percent(run, text):
     ended = run('drop', 'tetrahedron', '--precision', text, '--drops', 10, '--json')
     assert json.loads(ended.stdout)['precision'] == 0.25, ended.stderr
-
-
-@pytest.mark.parametrize('flag', ['--precision', '--confidence'])
-@pytest.mark.parametrize('text', ['2mm', 'fine', '%'])
-def test_share_in_another_unit_is_refused(refused, flag, text):
-    line = refused('drop', 'tetrahedron', flag, text)
-    words = f'error: invalid {flag} {text!r}: expected a number, such as 0.02 or 2%'
-    assert line == words

@@ -12,33 +12,6 @@ WORDS = ('forecast', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--worker
 PICK = ('--pickable', '1,2')
 
 
-@pytest.fixture(scope='module')
-def saved(run_in, tmp_path_factory):
-    """Run with a report; returns the folder and the ended process."""
-    folder = tmp_path_factory.mktemp('forecast')
-    ended = run_in(folder, *WORDS, *PICK, '--report', '--out', 'o')
-    assert ended.returncode == 0, ended.stderr
-    return folder / 'o', ended
-
-
-def test_sentence_comes_first_and_the_table_fits(saved):
-    document = json.loads((saved[0] / 'forecast.json').read_text())
-    lines = saved[1].stdout.splitlines()
-    assert lines[0] == document['sentence']
-    assert 'parts per minute (' in lines[0]
-    assert lines[0].endswith('; the robot limits')
-    assert lines[1:3] == [
-        'For robot 1.2 s, feeder motion 0.6 s, settling 0.6 s, image 0.2 s, tray 200 x ',
-        '200 mm, clearance 5 mm.',
-    ]
-    assert max(len(line) for line in lines if 'Written' not in line) <= 80
-
-
-def test_report_is_written(saved):
-    names = {path.name for path in saved[0].iterdir()}
-    assert names == {'forecast.json', 'forecast.html', 'forecast.png', 'forecast.svg'}
-
-
 @pytest.mark.slow
 def test_grasps_and_controller_reach_the_forecast(run_in, tmp_path):
     text = (Path(__file__).parents[2] / 'config' / 'grasps' / 'l_bracket.yaml').read_text()
@@ -83,27 +56,6 @@ def test_flags_reach_the_forecast(run_in, tmp_path):
     }
     assert (document['parts_on_tray'], document['max_picks'], document['minutes']) == (7, 3, 5)
     assert document['action']['name'] == 'flip'
-
-
-@pytest.mark.slow
-def test_several_sets_are_shown_side_by_side(run_in, tmp_path):
-    ended = run_in(tmp_path, *WORDS, *PICK, '--pickable', '1')
-    lines = ended.stdout.splitlines()
-    assert lines[0].startswith('tetrahedron, aspects 1 and 2: ')
-    assert lines[1].startswith('tetrahedron, aspect 1: ')
-    warnings = [line for line in ended.stderr.splitlines() if line.startswith('warning')]
-    assert 'picks aspects 1 and 2 also picks aspects 3 and 4, which are not' in warnings[0]
-    assert 'picks aspect 1 also picks aspects 2 to 4, which are not' in warnings[1]
-
-
-@pytest.mark.slow
-def test_several_parts_are_alternatives(run_in, tmp_path):
-    words = ('forecast', 'tetrahedron', 'box_10x20x30', *WORDS[2:], '--pickable-classes', '1')
-    document = json.loads(run_in(tmp_path, *words, '--json').stdout)
-    assert document['part'] == 'tetrahedron'
-    assert document['pickable'] == [1, 2, 3, 4]
-    assert [each['part'] for each in document['alternatives']] == ['box_10x20x30']
-    assert document['alternatives'][0]['pickable'] == [1, 2]
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,6 @@ from importlib import import_module
 import pytest
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.aspects.clusters import (
-    DEFAULT_TOLERANCE_DEGREES,
-    MAX_TOLERANCE_DEGREES,
-    MIN_TOLERANCE_DEGREES,
-)
 from resting_aspects_ros.cli import main, verbs
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
 from resting_aspects_ros.nodes.camera_simulator import node as camera_simulator
@@ -20,9 +15,7 @@ from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
 from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
-from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE
 from resting_aspects_ros.nodes.vision_example import node as vision_example
-from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 HEAVY = (
     'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
@@ -106,24 +99,6 @@ def test_unknown_subcommand_or_flag_is_refused(refused, words):
     assert any(word in refused(*words) for word in words)
 
 
-@pytest.mark.parametrize('command', ['drop', 'request'])
-def test_every_condition_has_one_flag_with_bounds_in_help(shown, command):
-    text = shown(command).partition('examples:')[0]
-    for name, quantity in QUANTITIES.items():
-        flag = '--' + name.replace('_', '-')
-        bounds = f'{quantity.text}: {quantity.allowed()}'
-        assert bounds in text
-        # Once in the synopsis, once with its help.
-        assert text.count(f'{flag} ') == 2
-    assert '{LOWEST_POINT,CENTRE_OF_MASS}' in text
-
-
-@pytest.mark.parametrize('command', ['drop', 'request'])
-def test_the_surfaces_are_named(shown, command, surfaces):
-    *names, last = surfaces.names()
-    assert f'named conditions: {", ".join(names)} or {last} (' in shown(command)
-
-
 @pytest.mark.parametrize(
     'node',
     [
@@ -148,15 +123,6 @@ def test_node_help_describes_purpose_and_parameters(node, monkeypatch, capsys):
     begin = others.index('parameters:') + 1
     listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
     assert listed == [parameter.name for parameter in node.PARAMETERS]
-
-
-def test_help_shows_bounds_of_classify_tolerance(shown):
-    bounds = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
-    assert f'{bounds}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
-
-
-def test_help_shows_bounds_of_replay_rate(shown):
-    assert f': {MIN_RATE:g} to {MAX_RATE:g} (1)' in shown('replay')
 
 
 def test_version(run):

@@ -22,30 +22,6 @@ def polygon(tmp_path):
     return write
 
 
-def test_table_names_part_aspect_and_pose(run, polygon):
-    ended = run('identify', 'l_bracket', 'hex_nut', '--polygon', polygon(RECTANGLE))
-    assert ended.returncode == 0, ended.stderr
-    title, *lines = ended.stdout.splitlines()
-    assert title.strip() == 'seen.json: l_bracket, aspect 3'
-    (row,) = [line for line in lines if 'l_bracket' in line]
-    *start, x, y = row.split()[:6]
-    assert start == ['l_bracket', '3', '100.0', '%']
-    assert (x in ('115.00', '125.00'), y) == (True, '10.00')  # the side is a rectangle
-    assert 'none of these' in ended.stdout
-    assert max(map(len, ended.stdout.splitlines())) <= 80
-
-
-def test_document_has_candidates_and_other_answers(run, polygon):
-    ended = run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json')
-    document = json.loads(ended.stdout)
-    assert list(document) == [
-        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'mirrored',
-        'candidates', 'hint',
-    ]  # fmt: skip
-    assert document['candidates'][0]['aspects'] == [3]
-    assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
-
-
 def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
     # A box 30 mm high, 20 x 10 mm, at (0.1, 0.05) m, seen from the height 0.5 m above the origin.
     base = np.array([[0.09, 0.045], [0.11, 0.045], [0.11, 0.055], [0.09, 0.055]])
@@ -73,36 +49,6 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
             'box_10x20x30',
         ):
             assert word in low
-
-
-def test_more_noise_accepts_a_larger_difference(run, polygon):
-    larger = {'outer': [[0, 0], [0.041, 0], [0.041, 0.021], [0, 0.021]]}
-    answers = [
-        json.loads(
-            run(
-                'identify', 'l_bracket', '--polygon', polygon(larger), '--json', '--noise', noise
-            ).stdout
-        )['answer']
-        for noise in ('0.1mm', '0.6mm')
-    ]
-    assert answers == ['none', 'part']
-
-
-def test_outline_with_y_down_is_answered_with_a_note(run, polygon):
-    """Aspects 1 and 2 of l_bracket show mirror images of each other."""
-    corners = [[0, 0], [0.04, 0], [0.04, 0.01], [0.01, 0.01], [0.01, 0.03], [0, 0.03]]
-    for y, seen, other in ((1, 2, 1), (-1, 1, 2)):
-        name = polygon({'outer': [[x, y * height] for x, height in corners]})
-        document = json.loads(run('identify', 'l_bracket', '--polygon', name, '--json').stdout)
-        assert document['candidates'][0]['aspects'] == [seen]
-        assert [each['aspects'] for each in document['mirrored']] == [[other]]
-        assert f'l_bracket, aspect {other}' in document['hint']
-        text = ' '.join(run('identify', 'l_bracket', '--polygon', name).stdout.split())
-        assert document['hint'] in text
-    document = json.loads(
-        run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json').stdout
-    )
-    assert (document['mirrored'], document['hint']) == ([], None)
 
 
 @pytest.mark.parametrize(
@@ -137,15 +83,6 @@ def test_a_part_that_is_given_twice_is_one_candidate(run, polygon, tmp_path):
     ended = run('identify', 'box.stl', 'copy.stl', 'box.stl', *words)
     assert json.loads(ended.stdout) == once
     assert 'copy is the same part as box' in ended.stderr
-
-
-def test_reason_and_equal_outlines_are_stated(run, polygon):
-    larger = {'outer': [[0, 0], [0.06, 0], [0.06, 0.03], [0, 0.03]]}
-    text = ' '.join(run('identify', 'l_bracket', '--polygon', polygon(larger)).stdout.split())
-    assert 'has the shape of l_bracket, aspect 3, but its lengths are 1.5 times as long' in text
-    base = '\ufeff{"outer": [[0, 0], [0.03, 0], [0.03, 0.02], [0, 0.02]]}'
-    text = ' '.join(run('identify', 'u_bracket', '--polygon', polygon(base)).stdout.split())
-    assert 'fits these aspects equally well: u_bracket 1; u_bracket 6.' in text
 
 
 def test_missing_file_and_wrong_noise(run, polygon):

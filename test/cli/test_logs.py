@@ -6,12 +6,10 @@ import importlib
 import json
 from contextlib import nullcontext
 
-import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 
-import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_file import McapFile
@@ -22,7 +20,7 @@ from resting_aspects_ros.logs.topics import (
     Qos,
     Topic,
 )
-from resting_aspects_ros.logs.writer import RunLog, lock_file
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.run_logs.contents import logged_result
@@ -30,6 +28,7 @@ from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
+from resting_aspects_ros.system import lock_file
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/cell/parts/solid', PART_TYPE, Qos(1))
@@ -76,66 +75,6 @@ def log(tmp_path, part, dropped):
         return written.path.parent
 
     return log
-
-
-def test_info_of_a_whole_log(run, log, dropped):
-    ended = run('info', log())
-    assert (ended.returncode, ended.stderr) == (0, '')
-    lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
-    for line in (
-        'closed, 7 messages',
-        f'part l_bracket, sha256 {dropped[0].part_sha256}',
-        'stl in mm, 20 triangles',
-        'conditions steel with height 0.045 m and friction 0.31',
-        'height 0.045 m (lowest point)',
-        'friction 0.31',
-        'seed 77',
-        'drops 300 of 300',
-        f'started 2001-09-09 01:46:40 UTC with kernel {dropped[0].engine_version}',
-        'run id 4f1c',
-        'Distribution of 300 drops',
-    ):
-        assert line in lines
-
-
-def test_info_as_a_document(run, log, dropped):
-    document = json.loads(run('info', log(), '--json').stdout)
-    assert document['log'] == {
-        'path': document['log']['path'],
-        'messages': 7,
-        'finished': True,
-        'being_written': False,
-        'whole': True,
-        'poses': DROPS,
-    }
-    assert (document['run_id'], document['seed'], document['drops']) == ('4f1c', 77, DROPS)
-    assert document['conditions']['friction'] == 0.31
-    assert sum(a['count'] for a in document['aspects']) + document['unclassified'] == DROPS
-
-
-def types_of(value):
-    """Return the structure of a document: names and types, without values."""
-    if isinstance(value, dict):
-        return {name: types_of(each) for name, each in value.items()}
-    return [types_of(each) for each in value[:1]] if isinstance(value, list) else type(value)
-
-
-def test_info_fields_have_the_same_types_without_distribution(run, log, dropped, part):
-    whole = json.loads(run('info', log(), '--json').stdout)
-    with RunLog(log('other').parent, 'bare') as bare:
-        bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        (batch,) = poses_msgs(dropped[1].between(0, 100), dropped[0], Time(), last=False)
-        bare.write(POSES, serialize_message(batch), 2)
-    # Its drops are counted.
-    assert types_of(json.loads(run('info', bare.path, '--json').stdout)) == types_of(whole)
-    with RunLog(log('third').parent, 'without_part') as bare:
-        bare.write(POSES, serialize_message(batch), 2)
-    without = json.loads(run('info', bare.path, '--json').stdout)
-    assert whole['conditions']['height_of'] == 'LOWEST_POINT'
-    shared = without.keys() & whole.keys()
-    assert {'conditions', 'log', 'engine', 'started'} <= shared
-    for name in shared:
-        assert types_of(without[name]) == types_of(whole[name])
 
 
 def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_path):
@@ -201,20 +140,6 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
     assert counts.tolist() == counted.counts.tolist()
 
 
-def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
-    run_log = importlib.import_module('resting_aspects_ros.logs.writer')
-    load = run_log.load_schema
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash='x')
-        )
-        folder = log(batches=2)
-    ended = run('recover', folder)
-    assert ended.returncode == 0
-    words = f"{folder}: 5 messages recovered, its drops were not counted: log '{folder}"
-    assert ended.stdout.startswith(words)
-
-
 @pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('words', ['info', 'answer', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
@@ -230,16 +155,6 @@ def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
         assert run(*words.split(), folder).returncode == 0
     by_index = closed and words in ('info', 'drop --from-log')
     assert len(passes) == (0 if by_index else 1)
-
-
-def test_the_python_interface_reads_the_poses_of_a_log(log, dropped):
-    run, poses = dropped
-    read = ra.read_log(log())
-    assert (read.run, read.complete, read.distribution.drops) == (run, True, DROPS)
-    assert np.array_equal(read.poses.position, poses.position)
-    assert np.array_equal(read.poses.orientation, poses.orientation)
-    assert np.array_equal(read.poses.status, poses.status)
-    assert logged_result(log('again')).poses is None
 
 
 def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
@@ -283,21 +198,6 @@ def test_info_of_an_unfinished_log(run, log):
     document = json.loads(run('info', folder, '--json').stdout)
     assert (document['log']['whole'], document['log']['poses']) == (False, 200)
     assert (document['complete'], document['drops'], document['drops_asked']) == (False, 200, 300)
-
-
-def test_info_counts_the_drops_of_a_log_without_a_distribution(run, log, dropped, part):
-    folder = log(batches=2, counted=False)  # as `drop --log` leaves it when it is killed
-    expected = count_poses(find_aspects(part('l_bracket')), dropped[1].between(0, 200))
-    document = json.loads(run('info', folder, '--json').stdout)
-    assert [each['count'] for each in document['aspects']] == expected.counts.tolist()
-    assert (document['complete'], document['drops']) == (False, 200)
-    assert 'Distribution of 200 drops of an unfinished run' in run('info', folder).stdout
-
-
-def test_info_of_a_log_without_drops(run, log):
-    ended = run('info', log(batches=0, described=False))
-    assert ended.returncode == 0
-    assert ended.stdout.splitlines()[-1].split() == ['drops', 'none']
 
 
 def test_recover_prints_the_contents_of_each_log(run, log, tmp_path):
@@ -349,45 +249,6 @@ def test_recover_does_not_change_a_log_being_written(run, log, tmp_path):
     assert 'recovered' in run('recover', two).stdout
 
 
-def test_log_of_a_canceled_run_is_complete(run, dropped, part, tmp_path):
-    run_of, poses = dropped
-    with RunLog(tmp_path, 'run') as log:
-        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        (batch,) = poses_msgs(poses.between(0, 100), run_of, Time(), last=True)
-        log.write(POSES, serialize_message(batch), 2)
-    words = '100 of 300 drops of l_bracket, where the run ended'
-    assert run('recover', 'run').stdout == f'run: is already closed, 2 messages, {words}\n'
-    lines = [' '.join(line.split()) for line in run('info', 'run').stdout.splitlines()]
-    assert 'drops 100 of 300, where the run ended' in lines
-    assert json.loads(run('info', 'run', '--json').stdout)['log']['whole']
-
-
-def test_drops_of_another_run_fill_a_gap(run, dropped, part, tmp_path):
-    """Batches of another run fill the gap, and the log still describes its own run."""
-    own, poses = dropped
-    other = dataclasses.replace(own, run_id='another', first_drop=100, drops=200)
-    log = RunLog(tmp_path, 'run')
-    log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-    for run_of, first, end in ((own, 0, 100), (other, 100, 300)):
-        (batch,) = poses_msgs(poses.between(first, end), run_of, Time(), last=run_of is other)
-        log.write(POSES, serialize_message(batch), 2)
-    log.flush()
-    content = log.path.read_bytes()
-    log.close()
-    log.path.write_bytes(content)
-    (log.path.parent / 'metadata.yaml').unlink()
-    for state in ('broken off', 'closed'):
-        document = json.loads(run('info', 'run', '--json').stdout)
-        assert document['log']['finished'] == (state == 'closed')
-        assert (document['log']['whole'], document['log']['poses']) == (True, DROPS)
-        assert (document['run_id'], document['first_drop'], document['drops_asked']) == (
-            '4f1c',
-            0,
-            DROPS,
-        )
-        run('recover', 'run')
-
-
 @pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     'words',
@@ -437,18 +298,6 @@ def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     assert ended.stdout == ''
     assert [path.name for path in sorted(folder.iterdir())] == ['metadata.yaml', 'run_0.mcap']
     assert file.read_bytes() == content
-
-
-def test_recover_keeps_messages_of_an_unknown_version(run, tmp_path):
-    log = RunLog(tmp_path, 'run')
-    log.write(POSES, b'\0\1\0\0of another time', 1)
-    log.flush()
-    content = log.path.read_bytes()
-    log.close()
-    log.path.write_bytes(content)
-    ended = run('recover', 'run')
-    assert ended.returncode == 0
-    assert ended.stdout.startswith('run: 1 messages recovered, its drops were not counted: ')
 
 
 def rows(path):
@@ -582,30 +431,6 @@ def test_from_log_refuses_flags_that_the_log_defines(run, log, words, says):
     assert ended.stderr == (
         f'error: invalid {says}: expected only without --from-log, which defines it\n'
     )
-
-
-def test_from_log_refuses_a_log_without_drops_or_part(run, log, refused):
-    empty, bare = log('empty', 0), log('bare', 1, described=False)
-    assert refused('drop', '--from-log', empty) == (
-        f'error: invalid log {str(empty)!r}: expected a log with drops'
-    )
-    assert refused('drop', '--from-log', bare).endswith(
-        f'invalid log {str(bare)!r}: expected a log with the description of its part'
-    )
-    assert 'it has no .mcap file' in refused('drop', '--from-log', empty.parent)
-    assert refused('drop').startswith('error: missing part: expected a name, ')
-
-
-def test_from_log_warns_of_another_engine(run, dropped, part, tmp_path):
-    # Earlier versions made all drops with Bullet.
-    before = dataclasses.replace(dropped[0], engine='bullet', engine_version='3.1.0')
-    with RunLog(tmp_path, 'run') as log:
-        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
-        (batch,) = poses_msgs(dropped[1].between(0, 100), before, Time(), last=True)
-        log.write(POSES, serialize_message(batch), 2)
-    ended = run('drop', '--from-log', log.path)
-    assert ended.returncode == 0
-    assert 'warning: the log was recorded with bullet 3.1.0, resting_aspects_ros' in ended.stderr
 
 
 def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):

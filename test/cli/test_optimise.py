@@ -1,49 +1,16 @@
 """The command `optimise`."""
 
-import html
 import json
 
 import pytest
 
-import resting_aspects_ros as ra
 from resting_aspects_ros.errors import OutputError
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.studies.optimise import DEFAULT_BUDGET
 from resting_aspects_ros.studies.optimum import OptimiseResult
 
 FEW = ('--budget', 1920, '--workers', 1)
 CHUTE = ('--surroundings', 'l_chute')
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
-
-
-def test_table_and_files_show_the_three_conditions(run, tmp_path):
-    ended = run(*WORDS, '--wanted', '1,2', '--out', 'o')
-    assert ended.returncode == 0, ended.stderr
-    for text in ('largest share of aspects 1 and 2', 'best', 'second', 'yours', '60 mm'):
-        assert text in ended.stdout
-    assert max(map(len, ended.stdout.splitlines())) <= 80
-    document = json.loads((tmp_path / 'o' / 'optimum.json').read_text())
-    assert document['best']['drops'] == 160
-    page = (tmp_path / 'o' / 'report.html').read_text()
-    for each in (*document['notes'], 'aspect 1', 'aspect 2'):
-        assert each in html.unescape(page)
-    assert page.count('data:image/png') == 2
-    rows = (tmp_path / 'o' / 'points.csv').read_text().splitlines()
-    assert len(rows) == 1 + len(document['points'])
-
-
-@pytest.mark.slow
-def test_document_is_that_of_the_python_interface(run):
-    ended = run(*WORDS, '--wanted', '1', '--restitution', '0.3', '--json')
-    expected = ra.optimise(
-        'tetrahedron',
-        {'height': '10mm:20mm'},
-        wanted=[1],
-        restitution=0.3,
-        budget=1920,
-        workers=1,
-    )
-    assert json.loads(ended.stdout) == json.loads(expected.to_json())
 
 
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
@@ -94,7 +61,3 @@ def test_wrong_values_are_named(run, words, message):
     ended = run(*WORDS, *words)
     assert ended.returncode == 2
     assert message in ended.stderr
-
-
-def test_default_is_that_of_the_search(run):
-    assert f'({DEFAULT_BUDGET})' in ' '.join(run('optimise', '--help').stdout.split())

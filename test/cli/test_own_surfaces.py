@@ -45,20 +45,6 @@ def test_surface_of_the_file_is_used_by_its_name(run, own):
     assert (shipped['surface'], shipped['friction']) == ('steel', 0.15)
 
 
-def test_unknown_surface_is_refused_with_those_of_the_file(run, own):
-    ended = run('drop', 'tetrahedron', '--surfaces', own, '--surface', 'snow')
-    assert ended.returncode == 2
-    assert "invalid surface 'snow': expected one of ice, rubber_mat, steel" in ended.stderr
-
-
-def test_uncertainty_of_the_file_is_carried_through(run, own):
-    words = ('--propagate', '--surfaces', own, '--surface', 'ice', '--drops', '16', '--json')
-    ended = run('drop', 'tetrahedron', *words)
-    assert ended.returncode == 0, ended.stderr
-    used = [each['conditions']['friction'] for each in json.loads(ended.stdout)['samples']]
-    assert sorted(used) == DRAWS['friction']
-
-
 @pytest.mark.parametrize(
     'words',
     [
@@ -82,22 +68,3 @@ def test_study_on_an_own_surface_is_continued_without_the_file(run, own, tmp_pat
     own.unlink()
     ended = run('study', tmp_path / 's' / 'study.yaml')
     assert ended.returncode == 0, ended.stderr
-
-
-@pytest.mark.parametrize('name', ['my table', '"a\tb"', '1st', '"a-b"', '7', '""'])
-def test_name_with_a_space_is_refused_and_the_space_is_named(run, own, name):
-    own.write_text(own.read_text(encoding='utf-8').replace('ice:', f'{name}:'), encoding='utf-8')
-    ended = run('drop', 'tetrahedron', '--surfaces', own, '--surface', 'steel')
-    assert ended.returncode == 2
-    assert 'without spaces' in ended.stderr
-    assert name.strip('"').split('\t')[0] in ended.stderr
-
-
-def test_space_in_the_name_of_counts_is_named(run, tmp_path):
-    counts = tmp_path / 'counts.yaml'
-    part = '{box: [9, 8, 7], counts: {z: 3, rest: 4}}'
-    counts.write_text(f'surface: my table\nparts: [{part}]', encoding='utf-8')
-    ended = run('calibrate', counts)
-    assert ended.returncode == 2
-    assert "'my table'" in ended.stderr
-    assert 'without spaces' in ended.stderr

@@ -198,8 +198,3 @@ def test_unreadable_pose_file_is_refused(tmp_path, name, says):
     with pytest.raises(InvalidValueError, match=says) as caught:
         read_pose_csv(path, 1)
     assert f'pose file {str(path)!r}' in str(caught.value)
-
-
-def test_many_poses_are_read(read):
-    text = 'drop,qx,qy,qz,qw,status\n' + '0,0.1,-0.5,0.7,0.5,SETTLED\n' * 100_000
-    assert read(text).drops == 100_000

@@ -6,36 +6,31 @@ import dataclasses
 import io
 import json
 import re
+import subprocess
+import sys
 
 import pytest
-from doc_pages import PAGES, code, first_cells, section
+from doc_pages import ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
-from resting_aspects_ros.aspects.estimate import METHODS
-from resting_aspects_ros.cli import life_cycle, main, verbs
+from resting_aspects_ros.cli import life_cycle, main
 from resting_aspects_ros.part.library import EXPECTED
 from resting_aspects_ros.simulation.actions import KINDS
-from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf, quantities_of
-from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
     RELEASE_VALUES,
     surroundings_names,
 )
 from resting_aspects_ros.simulation.surroundings_kinds import KINDS as SURROUNDINGS
+from resting_aspects_ros.tracks.description import Track, Wall
+from resting_aspects_ros.tracks.traps import KINDS as TRAPS
+from resting_aspects_ros.tracks.traps import Surface
 
 COMMANDS = 'docs/reference/commands.md'
 FILES = 'docs/reference/files.md'
-# Sections of flags that several commands share, as their pages name them.
-SHARED = (
-    'Part',
-    'Conditions',
-    'Surroundings',
-    'Values of an action',
-    'Conditions of the contact',
-)
 
 
 def keys(page, heading, part=0):
@@ -47,12 +42,6 @@ def keys(page, heading, part=0):
     return [name for cell in cells for name in re.findall(r'`([^`]+)`', cell)]
 
 
-def flags(heading):
-    """Flag and default of each row of a table of flags."""
-    rows = re.findall(r'^\| `(--[^`]+)` \| ([^|]*)\|', section(COMMANDS, heading), re.MULTILINE)
-    return {flag: default.strip().strip('`') for flag, default in rows}
-
-
 def actions(command):
     """The options of a command, without --help, by their first name."""
     parser = main.make_parser([command])
@@ -61,42 +50,18 @@ def actions(command):
     return {a.option_strings[0]: a for a in options if a.dest != 'help'}
 
 
-def test_every_command_is_listed():
-    listed = re.findall(r'^\| \[`(\w+)`\]\(#(\w+)\) ', PAGES[COMMANDS], re.MULTILINE)
-    assert listed == [(name, name) for name in verbs.COMMANDS]
-
-
-@pytest.mark.parametrize('command', verbs.COMMANDS)
-def test_every_flag_is_listed(command):
-    heading = f'## {command}'
-    listed = flags(heading)
-    for shared in SHARED:
-        link = f'[{shared}](#{shared.lower().replace(" ", "-")})'
-        if link in section(COMMANDS, heading):
-            listed |= flags(f'## {shared}')
-    expected = actions(command)
-    assert {flag.split()[0] for flag in listed} == set(expected)
-    for flag, default in listed.items():
-        name, _, value = flag.partition(' ')
-        action = expected[name]
-        assert bool(value) == (action.nargs != 0), flag
-        if action.metavar and value != '...':
-            assert value == action.metavar
-        if action.default and action.nargs is None:
-            assert default == str(action.default), flag
-
-
-def test_every_analytic_method_is_listed(run):
-    row = re.search(r'^\| `--method NAME` .*$', section(COMMANDS, '## estimate'), re.MULTILINE)[0]
-    assert re.findall(r'`(\w+)`', row) == list(METHODS)
-    assert f' {", ".join(METHODS)}, ' in ' '.join(run('estimate', '--help').stdout.split())
+def test_generated_texts_are_current():
+    ended = subprocess.run(
+        [sys.executable, ROOT / 'tools' / 'setup' / 'reference.py', '--check'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
 
 
 def test_every_surface_is_listed(surfaces):
-    (row,) = re.findall(r'^\| `--surface NAME` .*$', section(COMMANDS, '## Conditions'), re.M)
-    assert set(surfaces.names()) <= set(re.findall(r'`(\w+)`', row))
-    page = 'docs/how_to/choose_conditions.md'
-    listed = first_cells(section(page, '## Use a shipped surface'))
+    listed = first_cells(section('docs/how_to/choose_conditions.md', '## Use a shipped surface'))
     assert sorted(listed) == [f'`{name}`' for name in surfaces.names()]
 
 
@@ -107,20 +72,6 @@ def test_every_exit_code_is_listed():
     )
 
 
-def test_maximum_of_drops_is_that_of_a_run():
-    assert f'at most {MAX_DROPS};' in section(COMMANDS, '## drop')
-
-
-def test_every_condition_is_listed_with_its_bounds():
-    rows = re.findall(r'^\| `(\w+)` \| (.*?) \|', section(FILES, '## Conditions'), re.MULTILINE)
-    for (name, allowed), (expected, quantity) in zip(rows[:-1], QUANTITIES.items(), strict=True):
-        assert name == expected
-        numbers = [float(number) for number in re.findall(r'\d[\d.e-]*', allowed)[:2]]
-        assert numbers == [quantity.low, quantity.high], name
-        assert allowed.endswith(quantity.unit)
-    assert rows[-1] == ('height_of', ', '.join(each.name for each in HeightOf))
-
-
 def test_every_shipped_action_is_listed():
     listed = first_cells(section('docs/how_to/reorient_parts.md', '## Use a shipped action'))
     assert listed == [f'`{name}`' for name in shipped_actions().names()]
@@ -129,14 +80,6 @@ def test_every_shipped_action_is_listed():
 def test_every_kind_of_action_is_listed():
     (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, '## Actions'), re.MULTILINE)
     assert kinds.split(', ') == list(KINDS)
-
-
-@pytest.mark.parametrize('kind', KINDS)
-def test_every_value_of_an_action_is_listed_with_its_bounds(kind):
-    _, found, text = section(FILES, '## Actions').partition(f'\nKeys of `{kind}`:\n\n')
-    assert found
-    rows = re.findall(r'^\| `(\w+)` \| (.*?) \|', text.partition('\n\n')[0], re.MULTILINE)
-    assert rows == [(name, each.allowed()) for name, each in quantities_of(KINDS[kind]).items()]
 
 
 def test_every_kind_of_surroundings_is_listed():
@@ -165,6 +108,29 @@ def test_every_dimension_of_surroundings_is_listed(kind):
             assert allowed == quantity.allowed()
             value = declared[name].default
             assert default == ('required' if value is dataclasses.MISSING else f'{value:.6g}')
+
+
+def test_every_key_of_a_track_is_listed_with_its_bounds():
+    text = section(FILES, '## Track')
+    declared = [Surface, Track, Wall]
+    expected = [(n, q.allowed()) for each in declared for n, q in quantities_of(each).items()]
+    rows = re.findall(r'^\| `(\w+)` \| ([^|]*?) \| [^|]*? \| [^|]*? \|$', text, re.MULTILINE)
+    assert [row for row in rows if row[0] not in ('wall', 'traps', 'source')] == expected
+    traps = re.findall(r'^\| `(\w+)` \| `(\w+)` \| ([^|]*?) \|', text, re.MULTILINE)
+    assert traps == [
+        (kind, n, q.allowed()) for kind in TRAPS for n, q in quantities_of(TRAPS[kind]).items()
+    ]
+
+
+def test_every_key_of_the_result_of_a_track_is_listed(run):
+    words = ('--trap', 'wiper:height=12mm', '--drops', '20', '--json')
+    document = json.loads(run('track', 'hex_nut', *words).stdout)
+    page = section(FILES, '## Track result')
+    listed = {name for cell in first_cells(page) for name in re.findall(r'`(\w+)`', cell)}
+    of_a_run = set(keys(FILES, '## Result'))
+    assert set(document) - of_a_run <= listed
+    assert set(document['orientations'][0]) <= listed
+    assert set(document['traps'][0]['results'][0]) <= listed
 
 
 def test_every_key_of_a_part_is_listed():

@@ -23,36 +23,6 @@ def saved(run_in, tmp_path_factory):
     return folder / 'o', ended
 
 
-def test_tables_show_matrix_long_run_and_way(saved):
-    out = saved[1].stdout
-    for text in ('tap on rubber_mat, seed 1', 'kick, speed 0.3 m/s', 'in the\nlong', 'wanted'):
-        assert text.split('\n')[0] in out
-    assert max(len(line) for line in out.splitlines() if 'Written' not in line) <= 80
-
-
-def test_files_have_the_same_counts(saved):
-    folder = saved[0]
-    document = json.loads((folder / 'transitions.json').read_text())
-    roadmap = json.loads((folder / 'roadmap.json').read_text())
-    assert sum(map(sum, document['counts'])) == 40
-    assert len(roadmap['poses']) == 4
-    assert all(each['experimental']['status'] == 'untested' for each in roadmap['transitions'])
-    assert document['plan']['action'][0] is None
-    assert (folder / 'transitions.png').read_bytes().startswith(b'\x89PNG')
-
-
-def test_document_is_that_of_the_python_interface(run_in, tmp_path):
-    ended = run_in(tmp_path, *WORDS, '--action', 'kick', '--speed', '300mm/s', '--json')
-    document = json.loads(ended.stdout)
-    kick = ra.Kick(speed=0.3)
-    expected = json.loads(
-        ra.reorient('tetrahedron', kick, 10, drops=20, seed=1, workers=1).to_json()
-    )
-    for changing in ('run_id', 'started'):
-        del document[changing], expected[changing]
-    assert document == expected
-
-
 def test_several_actions_are_compared(run_in, tmp_path):
     few = (*WORDS[:2], '--per-aspect', 3, '--drops', 10, '--workers', 2)
     words = (*few, '--action', 'tap,toss', '--wanted-classes', '1', '--json')
@@ -63,15 +33,6 @@ def test_several_actions_are_compared(run_in, tmp_path):
         'action': [None] * 4,
         'expected_time': [0.0] * 4,
     }
-
-
-def test_several_actions_are_compared_in_a_table(run_in, tmp_path):
-    few = (*WORDS[:2], '--per-aspect', 3, '--drops', 10, '--workers', 2)
-    out = run_in(tmp_path, *few, '--action', 'tap,toss', '--wanted', '1').stdout
-    table = out[out.index('in the long run, by action') :].splitlines()
-    assert table[2].split() == ['aspect', 'drop', 'tap', 'toss']
-    rows = {row.split()[0]: row.split()[1:] for row in table[4:9]}
-    assert rows['wanted'] == rows['1']
 
 
 def test_error_in_the_second_action_keeps_the_results(run_in, tmp_path, monkeypatch):
@@ -132,30 +93,6 @@ def test_folder_of_measured_trials_is_not_overwritten(run_in, saved):
     assert (saved[0] / 'roadmap.json').read_bytes() == before
 
 
-def test_action_without_effect_is_said(run_in, tmp_path):
-    ended = run_in(tmp_path, *WORDS, '--action', 'kick')
-    assert 'no effect' in ended.stdout
-
-
-def test_jet_that_misses_the_part_is_said(run_in, tmp_path):
-    words = (*WORDS, '--action', 'nozzle', '--impulse', '5mNs', '--height', '1')
-    ended = run_in(tmp_path, *words)
-    assert ended.returncode == 0
-    assert 'the jet of nozzle misses the part in every aspect: it has no effect' in ended.stderr
-
-
-def test_precision_that_is_not_reached_is_said(run_in, tmp_path):
-    ended = run_in(tmp_path, *WORDS, '--precision', '0.01')
-    assert ended.returncode == 0
-    assert 'precision 0.01 was not reached in 40 actions of tap' in ended.stderr
-
-
-def test_absurdly_strong_action_is_refused(run_in, tmp_path):
-    ended = run_in(tmp_path, *WORDS, '--action', 'kick', '--speed', '20')
-    assert ended.returncode == 2
-    assert 'expected at most' in ended.stderr
-
-
 def test_actions_of_a_file_are_simulated(run_in, tmp_path):
     (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
     ended = run_in(tmp_path, *WORDS, '--actions', 'mine.yaml', '--json')
@@ -207,16 +144,6 @@ def test_damaged_actions_file_is_refused(run_in, tmp_path, text, message):
     ended = run_in(tmp_path, 'reorient', 'tetrahedron', '--actions', 'a.yaml')
     assert ended.returncode == 2
     assert message in ended.stderr
-
-
-def test_retention_shows_and_saves_curves(run_in, tmp_path):
-    words = ('retention', 'tetrahedron', '--per-height', 4, '--workers', 2, '--out', 'o')
-    ended = run_in(tmp_path, *words)
-    assert ended.returncode == 0, ended.stderr
-    assert '50 % leave' in ended.stdout
-    document = json.loads((tmp_path / 'o/retention.json').read_text())
-    assert len(document['curves']) == 4
-    assert (tmp_path / 'o/retention.png').read_bytes().startswith(b'\x89PNG')
 
 
 # -- Initial states -------------------------------------------------------------------------------

@@ -72,17 +72,6 @@ def test_report_of_the_document_is_identical(dropped, run_in):
     assert (folder / 'again' / 'pie.svg').read_bytes() == (folder / 'o' / 'pie.svg').read_bytes()
 
 
-def test_document_has_the_history_of_counts(dropped):
-    folder, _ = dropped
-    document = json.loads((folder / 'o' / 'distribution.json').read_text())
-    history = document['history']
-    assert [row['drops'] for row in history][:3] == [10, 13, 16]
-    assert history[-1] == {
-        'drops': DROPS,
-        'counts': [aspect['count'] for aspect in document['aspects']],
-    }
-
-
 @pytest.mark.slow
 def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine').mkdir()
@@ -173,17 +162,6 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     )
     again = page_of(ended, folder)[1]
     assert again.replace('each.csv', 'hand.csv') == page
-
-
-@pytest.mark.slow
-def test_json_prints_nothing_else(run, tmp_path):
-    ended = run('drop', 'tetrahedron', '--drops', 10, '--json', '--report')
-    document = json.loads(ended.stdout)
-    assert document['drops'] == 10
-    assert (tmp_path / 'out' / 'tetrahedron' / 'report.html').exists()
-    # A document from standard output is accepted, too.
-    (tmp_path / 'd.json').write_text(ended.stdout)
-    assert run('report', 'd.json').returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,11 @@ def warned(ended):
     return [line.removeprefix('warning: ') for line in lines if line.startswith('warning: ')]
 
 
+def nut_track(**values):
+    traps = [{'kind': 'wiper', 'height': '12.7mm'}]
+    return {'width': '40mm', 'roll': '5deg', **values, 'traps': traps}
+
+
 DOCUMENTS = {
     'drop': (
         'drop l_bracket --drops 100 --seed 3',
@@ -82,6 +87,24 @@ DOCUMENTS = {
     'optimise': (
         'optimise l_bracket --vary height=20mm:200mm --wanted 1 --budget 2000',
         lambda: ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=2000),
+    ),
+    'track': (
+        'track hex_nut --width 40mm --trap wiper:height=12.7mm --drops 100 --seed 3',
+        lambda: ra.track('hex_nut', nut_track(), drops=100, seed=3),
+    ),
+    'track, simulated parts after an action': (
+        'track hex_nut --trap wiper:height=12.7mm --drops 50 --speed 1 --simulate 1 --before tap',
+        lambda: ra.track(
+            'hex_nut', nut_track(speed=1, width=0.031), drops=50, simulate=1, before=['tap']
+        ),
+    ),
+    'track, unit in doubt': (
+        'track hex_nut --width 1 --drops 50',
+        lambda: ra.track('hex_nut', {'width': 1.0, 'roll': '5deg'}, drops=50),
+    ),
+    'track, design': (
+        'track u_bracket --design --want 1 --drops 100',
+        lambda: ra.design_track('u_bracket', 1, drops=100),
     ),
     'estimate': ('estimate l_bracket', lambda: ra.estimate('l_bracket')),
     'outlines': ('outlines l_bracket', lambda: ra.outlines('l_bracket')),
@@ -135,6 +158,16 @@ REFUSED = {
     'an aspect that is not known': (
         'forecast l_bracket --pickable 99',
         lambda: ra.forecast('l_bracket', [99]),
+    ),
+    'a row that is not known': (
+        'track hex_nut --want 9 --drops 20',
+        lambda: ra.track('hex_nut', {'width': '50mm'}, 9, drops=20),
+    ),
+    'a trap that is wider than the track': (
+        'track hex_nut --width 30mm --trap balcony:width=40mm',
+        lambda: ra.track(
+            'hex_nut', {'width': '30mm', 'traps': [{'kind': 'balcony', 'width': '40mm'}]}
+        ),
     ),
     'a half class with a controller': (
         'forecast hex_nut --pickable 1 --controller',

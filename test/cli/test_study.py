@@ -30,17 +30,6 @@ def test_study_writes_its_folder_and_continues_it(run, tmp_path):
     assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
 
 
-def test_impossible_points_are_said(run, tmp_path):
-    words = ('--vary', 'height=1mm:100mm:4', '--design', 'factorial', '--drops', '5')
-    given = ('--height-of', 'CENTRE_OF_MASS', '--workers', '1', '--out', 'out')
-    ended = run('study', 'tetrahedron', *words, *given)
-    assert ended.returncode == 0, ended.stderr
-    expected = 'tetrahedron: 1 of 4 points are impossible and were skipped; point 0: invalid'
-    assert expected in ' '.join(ended.stdout.split())
-    page = (tmp_path / 'out/page.html').read_text()
-    assert '1 of 4 points are impossible and were skipped' in page
-
-
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
@@ -68,14 +57,3 @@ def test_folder_of_other_versions_is_refused(run, tmp_path):
     ended = run('study', 'tetrahedron', *VARY, *FEW, '--out', 'out')
     assert ended.returncode == 2
     assert 'drops of two versions do not belong together' in ended.stderr
-
-
-@pytest.mark.slow
-def test_designs_are_shown_side_by_side(run, tmp_path):
-    ended = run(
-        'study', 'l_bracket', 'angle_45x30x8', '--vary', 'friction=0.1:0.5', *FEW, '--out', 'out'
-    )
-    assert ended.returncode == 0, ended.stderr
-    page = (tmp_path / 'out/page.html').read_text()
-    assert 'l_bracket and angle_45x30x8 side by side' in page
-    assert page.count('points</b>') >= 1

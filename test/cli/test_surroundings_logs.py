@@ -94,30 +94,6 @@ def test_the_classifier_reads_counts_and_contacts_of_a_log(chute_log):
     assert sum(p.count for p in distribution.contacts.placements) == DROPS - 3
 
 
-def test_info_shows_surroundings_and_contacts(chute_log, capsys):
-    code, text = run_main(capsys, 'info', chute_log[0])
-    assert code == 0
-    assert 'chute' in text
-    code, text = run_main(capsys, 'info', chute_log[0], '--json')
-    document = json.loads(text)
-    assert document['conditions']['surroundings']['kind'] == 'chute'
-    assert (document['lost'], document['sliding']) == (1, 1)
-    assert [row['count'] for row in document['contacts']] == [DROPS - 3]
-    assert document['log']['whole']
-
-
-def test_other_commands_name_the_surroundings_of_a_log(chute_log, block_log, capsys):
-    code = main(['compare', str(chute_log[0]), str(block_log[0])])
-    text, errors = capsys.readouterr()
-    assert code == 0, errors
-    words = ' '.join(text.split())
-    assert 'in a chute (roll 45 deg, pitch 0 deg)' in words
-    assert 'on a mesh (block.obj' in words
-    code, text = run_main(capsys, 'estimate', 'l_bracket', '--against', chute_log[0])
-    assert code == 0
-    assert 'All methods assume an infinite level plane.' in text
-
-
 def test_poses_in_a_chute_are_classified_by_their_side_on_the_belt(chute_log, part):
     _, poses, total = chute_log
     found = ra.classify(poses, part('l_bracket'), surroundings='l_chute')
@@ -129,15 +105,6 @@ def test_poses_in_a_chute_are_classified_by_their_side_on_the_belt(chute_log, pa
     assert not level.by_part.distribution.counts.any()
     with pytest.raises(ra.InvalidValueError, match='surroundings: expected only with a part'):
         ra.classify(poses, surroundings='l_chute')
-
-
-@pytest.mark.slow
-def test_a_page_is_made_of_a_log_in_a_chute(chute_log, capsys, tmp_path):
-    code, text = run_main(capsys, 'report', chute_log[0], '--out', tmp_path)
-    assert code == 0
-    (page,) = tmp_path.glob('*.html')
-    assert str(page) in text
-    assert 'belt' in page.read_text(encoding='utf-8')
 
 
 def test_a_mesh_travels_in_the_log(block_log, block):
@@ -152,12 +119,6 @@ def test_a_mesh_travels_in_the_log(block_log, block):
     assert 'block' in result.subtitle
     found = result.run.conditions.surroundings
     np.testing.assert_array_equal(found.shape.vertices, block.shape.vertices)
-
-
-def test_info_of_a_log_on_a_mesh(block_log, capsys):
-    code, text = run_main(capsys, 'info', block_log[0])
-    assert code == 0
-    assert 'block.obj' in text
 
 
 def test_a_log_that_is_cut_off_is_recovered(chute_log, tmp_path, capsys):

@@ -5,8 +5,6 @@ import os
 
 import pytest
 
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-
 
 @pytest.mark.parametrize(
     ('words', 'says'),
@@ -45,20 +43,6 @@ def test_invalid_value_is_refused(refused, words, says):
 def test_an_unknown_flag_names_the_help_of_its_command(refused):
     line = refused('reorient', 'tetrahedron', '--export', 'map.json')
     assert line.endswith('(see resting_aspects reorient --help)')
-
-
-@pytest.mark.parametrize('words', [[], ['fall'], ['drop'], ['--nope']], ids=' '.join)
-def test_no_such_command(refused, words):
-    assert '--help' in refused(*words)
-
-
-@pytest.mark.parametrize('name', QUANTITIES)
-def test_every_condition_has_a_flag_with_its_bounds(refused, name):
-    flag = '--' + name.replace('_', '-')
-    allowed = QUANTITIES[name].allowed()
-    assert refused('drop', 'tetrahedron', flag, '1e6') == (
-        f'error: invalid {name} 1000000.0: expected {allowed}'
-    )
 
 
 @pytest.fixture

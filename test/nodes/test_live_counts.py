@@ -24,7 +24,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.srv import FeederForecast
 from std_msgs.msg import Header
 
-from resting_aspects_ros.api.drift import drift_test, watch_drift
+from resting_aspects_ros.api.compare import drift_test, watch_drift
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
 from resting_aspects_ros.api.plan import named_action

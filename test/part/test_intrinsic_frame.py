@@ -10,13 +10,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.part.frames import (
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.part.mass import (
     POWERS,
     higher_moments,
     intrinsic_signs,
     principal_frame,
 )
-from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.part.frames import symmetric_top_axes
+from resting_aspects_ros.part.mass import symmetric_top_axes
 
 SEEDS = st.integers(0, 2**32 - 1)
 MOMENTS = np.array([1.0, 1.0, 2.0])

@@ -16,7 +16,6 @@ from resting_aspects_ros.aspects.clusters import (
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.comparison import (
     agreement_line,
-    agreement_table,
     cluster_table,
     differences_table,
 )
@@ -58,19 +57,6 @@ def test_largest_clusters_have_rows_and_the_rest_share_one(more):
     assert (f'{more} more' in text) == bool(more)
     assert re.search(r'unsettled .* 5 *$', text, re.MULTILINE)
     assert re.search(rf'poses in total +{sum(counts) + 5} *$', text)
-
-
-def test_two_million_poses_fit_80_columns(part):
-    aspects = find_aspects(part('l_bracket'))
-    counts = np.array([556_400, 541_600, 498_700, 262_000, 139_300])
-    counts[0] += MAX_RUN_DROPS - counts.sum()
-    clusters = clusters_of(counts.tolist())
-    agreement = find_agreement(np.arange(1, 6), 5, find_clusters(np.eye(5, 3), 0.1))
-    shown = lines(
-        agreement_table(Distribution(aspects, counts, 0, 0, 0), agreement, clusters, 'title')
-    )
-    assert '…' not in ''.join(shown)
-    assert shown[-1].split()[-1] == str(MAX_RUN_DROPS)
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,9 @@ from resting_aspects_ros.report.comparison import (
     comparison_document,
     comparison_table,
     measures_text,
-    verdict,
 )
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
+from resting_aspects_ros.statistics.comparison import DropCounts, compare
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
 ONE = DropCounts(np.array([50, 30, 20]), 60, 30, 10)
@@ -41,27 +40,6 @@ def lines(comparison, sides, title='title'):
 
 def cells(shown):
     return [re.split(r' {2,}', line.strip()) for line in shown]
-
-
-def test_table_has_a_row_for_each_aspect_and_outcome():
-    shown = cells(lines(*compared(ONE, OTHER, DOWN, ids=(1, 3, 7)), '[A]\n[B]'))
-    assert shown[:2] == [['[A]'], ['[B]']]
-    # Intervals of 50, 30 and 20 of 100 are Wilson's.
-    wilson = [binomtest(k, 100).proportion_ci(method='wilson') for k in (50, 30, 20)]
-    texts = [f'{100 * each.low:.0f} to {100 * each.high:.0f}' for each in wilson]
-    assert [row[:5] for row in shown[5:8]] == [
-        ['1', '0.00', '0.00 -1.00', '50.0', texts[0]],
-        ['3', '+0.60 -0.80', '0.00', '30.0', texts[1]],
-        ['7', 'rolls', '20.0', texts[2], '40.0'],
-    ]
-    assert [row[-2] for row in shown[5:8]] == ['+10.0', '+10.0', '-20.0']
-    assert [row[:2] for row in shown[9:12]] == [
-        ['unclassified', '30'],
-        ['unsettled', '15.0'],
-        ['failed', '5.0'],
-    ]
-    assert [row[-1] for row in shown[9:12]] == ['0', '20.0', '0']
-    assert len(shown) == 12
 
 
 def test_measures_match_manual_values():
@@ -99,36 +77,6 @@ def test_equal_counts_have_no_deviation():
     assert re.search(r'p value +1 by chi-square', text)
 
 
-def test_missing_directions_have_no_heading():
-    shown = lines(*compared(ONE, OTHER))
-    assert not any('down in part' in line for line in shown)
-    assert cells(shown)[4][:2] == ['1', '50.0']
-
-
-@pytest.mark.parametrize('factor', [1, 1000, 50_000])
-@pytest.mark.parametrize('confidence', [0.95, 0.9999])
-def test_table_fits_80_columns_for_any_number_of_drops(factor, confidence):
-    one = DropCounts(factor * np.array([900, 12, 3, *[1] * 17]), factor, factor, factor)
-    other = DropCounts(factor * np.array([300, 612, 4, *[1] * 17]), factor, factor, factor)
-    down = np.tile([-0.55, -0.83, -0.1], (20, 1))
-    comparison, sides = compared(one, other, down, confidence=confidence)
-    shown = lines(comparison, sides)
-    text = measures_text(comparison, sides).splitlines()
-    assert max(map(len, [*shown, *text])) <= 80
-    assert '…' not in ''.join(shown)
-    rows = [line for line in shown if re.match(r' *\d+  -0.55', line)]
-    assert len(rows) == 20
-    assert all(row.isascii() for row in rows)
-
-
-def test_share_of_100_percent_fits_80_columns():
-    one, other = DropCounts(np.array([2_000_000, 0])), DropCounts(np.array([1_000_000, 1_000_000]))
-    down = np.tile([-0.55, -0.83, -0.1], (2, 1))
-    shown = lines(*compared(one, other, down))
-    assert max(map(len, shown)) <= 80
-    assert '100.00  100.0 to 100.0  50.00  +50.00' in re.sub(r' {2,}', '  ', shown[4])
-
-
 def test_document_is_complete_and_not_rounded():
     comparison, sides = compared(ONE, OTHER, DOWN, ids=(1, 3, 7))
     document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {'file': 'y'}})
@@ -156,26 +104,3 @@ def test_document_is_complete_and_not_rounded():
     assert document['total_variation'] == pytest.approx(0.2)
     assert document['mean_deviation'] == pytest.approx(0.4 / 3)
     assert (document['p_value'], document['p_by']) == (comparison.p_value, 'chi-square')
-
-
-@pytest.mark.parametrize(
-    ('deviation', 'margin', 'expected'),
-    [
-        (
-            [0.1, -0.06, -0.04],
-            0.05,
-            'They differ by 10 points in class 1 (95 % interval 5 to 15; p = 0.01).',
-        ),
-        # The class with the largest difference is named only if its interval does not contain 0.
-        ([0.1, -0.06, -0.04], [0.2, 0.05, 0.05], 'They differ by 6 points in class 2 (95 %'),
-        ([0.1, -0.06, -0.04], 0.12, 'They differ significantly (p = 0.01), but no single class'),
-    ],
-)
-def test_verdict_names_a_class_that_differs(deviation, margin, expected):
-    deviation, margin = np.array(deviation), np.array(margin)
-    first = np.array([0.5, 0.3, 0.2])
-    found = Comparison(
-        first, first - deviation, deviation - margin, deviation + margin, 0.95, 0.01, 'chi-square'
-    )
-    text = verdict(found, ['class 1', 'class 2', 'class 3'])
-    assert text.startswith(expected)

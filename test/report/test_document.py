@@ -38,43 +38,12 @@ def distribution(part):
     return Distribution(aspects, np.array([278, 271, 249, 131, 0]), 1, 2, 3)
 
 
-def message_fields(pytestconfig, name):
-    text = (pytestconfig.rootpath / 'resting_aspects_interfaces' / 'msg' / name).read_text()
-    declared = [line.split('#')[0].split() for line in text.splitlines()]
-    return {words[1] for words in declared if words and '=' not in words[1]}
-
-
 def test_document_survives_json_unchanged(distribution):
     document = distribution_document(distribution, RUN)
     text = to_json(document)
     assert json.loads(text) == document
     assert text.endswith('}\n')
     assert text.startswith('{\n  "schema_version": 2,\n  "part": "l_bracket"')
-
-
-def test_document_contains_the_run(distribution):
-    document = distribution_document(distribution, RUN)
-    assert {name: document[name] for name in RUN} == RUN
-
-
-def test_aspect_has_the_fields_of_the_message(distribution, pytestconfig):
-    expected = message_fields(pytestconfig, 'Aspect.msg')
-    assert len(expected) == 18
-    for aspect in distribution_document(distribution, RUN)['aspects']:
-        assert set(aspect) == expected | {'rests_on'}
-
-
-def test_document_has_the_other_fields_of_the_message(distribution, pytestconfig):
-    # What is in header and run of the message, the command line gives, and contacts with walls; it
-    # writes complete runs.
-    expected = message_fields(pytestconfig, 'AspectDistribution.msg') - {
-        'header',
-        'run',
-        'complete',
-        'contacts',
-        'contacts_uncounted',
-    }
-    assert expected <= set(distribution_document(distribution, RUN))
 
 
 def test_numbers_match_the_distribution(distribution):

@@ -1,6 +1,5 @@
 """Tables, document and picture of a drift test."""
 
-import dataclasses
 import re
 
 import numpy as np
@@ -11,12 +10,9 @@ from resting_aspects_ros.report.drift import (
     MAX_CLASSES,
     MAX_ROWS,
     drift_figure,
-    drift_notes,
-    drift_sentence,
-    live_table,
     window_table,
 )
-from resting_aspects_ros.statistics.counted_parts import LiveCounts, ObservedCounts
+from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import find_drift
 
 
@@ -40,45 +36,6 @@ def text_of(table):
     with console.capture() as captured:
         console.print(table)
     return captured.get()
-
-
-def test_time_of_the_drift_is_stated():
-    rows, labels = (
-        [[50, 50]] * 3 + [[20, 80]] * 3,
-        ['8:00', '8:10', '8:20', '8:30', '8:40', '9:00'],
-    )
-    found = drift_of(rows, labels)
-    assert drift_sentence(found).endswith(' since part 301 (8:30).')
-    assert drift_sentence(found).startswith('Class 1 is seen in 20 % instead of 50 % (-30 points')
-    assert '8:30' in text_of(window_table(found, 'title'))
-
-
-@pytest.mark.parametrize(
-    ('rows', 'message'),
-    [
-        ([[500, 500]], 'No drift in 1 window of 1000 parts.'),
-        ([[50, 50]] * 10 + [[20, 80], [20, 80]], ' since part 1001.'),
-        ([[20, 80]] * 6, ' since part 1.'),
-        ([[20, 80]] * 2 + [[50, 50]] * 8, 'seen in 20 % instead of 50 % (-30 points, 95 %'),
-        ([[20, 80]] * 2 + [[50, 50]] * 8, ' in parts 1 to 200, but not in the later parts'),
-    ],
-)
-def test_sentence_states_when_the_shares_are_off(rows, message):
-    assert message in drift_sentence(drift_of(rows, simulated=np.array([5000, 5000])))
-
-
-def test_parts_that_are_not_tested_are_stated():
-    found = drift_of([[50, 50], [2, 5]], window=100)
-    assert drift_sentence(found) == (
-        'No drift in 1 window of 100 parts. The last 7 parts are not tested: they do not fill a '
-        'window.'
-    )
-    found = dataclasses.replace(found, unclassified=1, groups=((1, 2), (3,)))
-    notes = drift_notes(found, 0.05, 1000)
-    assert '1 unclassified part is not tested: 0.93 % of the counted parts.' in notes
-    live = LiveCounts((1, 3), np.array([5000, 5000]), np.array([52, 55]))
-    assert '1+2' in text_of(live_table(found, live))
-    assert drift_figure(found).axes[0].get_ylabel() == 'class 1+2'
 
 
 def test_long_table_has_the_last_windows_and_all_alarms():

@@ -5,12 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.report.drop_figures import (
-    MARKERS,
     comparison_figure,
     convergence_figure,
-    estimates_figure,
     labels_apart,
 )
 from resting_aspects_ros.report.figure import NARROW, WIDE
@@ -48,15 +45,6 @@ def check_texts(figure):
         high = min(a.y1, b.y1) - max(a.y0, b.y0)
         assert min(across, high) < 2, (one, other)
     return boxes
-
-
-@WIDTHS
-@pytest.mark.parametrize('drops', [2, 150, 50_000, 2_000_000])
-def test_last_number_of_drops_is_labelled(rows, width, drops):
-    looks = np.array(sorted({min(n, drops) for n in (1, 10, 13, 100, 1000, 10_000, drops)}))
-    bands = [[row.interval for row in rows]] * len(looks)
-    boxes = check_texts(convergence_figure(rows, looks, bands, width))
-    assert f'{drops:,}'.replace(',', ' ') in boxes
 
 
 @WIDTHS
@@ -102,22 +90,8 @@ def test_comparison_with_long_texts_is_readable(rows, width, differences, name):
     assert 0.3 < share < 1
 
 
-@WIDTHS
-@pytest.mark.parametrize('methods', [1, len(METHODS)])
-def test_all_methods_are_named(rows, width, methods):
-    estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
-    boxes = check_texts(estimates_figure(rows, estimates, width))
-    labels = {METHODS[name].label for name in estimates}
-    assert {*labels, *NAMES} <= set(boxes)
-
-
 def test_labels_that_are_too_close_move_apart_by_little():
     moved = labels_apart(np.array([0.0, 1.0, 27.3, 27.5]), 2.0)
     np.testing.assert_allclose(moved, [0.0, 2.0, 26.4, 28.4])
     far = np.array([1.0, 5.0, 9.0])
     np.testing.assert_array_equal(labels_apart(far, 2.0), far)
-
-
-def test_each_method_has_a_marker_of_its_own():
-    assert set(MARKERS) == set(METHODS)
-    assert len(set(MARKERS.values())) == len(METHODS)

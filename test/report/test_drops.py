@@ -5,12 +5,11 @@ import re
 
 import numpy as np
 import pytest
-import trimesh
 from rich.console import Console
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.drops import distribution_table, never_seen_text
+from resting_aspects_ros.report.drops import distribution_table
 from resting_aspects_ros.report.format import (
     direction_text,
     interval_of,
@@ -85,42 +84,6 @@ def test_equivalent_aspects_are_summed_in_one_row(part):
         assert float(row['each']) == pytest.approx(count / 10 / many, abs=half_digit(row['each']))
 
 
-def test_each_shows_a_row_for_every_aspect(part):
-    nut = part('hex_nut')
-    distribution = Distribution(find_aspects(nut), np.arange(8) * 10, 0, 0, 0)
-    found = [row for row in rows(distribution, part=nut, each=True) if row['id']]
-    assert [int(row['id']) for row in found] == list(range(1, 9))
-    assert [int(row['count']) for row in found] == [10 * k for k in range(8)]
-
-
-@pytest.mark.parametrize('each', [False, True])
-def test_unseen_aspects_are_named_as_in_the_table(part, each):
-    aspects = find_aspects(part('hex_nut'))
-    basin = [100 * aspect.basin_share for aspect in aspects.aspects]
-    one = Distribution(aspects, np.array([500, 400, 10, 10, 10, 10, 10, 0]), 0, 0, 0)
-    none = Distribution(aspects, np.array([500, 400, 0, 0, 0, 0, 0, 0]), 0, 0, 0)
-    assert ('aspect 8 (at most' in never_seen_text(one, each=each)) is each
-    assert ('aspects 3 to 8 (at most' in never_seen_text(none, each=each)) is not each
-    words = f'rolls into {"it" if each else "them"} from'
-    share = basin[7] if each else sum(basin[2:])
-    assert f'{words} {share:.2g} % of all' in never_seen_text(none, each=each)
-
-
-def test_basins_of_a_level_floor_are_not_stated_for_a_slope(aspects):
-    slope = dataclasses.replace(aspects, floor_normal=np.array([0.6, 0.0, 0.8]))
-    counts = np.array([1, 2, 3, 4, 0])
-    assert 'rolls into it' in never_seen_text(Distribution(aspects, counts, 0, 0, 0))
-    text = never_seen_text(Distribution(slope, counts, 0, 0, 0))
-    assert re.fullmatch(r'Never seen: aspect 5 \(at most \d+ %\)\.', text)
-
-
-def test_total_is_shown_and_absent_outcomes_are_not(aspects):
-    text = '\n'.join(lines(Distribution(aspects, np.array([1, 2, 3, 4, 5]), 0, 0, 0)))
-    assert re.search(r'drops in total +15\b', text)
-    for word in ('unclassified', 'unsettled', 'failed'):
-        assert word not in text
-
-
 def test_unseen_aspect_has_zero_and_an_upper_bound(aspects):
     never = rows(Distribution(aspects, np.array([300, 300, 300, 100, 0]), 0, 0, 0))[4]
     assert (never['probability'], never['lower']) == ('0', '0')
@@ -130,31 +93,6 @@ def test_unseen_aspect_has_zero_and_an_upper_bound(aspects):
 def test_table_without_drops_has_no_probabilities(aspects):
     found = [(row['probability'], row['lower'], row['upper']) for row in rows(no_drops(aspects))]
     assert found == [('-', '0', '100')] * 5
-
-
-def test_large_table_fits_80_columns_and_is_ascii(solid):
-    aspects = find_aspects(solid(trimesh.creation.icosahedron()))
-    many = Distribution(aspects, np.full(len(aspects), 99000), 19000, 500, 500)
-    text = lines(many, each=True)
-    assert len(rows(many, each=True)) == len(aspects) + 3
-    text += lines(many)
-    assert len(rows(many)) == 1 + 3
-    assert max(len(line) for line in text) <= 80
-    assert not any('…' in line for line in text)
-    assert all(line.isascii() for line in text if ROW.match(line))
-
-
-def test_table_of_a_rolling_part_fits_80_columns(part):
-    cylinder = part('cylinder_d20_h20')
-    drops = Distribution(find_aspects(cylinder), np.array([500, 250, 200]), 40, 0, 0)
-    text = lines(drops, part=cylinder, each=True) + lines(drops, part=cylinder)
-    assert max(len(line) for line in text) <= 80
-    assert not any('…' in line for line in text)
-    assert 'axis  0.00  0.00 +1.00' in ''.join(text)
-
-
-def test_title_is_plain_text(aspects):
-    assert lines(no_drops(aspects), 'nut [bold] m8')[0].strip() == 'nut [bold] m8'
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from resting_aspects_ros.report.format import (
     GREY,
     aspect_colour,
     class_rows,
-    ids_text,
     outside_rows,
     short_name,
 )
@@ -46,12 +45,3 @@ def test_other_outcomes_have_a_grey_row_if_they_occurred(part):
         ('failed', 3, GREY),
     ]
     assert short_name(rows[0]) == 'unclassified'
-
-
-def test_ids_text_is_short(part):
-    aspects = find_aspects(part('hex_nut')).aspects
-    assert ids_text(aspects[:1]) == '1'
-    assert ids_text(aspects[:2]) == '1 and 2'
-    assert ids_text(aspects[2:]) == '3 to 8'
-    assert ids_text((aspects[0], aspects[2], aspects[3])) == '1, 3 and 4'
-    assert ids_text((aspects[0], *aspects[2:])) == '1, 3, ... 8'

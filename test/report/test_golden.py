@@ -3,7 +3,6 @@
 After an intended change, run the test with UPDATE_GOLDEN=1 and read the difference.
 """
 
-import html.parser
 import os
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from resting_aspects_ros.report.drift import (
     live_table,
     window_table,
 )
-from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.report.drops import (
     aspect_table,
     distribution_table,
@@ -173,39 +171,3 @@ def test_outlines(part):
         outline_table(found.outlines, found.look_alikes, found.aspects, 'l_bracket'),
         *confused_class_texts(found.outlines, found.look_alikes),
     )
-
-
-class Words(html.parser.HTMLParser):
-    """The words of a page, a line for each element, without scripts, styles and figures."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.hidden, self.lines = [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        if tag in ('script', 'style', 'svg'):
-            self.hidden.append(tag)
-
-    def handle_endtag(self, tag):
-        if self.hidden and self.hidden[-1] == tag:
-            self.hidden.pop()
-
-    def handle_data(self, data):
-        if not self.hidden and data.strip():
-            self.lines.append(' '.join(data.split()))
-
-
-def test_words_of_the_page_of_a_distribution(nut):
-    counts = np.array([390, 401, 40, 30, 29, 41, 35, 0])
-    looks = np.array([100, 1000])
-    page = drop_page(
-        Distribution(nut, counts, 20, 9, 5),
-        None,
-        'hex_nut',
-        '1000 drops on a tray',
-        notes=['A warning.'],
-        facts={'Part': [('name', 'hex_nut'), ('part sha256', 64 * 'a')]},
-        history=(looks, np.array([counts // 10, counts])),
-    )
-    check('page.txt', '\n'.join(Words(page.html()).lines))

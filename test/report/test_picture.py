@@ -66,19 +66,6 @@ def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
 
 
-def test_bars_do_not_need_the_part(distribution):
-    image = drawn(distribution, None, 'title')
-    longest = bar_length(image, COLOURS[0])
-    assert bar_length(image, COLOURS[1]) == pytest.approx(longest / 2, abs=2)
-
-
-def test_title_is_not_parsed_as_math(distribution):
-    plain = drawn(distribution, None, 'a part')
-    other = drawn(distribution, None, 'a_{part $x$ \\frac')
-    assert (plain[:60] != other[:60]).any()
-    assert np.array_equal(plain[110:], other[110:])
-
-
 @pytest.mark.filterwarnings('error')
 def test_picture_without_drops_or_aspects(distribution, bracket):
     for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):
@@ -219,27 +206,6 @@ def test_pictures_of_l_bracket_aspects_differ(bracket):
     assert len(images) == 5
     for a, b in itertools.combinations([silhouette(image) for image in images], 2):
         assert (a & b).sum() / (a | b).sum() < 0.8
-
-
-def test_picture_has_shades_of_the_colour_and_dark_edges(bracket):
-    image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[:1]), [BLUE], PIXELS)[0]
-    inside = image[silhouette(image)][:, :3]
-    of_colour = np.abs(inside / inside[:, 2:] - np.array(BLUE) / BLUE[2]).max(axis=1) < 0.01
-    assert of_colour.mean() > 0.6
-    shades, counts = np.unique(inside[of_colour, 2].round(3), return_counts=True)
-    assert (counts > 100).sum() >= 3
-    assert shades.max() < BLUE[2] + 0.001
-    assert (inside.max(axis=1) < 0.16).any()
-
-
-def test_picture_has_a_shadow_and_is_otherwise_transparent(bracket):
-    image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[4:]), [BLUE], PIXELS)[0]
-    alpha = image[..., 3]
-    assert alpha[[0, -1]].max() == 0.0
-    assert ((alpha > 0.2) & (alpha < 0.3)).sum() > 100
-    assert image.min() >= 0.0
-    assert image.max() <= 1.0
-    assert image.shape == (PIXELS, PIXELS, 4)
 
 
 def test_matplotlib_is_imported_lazily_and_pyplot_never():

@@ -11,11 +11,10 @@ from resting_aspects_ros.report.transitions import (
     matrix_fields,
     retention_fields,
 )
-from resting_aspects_ros.statistics.markov import LongRun, long_run
+from resting_aspects_ros.statistics.markov import long_run
 from resting_aspects_ros.statistics.transitions import (
     RetentionCurve,
     TransitionMatrix,
-    no_actions,
 )
 
 OUTCOMES = ['unclassified', 'unsettled', 'failed', 'lost']
@@ -81,12 +80,6 @@ def test_classes_sum_rows_and_columns_of_their_members(matrix):
     assert classes['actions'] == [1400, 1400, 700]
 
 
-def test_matrix_without_actions_is_valid(box):
-    fields = written(matrix_fields(no_actions(box)))
-    assert fields['actions'] == [0] * 6
-    assert fields['classes']['probability'] == [[None] * 7] * 3
-
-
 def test_long_run_of_two_closed_classes_has_ids_and_weights(box):
     transitions = np.zeros((6, 6))
     transitions[[0, 1, 2, 3, 3, 4, 5], [1, 0, 2, 1, 2, 5, 5]] = [1, 1, 1, 0.25, 0.75, 1, 1]
@@ -100,13 +93,6 @@ def test_long_run_of_two_closed_classes_has_ids_and_weights(box):
     assert [each['weight'] for each in fields['closed_classes']] == pytest.approx([0.25, 0.75, 0])
     assert fields['closed_classes'][0]['shares'] == pytest.approx([0.5, 0.5, 0, 0, 0, 0])
     assert (fields['transient'], fields['unreachable']) == ([4, 5], [5, 6])
-
-
-def test_long_run_fields_use_ids_of_the_set(box):
-    found = LongRun(np.ones(6) / 6, ((5,),), np.ones(1), np.eye(6)[5:], (0, 1), (1,))
-    fields = long_run_fields(found, np.zeros(6), np.ones(6), box)
-    assert fields['closed_classes'][0]['aspects'] == [6]
-    assert (fields['transient'], fields['unreachable']) == ([1, 2], [2])
 
 
 def test_retention_curve_has_levels_with_bounds():
@@ -125,8 +111,3 @@ def test_retention_curve_has_levels_with_bounds():
     assert fields['levels'][1]['lift'] == pytest.approx(0.004)
     assert fields['levels'][1]['lower'] < 0.004 < fields['levels'][1]['upper']
     assert fields['levels'][2] == {'level': 0.5, 'lift': None, 'lower': None, 'upper': None}
-
-
-def test_only_aspect_has_no_barrier():
-    curve = RetentionCurve(1, np.inf, np.array([0.01]), np.array([0]), np.array([9]), 0.95)
-    assert written(retention_fields(curve))['barrier'] is None

@@ -8,21 +8,15 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.format import aspect_colour
 from resting_aspects_ros.report.transition_figures import (
-    MAX_GROUPS,
-    MAX_LINES,
-    aspect_groups,
-    membership,
     retention_figure,
     transition_figure,
 )
 from resting_aspects_ros.statistics.transitions import (
     RetentionCurve,
     TransitionMatrix,
-    no_actions,
 )
 
 PARTS = pytest.mark.parametrize('name', ['l_bracket', 'box_10x20x30'])
@@ -89,17 +83,6 @@ def test_heat_map_writes_each_probability_and_interval(part, name):
     assert sum('–' in words for words in found) == k * k
 
 
-def test_heat_map_has_columns_of_outcomes_that_occurred(part):
-    aspects = find_aspects(part('l_bracket'))
-    counts = np.zeros((5, 9), dtype=np.int64)
-    counts[:, 0], counts[:, 5] = 30, 10
-    figure = transition_figure(TransitionMatrix(aspects, counts), None, 't')
-    found = texts(figure)
-    assert 'unclas-\nsified' in found
-    assert 'lost' not in found
-    assert len(of_kind(figure, Rectangle)) == 5 * 6
-
-
 def test_probable_cells_are_darker(part):
     aspects = find_aspects(part('l_bracket'))
     counts = np.zeros((5, 9), dtype=np.int64)
@@ -108,49 +91,6 @@ def test_probable_cells_are_darker(part):
     first = [sum(cell.get_facecolor()[:3]) for cell in cells[:5]]
     assert first == sorted(first)
     assert len(set(first)) == 5
-
-
-@pytest.mark.filterwarnings('error')
-def test_heat_map_without_actions_or_pictures(part):
-    aspects = find_aspects(part('l_bracket'))
-    found = texts(transition_figure(no_actions(aspects), None, 'a_{part $x$ \\frac'))
-    assert found.count('-') == 25
-    assert found.count('0 actions') == 5
-    assert 'a_{part $x$ \\frac' in found
-
-
-def test_many_aspects_are_grouped(many_sided):
-    aspects = find_aspects(many_sided)
-    weights = np.arange(len(aspects)) % 20.0
-    groups = aspect_groups(aspects, weights)
-    assert len(groups) == MAX_GROUPS + 1
-    assert groups[-1].title == f'{len(aspects) - MAX_GROUPS} others'
-    assert membership(groups, len(aspects)).sum(axis=0).tolist() == [1.0] * len(aspects)
-    shown = [group.aspects[0].id for group in groups[:-1]]
-    assert shown == sorted(shown)
-    assert weights[[k - 1 for k in shown]].min() >= max(
-        weights[aspect.id - 1] for aspect in groups[-1].aspects
-    )
-
-
-def test_more_than_12_aspects_are_drawn_by_class(part):
-    nut = find_aspects(part('hex_nut')).aspects
-    many = AspectSet('', (*nut[:2], *nut[2:] * 2))
-    numbered = AspectSet(
-        '', tuple(type(a)(**{**vars(a), 'id': k}) for k, a in enumerate(many.aspects, start=1))
-    )
-    assert len(numbered) == 14
-    matrix = counted(numbered, lost=False)
-    figure = transition_figure(matrix, None, 't')
-    assert {'1 and 2', '3 to 14'} <= set(texts(figure))
-    assert len(of_kind(figure, Rectangle)) == 4
-
-
-@pytest.mark.slow
-def test_large_heat_map_is_readable(many_sided):
-    matrix = counted(find_aspects(many_sided))
-    others = f'{len(matrix.aspects) - MAX_GROUPS}\nothers'
-    assert texts(transition_figure(matrix, None, 't')).count(others) == 2
 
 
 @PARTS
@@ -183,19 +123,6 @@ def test_curves_of_a_class_are_added_up(part):
     pooled = (curves[0].left + curves[1].left) / 600
     assert axes.lines[0].get_ydata() == pytest.approx(pooled)
     assert 'aspects 1 and 2' in texts(figure)
-
-
-def test_many_curves_are_reduced_to_the_largest_basins(many_sided):
-    aspects = find_aspects(many_sided)
-    lift = np.geomspace(1e-4, 0.01, 9)
-    figure = retention_figure(curves_of(aspects, lift), aspects, None, 't')
-    found = texts(figure)
-    named = {int(words.split()[1]) for words in found if words.startswith('aspect ')}
-    assert len(named) == MAX_LINES
-    basins = {aspect.id: aspect.basin_share for aspect in aspects.aspects}
-    assert min(basins[k] for k in named) >= max(basins[k] for k in basins.keys() - named)
-    note = ' '.join(' '.join(found).split())
-    assert f'The {MAX_LINES} of {len(aspects)} curves' in note
 
 
 @pytest.mark.filterwarnings('error')

@@ -4,9 +4,6 @@ import re
 
 import numpy as np
 import pytest
-import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -60,17 +57,6 @@ def test_intervals_are_below_the_probabilities(bracket):
         assert last == pytest.approx(100 * high, abs=0.051)
 
 
-def test_headings_name_the_aspects_and_what_occurred(bracket):
-    counts = np.zeros((5, 9), dtype=np.int64)
-    counts[:, 0] = 10
-    counts[2, 8] = 3
-    text = '\n'.join(lines(TransitionMatrix(bracket, counts)))
-    for word in ('from', 'to 1', 'to 5', '(%)', 'lost', 'actions', '95 %'):
-        assert word in text
-    for word in ('sified', 'tled', 'failed'):
-        assert word not in text
-
-
 def test_wide_matrix_is_a_list_with_the_widest_interval_of_each_row(bracket):
     counts = np.zeros((5, 9), dtype=np.int64)
     counts[:, :4] = [700, 100, 100, 50]
@@ -92,14 +78,6 @@ def test_row_without_actions_has_no_numbers(bracket):
     assert body(lines(no_actions(bracket)))[0] == ['1', '-', '-', '-', '-', '-', '0']
 
 
-def test_single_aspect_stays(solid):
-    sphere = find_aspects(solid(trimesh.creation.icosphere(subdivisions=3)))
-    assert len(sphere) == 1
-    matrix = TransitionMatrix(sphere, np.array([[99, 0, 0, 1, 0]]))
-    for by_class in (False, True):
-        assert body(lines(matrix, by_class=by_class))[0] == ['1', '99.0', '1.0', '100']
-
-
 def test_classes_are_summed(part):
     nut = find_aspects(part('hex_nut'))
     counts = np.zeros((8, 12), dtype=np.int64)
@@ -112,20 +90,6 @@ def test_classes_are_summed(part):
     assert second == ['3', 'to', '8', '0', '100.0', '300']
 
 
-def test_many_aspects_are_listed_by_probability(thirty):
-    counts = np.zeros((30, 34), dtype=np.int64)
-    counts[:, 0], counts[:, 2], counts[:, 7] = 621, 302, 70
-    counts[:, 20] = 7
-    counts[5] = 0
-    found = lines(TransitionMatrix(thirty, counts))
-    rows = body(found)
-    assert len(rows) == 30
-    text = '1: 62.1 %, 3: 30.2 %, 8: 7.0 %, others: 0.7 %'
-    assert rows[0] == ['1', *text.split(), '3.0', '1000']
-    assert rows[5] == ['6', '-', '-', '0']
-    assert 'at most 1 %' in ' '.join(found)
-
-
 def test_listed_probabilities_add_up(thirty):
     counts = np.random.default_rng(6).multinomial(2000, np.full(34, 1 / 34), size=30)
     text = '\n'.join(lines(TransitionMatrix(thirty, counts)))
@@ -133,30 +97,3 @@ def test_listed_probabilities_add_up(thirty):
     entries = [float(p) for p in re.findall(r': ([\d.]+) %', text.split('+-:')[0])]
     outside = 100 * counts[:, 30:].sum() / 2000
     assert sum(entries) + outside == pytest.approx(30 * 100, abs=0.06 * len(entries))
-
-
-def test_listed_classes_are_separated_by_semicolons(part, many_sided):
-    aspects = find_aspects(many_sided).aspects
-    pairs = find_aspects(part('hex_nut')).aspects[:2]  # of one class
-    mixed = AspectSet('', (*pairs, *(aspects[k] for k in range(2, 30))))
-    assert len(mixed.classes()) < 30
-    counts = np.zeros((30, 34), dtype=np.int64)
-    counts[:, :2], counts[:, 6] = 30, 40
-    text = ' '.join(' '.join(lines(TransitionMatrix(mixed, counts), by_class=True)).split())
-    assert re.search(r'\d: 60\.?\d* %; ', text)
-
-
-@given(
-    counts=st.lists(st.integers(0, 2_000_000), min_size=34, max_size=34),
-    shown=st.integers(1, 30),
-    by_class=st.booleans(),
-)
-def test_table_fits_80_columns(thirty, counts, shown, by_class):
-    aspects = AspectSet(thirty.part_sha256, thirty.aspects[:shown])
-    rolled = [np.roll(counts, k)[: shown + 4] for k in range(shown)]
-    title = 'a long title ' * 6
-    assert lines(TransitionMatrix(aspects, np.array(rolled)), by_class=by_class, title=title)
-
-
-def test_title_is_plain_text(bracket):
-    assert lines(no_actions(bracket), title='nut [bold] m8')[0] == 'nut [bold] m8'

@@ -29,7 +29,7 @@ def test_parts_that_lose_no_energy_are_unsettled(part, mat, engine):
     poses = drop_range(job, 0, 2)
     assert (poses.status == RestStatus.UNSETTLED).all()
     # The time they were given, which goes on from the end of the first fall.
-    given = settling.TIME_LIMIT * job.time_unit
+    given = release.TIME_LIMIT * job.time_unit
     assert (poses.time_to_rest >= given).all()
     assert (poses.time_to_rest < 1.05 * given).all()
     assert np.isfinite(poses.position).all()

@@ -5,8 +5,12 @@ import pytest
 from scipy.stats import binom
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.studies.objective import Objective, make_objective
-from resting_aspects_ros.studies.optimise import compared, estimated
+from resting_aspects_ros.studies.objective import (
+    Objective,
+    compared,
+    estimated,
+    make_objective,
+)
 
 SHARE = Objective((1, 3), ((1, 3),))
 ENTROPY = Objective((), ((1,), (2, 3)))

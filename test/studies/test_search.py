@@ -5,15 +5,10 @@ import pytest
 from scipy.stats import binom
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.studies.objective import Objective
-from resting_aspects_ros.studies.optimise import (
-    ROUNDS,
-    Budget,
-    Search,
-    compared,
-    estimated,
-    factor_facts,
-)
+from resting_aspects_ros.studies.design import Factor
+from resting_aspects_ros.studies.objective import Objective, compared, estimated
+from resting_aspects_ros.studies.optimise import best_points, check_budget, final_drops, search
+from resting_aspects_ros.studies.optimum import factor_curve
 
 SHARE = Objective((1,), ((1,),))
 
@@ -32,136 +27,105 @@ def slope(points):
     return 0.3 + 0.3 * points.mean(axis=1)
 
 
-class Known:
-    """A problem whose shares are known."""
+def problem(share, seed=0, above=0.0):
+    """Return the drops of a problem whose shares are known; below ``above`` it is impossible."""
 
-    def __init__(self, share, seed=0, *, above=0.0, levels=0):
-        self.share, self.seed, self.above, self.levels = share, seed, above, levels
+    def drop(points, drops, batch):
+        rng = np.random.default_rng([seed, *batch.encode()])
+        shares = share(points)
+        found = rng.multinomial(drops, np.stack([shares, 1 - shares], axis=1))
+        return found * (points[:, :1] >= above)
 
-    def snapped(self, points):
-        return np.round(points * self.levels) / self.levels if self.levels else points
-
-    def counts(self, points, drops, batch):
-        rng = np.random.default_rng([self.seed, *batch.encode()])
-        share = self.share(points)
-        found = rng.multinomial(drops, np.stack([share, 1 - share], axis=1))
-        return found * (points[:, :1] >= self.above)
+    return drop
 
 
-def searched(problem, factors, total=200_000, seed=1):
-    search = Search(problem, SHARE, Budget(total, factors), seed)
-    search.run()
-    return search
+def searched(drop, factors, total=200_000, seed=1, levels=0, **given):
+    """Return the points of a search and the best ones."""
+    ranges = [Factor(f'f{k}', 0.0, 1.0, levels) for k in range(factors)]
+    points = search(drop, ranges, SHARE, total, seed, **given)
+    return points, best_points(points, SHARE, total, seed)
 
 
 @pytest.mark.parametrize('factors', [1, 2, 3, 4])
 @pytest.mark.parametrize(('share', 'most', 'loss'), [(peak, 0.7, 0.02), (slope, 0.6, 0.03)])
 def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
-    found = [searched(Known(share, seed), factors, seed=seed).best()[0] for seed in range(4)]
+    found = [searched(problem(share, k), factors, seed=k)[1][0] for k in range(4)]
     lost = [most - share(best[None])[0] for best in found]
     assert max(lost) < loss
     assert np.mean(lost) < loss / 2
 
 
 def test_search_uses_half_of_the_budget():
-    search = searched(Known(peak), 2)
-    assert 90_000 < search.counts.sum() <= 100_000
-    assert set(search.rounds) <= set(range(ROUNDS + 2))
+    points, _ = searched(problem(peak), 2)
+    assert 90_000 < sum(counts.sum() for counts in points.values()) <= 100_000
 
 
 def test_second_point_differs_by_a_fifth_of_a_range():
-    best, second = searched(Known(hill), 2).best()
+    _, (best, second) = searched(problem(hill), 2)
     assert np.abs(second - best).max() >= 0.2
     # The second factor has no effect, so that another value of it is as good.
     assert hill(second[None])[0] > 0.66
 
 
-def test_same_seed_gives_the_same_search():
-    one, other = (searched(Known(hill), 1, 4000) for _ in range(2))
-    assert np.array_equal(one.points, other.points)
-    assert np.array_equal(one.counts, other.counts)
-
-
 def test_bound_is_a_point_of_the_search():
-    search = searched(Known(slope), 1)
-    assert search.counts_of(np.array([1.0])).sum() >= search.budget.search[-1]
+    points, _ = searched(problem(slope), 1)
+    assert points[1.0,].sum() >= final_drops(200_000)
 
 
 def test_impossible_points_are_avoided():
-    search = searched(Known(hill, above=0.4), 1)
-    assert (search.points >= 0.4).all()
+    points, (best, *_) = searched(problem(hill, above=0.4), 1)
+    assert min(points)[0] >= 0.4
     # The best possible point is at the edge of what is possible: hill(0.4) = 0.662.
-    assert hill(search.best()[0][None])[0] > 0.64
+    assert hill(best[None])[0] > 0.64
 
 
 def test_levels_are_kept():
-    search = searched(Known(hill, levels=4), 1)
-    assert sorted(search.points[:, 0]) == [0, 0.25, 0.5, 0.75, 1]
-    assert [float(p[0]) for p in search.best()] == [0.25, 0.5]
+    points, best = searched(problem(hill), 1, levels=5)
+    assert sorted(points) == [(0,), (0.25,), (0.5,), (0.75,), (1,)]
+    assert [float(p[0]) for p in best] == [0.25, 0.5]
 
 
-def test_given_points_take_part():
+def test_given_point_takes_part():
     given = np.array([[0.3, 0.123]])
-    search = Search(Known(hill), SHARE, Budget(4000, 2), 1)
-    search.run(given, lambda: True)
-    assert search.counts_of(given[0]).sum() > 0
-    assert search.counts_of(np.array([0.3, 0.2])) is None
+    points, _ = searched(problem(hill), 2, 4000, given=given, stopped=lambda: True)
+    assert points[0.3, 0.123].sum() > 0
 
 
 @pytest.mark.parametrize(('total', 'factors', 'needed'), [(1900, 1, 1920), (3000, 2, 3840)])
 def test_too_few_drops_are_refused(total, factors, needed):
     with pytest.raises(InvalidValueError, match=f'at least {needed} drops'):
-        Budget(total, factors)
+        check_budget(total, factors)
 
 
-def facts_of(share, best, at=None, drops=4000, seed=1):
-    """Return the facts of a factor, by drops with a known share along it."""
+def curve_of(share, best, at=None, drops=4000, seed=1):
+    """Return the curve of a factor, by drops with a known share along it."""
     at = np.linspace(0, 1, 9) if at is None else at
-    rng, at = np.random.default_rng(seed), np.append(at, best)
+    rng, at = np.random.default_rng(seed), np.append(at[at != best], best)
     count = rng.binomial(drops, share(at[:, None]))
     table = np.column_stack([count, drops - count])
-    return factor_facts(SHARE, at, table, best, rng, 0.95)
+    return factor_curve(SHARE, at, table, best, rng, 0.95)
 
 
 def test_flat_range_is_that_of_the_known_function():
-    ranges = [facts_of(hill, 0.3, seed=seed).flat for seed in range(20)]
+    ranges = [curve_of(hill, 0.3, np.linspace(0, 1, 41), 10**6, seed).flat for seed in range(5)]
     u = np.linspace(0, 1, 1001)
     good = u[hill(u[:, None]) >= hill(np.array([[0.3]]))[0] - 0.01]
-    # The levels are 0.125 apart, and a share of 4000 drops is known to 0.7 points.
-    np.testing.assert_allclose(np.mean(ranges, axis=0), [good.min(), good.max()], atol=0.04)
-    assert all(low <= 0.3 <= high for low, high in ranges)
-
-
-def test_effect_and_its_bound_are_those_of_the_known_function():
-    found = [facts_of(hill, 0.3, seed=seed) for seed in range(40)]
-    ends = hill(np.array([[0.3], [1.0]]))
-    truth = ends[0] - ends[1]
-    assert all(facts.matters for facts in found)
-    assert np.mean([facts.effect for facts in found]) == pytest.approx(truth, abs=0.02)
-    covered = sum(facts.effect_upper >= truth for facts in found)
-    assert covered >= binom.ppf(0.001, len(found), 0.95)
+    # The values are 0.025 apart, and a share of 1e6 drops is known to 0.05 points.
+    np.testing.assert_allclose(ranges, [[good.min(), good.max()]] * 5, atol=0.025)
 
 
 def test_factor_without_effect_is_called_one_with_effect_as_rarely_as_stated():
-    found = [facts_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(200)]
-    assert sum(facts.matters for facts in found) <= binom.ppf(0.999, 200, 0.05)
-    assert all(facts.flat == (0, 1) for facts in found if not facts.matters)
+    found = [curve_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(200)]
+    assert sum(curve.matters for curve in found) <= binom.ppf(0.999, 200, 0.05)
+    assert all(curve.flat == (0, 1) for curve in found if not curve.matters)
 
 
 @pytest.mark.parametrize(
     ('share', 'best', 'bound'),
-    [
-        (slope, 1.0, 1),
-        (slope, 0.6, 1),
-        (lambda u: slope(1 - u), 0.0, -1),
-        (lambda u: slope(1 - u), 0.6, -1),
-        (hill, 0.3, 0),
-    ],
+    [(slope, 1.0, 1), (slope, 0.6, 1), (lambda u: slope(1 - u), 0.0, -1), (hill, 0.3, 0)],
 )
-def test_bound_is_reported_if_it_is_as_good(share, best, bound):
-    facts = facts_of(share, best)
-    assert facts.bound == bound
-    assert facts.at_bound == bool(bound)
+def test_bound_is_reported_if_it_is_best(share, best, bound):
+    assert curve_of(share, best, drops=20_000).bound == bound
 
 
 def test_certainty_of_the_best_is_that_of_their_posteriors():
@@ -205,11 +169,10 @@ def test_stated_certainty_and_intervals_hold_over_repetitions():
     runs, start = 40, np.array([0.5, 0.5])
     covered, claims, optimism, lucky = 0, [], [], []
     for seed in range(runs):
-        search = searched(Known(hill, seed), 2, 24_000, seed)
-        best = search.best()
+        known, best = searched(problem(hill, seed), 2, 24_000, seed)
         points = np.array([*best, start])
         truth = hill(points)
-        drops = search.budget.compared
+        drops = 24_000 // 12
         order, gains, certainty, values = comparison(hill, seed, points, drops, 0.9)
         covered += sum(
             gain.gain.lower <= truth[order[0]] - truth[other] <= gain.gain.upper
@@ -218,7 +181,7 @@ def test_stated_certainty_and_intervals_hold_over_repetitions():
         claims.append((certainty, truth[order[0]] == truth.max()))
         first = list(order).index(0)
         optimism.append(values[first].value - truth[0])
-        counts = search.counts_of(best[0])
+        counts = known[tuple(best[0].tolist())]
         lucky.append(counts[0] / counts.sum() - truth[0])
     assert covered >= binom.ppf(0.001, 2 * runs, 0.9)
     sure = [true for certainty, true in claims if certainty >= 1 - 0.05 / 3]

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.studies.objective import Objective
-from resting_aspects_ros.studies.optimise import compared, estimated
+from resting_aspects_ros.studies.objective import Objective, compared, estimated
 from resting_aspects_ros.studies.propagate import sampled_shares
 
 confidences = st.sampled_from([0.51, 0.8, 0.95, 0.9999])

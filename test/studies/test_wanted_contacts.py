@@ -54,7 +54,7 @@ def test_alternatives_are_not_counted_twice(dropped, here):
         )
         for wanted in (every, [*every, *every])
     )  # fmt: skip
-    assert [c.tolist() for _, c, _ in one.points] == [c.tolist() for _, c, _ in twice.points]
+    assert [c.tolist() for _, c in one.points] == [c.tolist() for _, c in twice.points]
     assert 0 < one.best.counts[0] <= one.best.drops
     finder = finder_in(part, conditions, aspects)
     assert isinstance(WantedContacts((('belt', 1),)).found(finder, dropped[3]), np.ndarray)

@@ -14,8 +14,8 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import turned_about_vertical
 from resting_aspects_ros.vision.fitting import OutlineNoise, Shape, mirrored
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import find_outlines, look_alikes, seen_outline
+from resting_aspects_ros.vision.rolling import KnownPart
 
 # Random poses of each class.
 POSES = 2000

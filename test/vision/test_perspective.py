@@ -20,8 +20,8 @@ from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
 )
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import find_outlines
+from resting_aspects_ros.vision.rolling import KnownPart
 
 CAMERA = np.array([0.02, -0.03, 0.5])
 SD, CORRELATION = 1e-4, 1e-3

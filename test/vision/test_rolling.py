@@ -11,8 +11,8 @@ from resting_aspects_ros.aspects.aspect_set import Sweep
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import turned_about_vertical
 from resting_aspects_ros.vision.identification import identify
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import find_outlines, rolled, seen_outline
+from resting_aspects_ros.vision.rolling import KnownPart
 
 
 @pytest.fixture(scope='module')

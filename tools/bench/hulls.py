@@ -10,8 +10,7 @@ from bench.geometry import EGG, egg
 from bench.report import Section, Table
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
-from resting_aspects_ros.simulation.release import initial_states
-from resting_aspects_ros.simulation.settling import TIME_LIMIT
+from resting_aspects_ros.simulation.release import TIME_LIMIT, initial_states
 from resting_aspects_ros.statistics.poses import RestStatus
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000, 3000)

@@ -14,11 +14,11 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import rotate, wxyz_from_xyzw, xyzw_from_wxyz
 from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
 from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_MOTION,
     REST_WINDOW,
-    TIME_LIMIT,
 )
 
 # MuJoCo's soft contacts creep: with the suite's REST_MOTION, most drops would never be still.

@@ -13,7 +13,8 @@ from bench.case import Trial, contacts_of, ended, released
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation.bullet_world import RESIDUAL, empty_client, pybullet
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT
+from resting_aspects_ros.simulation.release import TIME_LIMIT
+from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
 
 
 def plain_loop(job: DropJob, first: int, drops: int) -> Trial:

@@ -18,8 +18,8 @@ from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import Outline, look_alikes
+from resting_aspects_ros.vision.rolling import KnownPart
 
 PARTS = ('angle_45x30x8', 'l_bracket')  # 5 classes each
 IMAGES = 20  # of each class and camera

@@ -32,7 +32,7 @@ from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns, VirtualFeeder
 from resting_aspects_ros.nodes.vision_example.contours import clearances, find_blobs
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.known_part import Candidate, KnownPart
+from resting_aspects_ros.vision.rolling import Candidate, KnownPart
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 from validation import compare_controllers
 from validation.forecast import coverage, false_alarms, formulas

@@ -26,9 +26,9 @@ from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.statistics.poses import RestStatus
 from resting_aspects_ros.vision.fitting import OutlineNoise, shape_of
 from resting_aspects_ros.vision.identification import Identification, identify, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose, camera_pose
 from resting_aspects_ros.vision.outline import Outline, _yaw_symmetry, look_alikes, seen_outline
+from resting_aspects_ros.vision.rolling import KnownPart
 from validation.dropper import ROOT, SEED
 
 Array = npt.NDArray[np.float64]

@@ -15,8 +15,8 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
+from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.scene import depth_along
-from resting_aspects_ros.simulation.settling import TIME_LIMIT
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import Kind

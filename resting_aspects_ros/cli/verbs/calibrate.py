@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import add_workers, parse_integer
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops of each part at each point (half of the counted ones, but 50 to '
+        help='number of drops of each part at each point (as many as were counted, but 100 to '
         '300)',
     )
     parser.add_argument(

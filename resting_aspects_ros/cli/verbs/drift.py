@@ -18,11 +18,11 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.api.compare import DriftResult
     from resting_aspects_ros.api.counts import CountedDrops
-    from resting_aspects_ros.api.drift import DriftResult
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.part.part import Part
 
@@ -133,8 +133,8 @@ def run(arguments: argparse.Namespace) -> int:
         if (value := getattr(arguments, name)) is not None:
             options[name] = value
     # These imports are slow because of NumPy.
+    from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.count_files import read_observed
-    from resting_aspects_ros.api.drift import watch_drift
     from resting_aspects_ros.api.forecast_result import counted_apart_texts
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.result import check_output, make_folder

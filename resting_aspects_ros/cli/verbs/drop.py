@@ -16,9 +16,8 @@ from resting_aspects_ros.cli.options import (
     parse_integer,
     parse_share,
 )
-from resting_aspects_ros.simulation.conditions import quantities_of
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
-from resting_aspects_ros.simulation.starts import Noise
+from resting_aspects_ros.simulation.conditions import Noise, quantities_of
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
 to rest, and how probable each is. No ROS nodes are needed."""

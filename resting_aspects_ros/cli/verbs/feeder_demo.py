@@ -6,9 +6,9 @@ from pathlib import Path
 
 from resting_aspects_ros.api.result import check_output, make_folder
 from resting_aspects_ros.cli.forecast_options import add_cell
-from resting_aspects_ros.cli.options import add_output, parse_integer
+from resting_aspects_ros.cli.options import parse_integer
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 
 PART, MINUTES, SEED = 'l_bracket', '10', 1
 DROPS, PER_ASPECT = DEFAULT_DROPS, 40
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='folder of the picture, the document, the logs and the output of the nodes '
         '(out/feeder_demo)',
     )
-    add_output(parser, each=False)
+    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
 
 
 def run(arguments: argparse.Namespace) -> int:

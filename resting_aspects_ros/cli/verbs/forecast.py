@@ -29,7 +29,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS, DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult

@@ -20,7 +20,7 @@ from resting_aspects_ros.cli.options import (
     parse_share,
 )
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import NamedAction
@@ -174,7 +174,7 @@ def _show(result: 'OptimiseResult', *, as_json: bool) -> None:
     with analysis('the tables of the result'):
         console = make_console()
         show_table(console, result.candidate_table())
-        if result.facts:
+        if result.curves:
             show_table(console, result.factor_table())
         for note in result.notes:
             console.print(note, markup=False, highlight=False)

@@ -16,7 +16,7 @@ from resting_aspects_ros.cli.options import (
     parse_integer,
     parse_share,
 )
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS, DEFAULT_SEED
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the

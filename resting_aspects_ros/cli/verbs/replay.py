@@ -2,17 +2,12 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.options import (
     add_ros_args,
 )
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import is_printable, parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
 QoS, bytes and pauses, so that a controller can be developed without drops.
@@ -73,30 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
             )
     flags = ('as_fast_as_possible', 'loop', 'clock')
     given |= {name: True for name in flags if getattr(arguments, name)}
+    from resting_aspects_ros.cli.console import ReplayProgress
     from resting_aspects_ros.ros.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     with ReplayProgress() as progress:
         return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)
-
-
-class ReplayProgress(ShownProgress):
-    """Progress bar with the position of a replay; only on a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__('', 1.0)
-
-    def update(self, position: 'ReplayPosition') -> None:
-        """Update the displayed position; the first call shows the bar, the end removes it."""
-        if self._bar is None:
-            return
-        self._bar.update(
-            self._task,
-            description='paused' if position.paused else 'replay',
-            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
-            text=str(position),
-        )
-        self._bar.start()
-        if position.over:
-            self._bar.stop()
-            self._bar = None

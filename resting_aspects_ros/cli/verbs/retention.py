@@ -27,7 +27,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import StoppedError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.retention import RetentionResult

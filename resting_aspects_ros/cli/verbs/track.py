@@ -2,11 +2,14 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.life_cycle import (
+    DONE,
+    FAILED,
     exit_code,
     finish,
     partial_result,
@@ -24,10 +27,10 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.track import TrackResult
+    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -36,10 +39,12 @@ EXAMPLES = """examples:
   resting_aspects track hex_nut
   resting_aspects track hex_nut --on wiper_and_balcony --want 1
   resting_aspects track hex_nut --width 40mm --trap wiper:height=12.7mm --want 1
+  resting_aspects track hex_nut --on wiper_and_balcony --simulate 50
   resting_aspects track u_bracket --design --want 1 --tolerance 0.1mm --report
+  resting_aspects track hex_nut --design --simulate 20 --speed 100mm/s
   resting_aspects track my_part.stl --on my_track.yaml --json
 """
-DOCUMENT, PICTURE = 'track.json', 'orientations.png'
+DOCUMENT, ROWS, PICTURE = 'track.json', 'orientations.csv', 'orientations.png'
 # Flags of the track, the keys of its file, and what they are.
 SURFACE = {
     'width': 'width of the track (twice the radius of the part, and 10 mm)',
@@ -81,6 +86,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--design', action='store_true', help='propose traps that pass only the wanted orientation'
     )
     parser.add_argument(
+        '--simulate',
+        metavar='N',
+        type=parse_integer,
+        default=0,
+        help='let N parts of each row run over the traps at the speed of the track (0); with '
+        '--design, margins are those of simulated parts',
+    )
+    parser.add_argument(
+        '--before',
+        action='append',
+        metavar='ACTION',
+        default=[],
+        help='an action of config/actions.yaml that parts undergo before the traps, such as '
+        'step_down; can be repeated',
+    )
+    parser.add_argument(
         '--tolerance', metavar='X', default='0', help='of the parts, half width (0)'
     )
     parser.add_argument('--trap-tolerance', metavar='X', default='0', help='of traps (0)')
@@ -103,7 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help=f'write {DOCUMENT} and {PICTURE} into this folder',
+        help=f'write {DOCUMENT}, {ROWS} and {PICTURE} into this folder',
     )
     parser.add_argument(
         '--report',
@@ -121,6 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.load_part import load_part
         from resting_aspects_ros.api.track import default_track, design_track, given_track, track
+        from resting_aspects_ros.api.track_result import TrackDesign
 
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
         described = _described(arguments)
@@ -128,8 +150,10 @@ def run(arguments: argparse.Namespace) -> int:
             on = given_track(arguments.on)
         else:
             on = given_track({**default_track(part).document, **described})
-        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
+        out = result_folder(arguments, part.name, (DOCUMENT, ROWS, PICTURE))
         options: dict[str, Any] = {
+            'simulate': arguments.simulate,
+            'before': arguments.before,
             'drops': arguments.drops,
             'surface': requested_conditions(arguments),
             'tolerance': parse_quantity('--tolerance', arguments.tolerance, 'm'),
@@ -137,32 +161,31 @@ def run(arguments: argparse.Namespace) -> int:
             'seed': arguments.seed,
             **started.options,
         }
-        want = 1 if arguments.want is None else arguments.want
+        want = () if arguments.want is None else (arguments.want,)
+        make: Callable[[], TrackResult | TrackDesign]
         if arguments.design:
-            designs, failure = partial_result(partial(design_track, part, want, on, **options))
-            if not designs:
-                plain, _ = partial_result(partial(track, part, on, want, **options))
-                _show([plain], as_json=arguments.json)
-                print(
-                    f'no set of traps passes only row {want}: choose another row, or use an '
-                    'asymmetric cut-out or a camera',
-                    file=sys.stderr,
-                )
-                return 1
-            results = designs
+            make = partial(design_track, part, want[0] if want else 1, on, **options)
         else:
-            result, failure = partial_result(partial(track, part, on, want, **options))
-            results = [result]
-        best = results[0]
+            make = partial(track, part, on, want, **options)
+        result: TrackResult | TrackDesign
+        result, failure = partial_result(make)
         finish(
             arguments,
             out,
-            {DOCUMENT: text_file(best.to_json), PICTURE: best.save_picture},
-            partial(_show, results, as_json=arguments.json),
-            best.report if arguments.report else None,
+            {
+                DOCUMENT: text_file(result.to_json),
+                ROWS: result.save_csv,
+                PICTURE: result.save_picture,
+            },
+            partial(_show, result, as_json=arguments.json),
+            result.report if arguments.report else None,
         )
-        has = f'{best.drop.distribution.drops} of {arguments.drops} drops'
-        return exit_code(has, complete=best.complete, failure=failure)
+        drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
+        has = f'{drop.distribution.drops} of {arguments.drops} drops'
+        code = exit_code(has, complete=result.complete, failure=failure)
+        if code == DONE and isinstance(result, TrackDesign) and not result.designs:
+            return FAILED
+        return code
 
 
 def _described(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -198,20 +221,14 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(results: 'list[TrackResult]', *, as_json: bool) -> None:
+def _show(result: 'TrackResult | TrackDesign', *, as_json: bool) -> None:
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.track.show import margin_text
 
     if as_json:
-        sys.stdout.write(results[0].to_json())
+        sys.stdout.write(result.to_json())
         return
     console = make_console()
-    best = results[0]
-    for table in best.tables():
+    for table in result.tables():
         show_table(console, table)
-    for k, design in enumerate(results):
-        if design.margin is not None:
-            which = 'Best design' if k == 0 else 'Alternative'
-            print(f'{which}: {"; ".join(design.trap_names)}; margin {margin_text(design.margin)}.')
-    for sentence in best.sentences:
+    for sentence in result.sentences:
         print(sentence)

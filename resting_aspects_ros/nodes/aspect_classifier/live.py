@@ -10,8 +10,8 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 
+from resting_aspects_ros.api.compare import drift_test
 from resting_aspects_ros.api.counts import single_groups
-from resting_aspects_ros.api.drift import drift_test
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError

@@ -36,8 +36,8 @@ from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.vision.fitting import OutlineNoise
 from resting_aspects_ros.vision.identification import Identification, observed_polygon
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import LookAlike, Outline, find_outlines, look_alikes
+from resting_aspects_ros.vision.rolling import KnownPart
 
 
 def checked_outlines(part: Part, aspects: AspectSet) -> tuple[Outline, ...]:

@@ -42,8 +42,8 @@ from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.outline import Outline
+from resting_aspects_ros.vision.rolling import KnownPart
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
 
 CAMERA_SIMULATOR = 'camera_simulator'

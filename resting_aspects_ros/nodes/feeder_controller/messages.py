@@ -42,8 +42,8 @@ from resting_aspects_ros.ros.transition_conversions import (
 )
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.grasp import Grasp
-from resting_aspects_ros.vision.known_part import KnownPart
 from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.rolling import KnownPart
 
 CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
 OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}

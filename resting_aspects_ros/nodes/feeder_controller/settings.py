@@ -12,7 +12,7 @@ from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
 from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.vision.known_part import KnownPart
+from resting_aspects_ros.vision.rolling import KnownPart
 
 TIME = (0.0, MAX_TIME)
 PARAMETERS = (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from resting_aspects_ros.api.conditions import surface_entry
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import (
@@ -17,7 +18,7 @@ from resting_aspects_ros.report.figure import (
     new_figure,
     plain_axes,
 )
-from resting_aspects_ros.simulation.conditions import QUANTITIES, UNCERTAINTY, DropConditions
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.studies.calibration.checks import (
     Estimate,
     GTest,
@@ -163,25 +164,8 @@ class CalibrationResult(Result):
 
     def surface_entry(self, *, uncertainty: bool = True) -> str:
         """Return an entry for a surfaces file, with its source and perhaps its uncertainty."""
-        lines = [f'{self.surface}:']
-        for name in QUANTITIES:
-            lines.append(f'  {name}: {getattr(self.conditions, name)}')
-            if name == 'height':
-                lines.append(f'  height_of: {self.conditions.height_of.name}')
-        lines.append('  source: >-')
-        lines += [f'    {line}' for line in _folded(_source(self), 94)]
         samples = self.draws(SAMPLES) if uncertainty else []
-        if samples:
-            comment = 'equally probable; the k-th values belong together'
-            lines.append(f'  {UNCERTAINTY}:  # {comment}')
-        for name in samples[0] if samples else ():
-            values = ', '.join(f'{each[name]:.3g}' for each in samples)
-            lines += [
-                f'    {name}: [',
-                *(f'      {line}' for line in _folded(values, 92)),
-                '    ]',
-            ]
-        return '\n'.join(lines) + '\n'
+        return surface_entry(self.surface, self.conditions, _source(self), samples)
 
     def figure(self) -> 'Figure':
         """Return the regions of the conditions, and the counted and predicted shares."""
@@ -381,11 +365,6 @@ def _source(result: CalibrationResult) -> str:
     if given.source:
         found.append(f'{given.source.rstrip(".")}.')
     return ' '.join([*found, *statements(result)])
-
-
-def _folded(text: str, width: int) -> list[str]:
-    """Return the lines of a text that YAML can fold again."""
-    return textwrap.wrap(' '.join(text.split()), width, break_long_words=False)
 
 
 def _number(value: float) -> str:

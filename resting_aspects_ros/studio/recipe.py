@@ -1,0 +1,201 @@
+"""The command line and the Python program that give the numbers of a tab."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT
+from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, QUANTITIES, DropConditions
+from resting_aspects_ros.simulation.job import DEFAULT_DROPS
+from resting_aspects_ros.simulation.surroundings import named_surroundings
+from resting_aspects_ros.studio.rows import Source
+from resting_aspects_ros.studio.settings import Settings, dimensions
+
+# The file that the tab Export offers, and the surface in it.
+SURFACES_FILE, OWN_SURFACE = 'surfaces.yaml', 'studio'
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """The same work on the command line, as words, and in Python, as a program."""
+
+    command: Sequence[str]
+    python: str
+
+    @property
+    def line(self) -> str:
+        """The command as it is typed."""
+        return shlex.join(self.command)
+
+
+def drop_recipe(source: Source, settings: Settings) -> Recipe:
+    """Return how the drops of the tab Aspects are made."""
+    number = {'precision': settings.precision} if settings.precision else {'drops': settings.drops}
+    values: dict[str, Any] = {**number, 'seed': settings.seed}
+    surface = _Surface(settings.conditions)
+    words = [*_part_words(source), *_flags(values), *surface.flags(QUANTITIES)]
+    return _recipe('drop', source, words, '', {**values, **surface.values}, settings)
+
+
+def reorient_recipe(source: Source, settings: Settings) -> Recipe:
+    """Return how the action of the tab Reorientation is simulated."""
+    action = settings.action
+    name = action.name.removesuffix('_changed')
+    values = {'seed': settings.seed}
+    surface = _Surface(settings.conditions)
+    words = [*_part_words(source), '--action', name]
+    argument = repr(name)
+    if name != action.name:
+        words += _flags(action.action.numbers)
+        kind = f'ra.{type(action.action).__name__}({_arguments(action.action.numbers)})'
+        argument = f'ra.NamedAction({action.name!r}, {kind}, time={action.time!r})'
+    words += [*_flags(values), *surface.contact_flags()]
+    return _recipe('reorient', source, words, argument, {**values, **surface.values}, settings)
+
+
+def forecast_recipe(source: Source, settings: Settings) -> Recipe:
+    """Return how the tab Forecast is computed; the tray is level."""
+    cell = settings.cell
+    times = {name: getattr(cell, name) for name in ('robot', 'vibrate', 'settle', 'image')}
+    values: dict[str, Any] = {k: v for k, v in times.items() if v is not None}
+    values['clearance'] = cell.clearance
+    if cell.parts_on_tray is not None:
+        values['parts_on_tray'] = cell.parts_on_tray
+    classes = sorted(settings.pickable)
+    surface = _Surface(settings.conditions)
+    words = [
+        *_part_words(source),
+        '--pickable-classes',
+        ','.join(map(str, classes)),
+        *_flags({**values, 'seed': settings.seed, 'action': cell.action}),
+        '--tray',
+        f'{cell.width!r}mx{cell.depth!r}m',
+        *surface.contact_flags(),
+    ]
+    named = {
+        'pickable_classes': classes,
+        **values,
+        'tray': (cell.width, cell.depth),
+        'action': cell.action,
+        'seed': settings.seed,
+        **surface.values,
+    }
+    level = settings.conditions.changed(surroundings=None)
+    return _recipe('forecast', source, words, '', named, settings, conditions=level)
+
+
+def outlines_recipe(source: Source) -> Recipe:
+    """Return how the outlines are found."""
+    return _recipe('outlines', source, _part_words(source), '', {}, None)
+
+
+def reorient_options(settings: Settings) -> dict[str, Any]:
+    """Return the options of `reorient` that the settings request."""
+    return {
+        'per_aspect': DEFAULT_PER_ASPECT,
+        'surface': settings.conditions,
+        'drops': DEFAULT_DROPS,
+        'seed': settings.seed,
+    }
+
+
+class _Surface:
+    """The named surface of conditions, and the values that differ from it."""
+
+    def __init__(self, conditions: DropConditions) -> None:
+        known = shipped_surfaces()
+        names = known.names()
+        name = conditions.surface
+        if name not in names:
+            name = min(
+                names,
+                key=lambda each: (
+                    len(_differences(known.get(each), conditions)),
+                    each != DEFAULT_SURFACE,
+                ),
+            )
+        self.name = name
+        self.changes = _differences(known.get(name), conditions)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The arguments in Python."""
+        return {'surface': self.name, **self.changes}
+
+    def flags(self, known: Mapping[str, Any]) -> list[str]:
+        """Return the flags of the surface and of the changed values."""
+        assert set(self.changes) <= set(known)
+        return ['--surface', self.name, *_flags(self.changes)]
+
+    def contact_flags(self) -> list[str]:
+        """Return flags for a command without flags for the release.
+
+        If a value of the release is changed, they name the surface in the file of the tab Export.
+        """
+        if any(QUANTITIES[name].at_release for name in self.changes):
+            return ['--surfaces', SURFACES_FILE, '--surface', OWN_SURFACE]
+        return self.flags(QUANTITIES)
+
+
+def _differences(known: DropConditions, conditions: DropConditions) -> dict[str, float]:
+    return {
+        name: getattr(conditions, name)
+        for name in QUANTITIES
+        if getattr(conditions, name) != getattr(known, name)
+    }
+
+
+def _recipe(
+    verb: str,
+    source: Source,
+    words: Sequence[str],
+    first: str,
+    values: Mapping[str, Any],
+    settings: Settings | None,
+    conditions: DropConditions | None = None,
+) -> Recipe:
+    """Return the recipe of a public function that has the name of its command."""
+    words = ['resting_aspects', verb, *words]
+    arguments = ['part', *([first] if first else []), *([_arguments(values)] if values else [])]
+    around = None
+    if settings is not None:
+        around = (conditions or settings.conditions).surroundings
+    if around is not None and settings is not None:
+        changes = {
+            name: value
+            for name, value in dimensions(around).items()
+            if value != dimensions(named_surroundings(settings.surroundings))[name]
+        }
+        words += ['--surroundings', settings.surroundings]
+        for name, value in changes.items():
+            words += ['--set', f'{name}={value!r}']
+        inner = ''.join(f', {name}={value!r}' for name, value in changes.items())
+        arguments.append(f'surroundings=ra.surroundings({settings.surroundings!r}{inner})')
+    unit = f', unit={source.unit!r}' if source.path and source.unit else ''
+    python = (
+        'import resting_aspects_ros as ra\n\n'
+        f'part = ra.load_part({source.given!r}{unit})\n'
+        f'result = ra.{verb}({", ".join(arguments)})\n'
+        'print(result.to_json())\n'
+    )
+    return Recipe(words, python)
+
+
+def _part_words(source: Source) -> list[str]:
+    unit = ['--unit', source.unit] if source.path and source.unit else []
+    given = f'./{source.given}' if source.given.startswith('-') else source.given
+    return [given, *unit]
+
+
+def _flags(values: Mapping[str, Any]) -> list[str]:
+    words: list[str] = []
+    for name, value in values.items():
+        text = value if isinstance(value, str) else repr(value)
+        words += [f'--{name.replace("_", "-")}', text]
+    return words
+
+
+def _arguments(values: Mapping[str, Any]) -> str:
+    return ', '.join(f'{name}={value!r}' for name, value in values.items())

@@ -1,0 +1,456 @@
+"""The settings of a room, how a message changes them, and the controls that show them.
+
+Units, bounds and texts are those of the declarations of conditions, actions and surroundings;
+new here are only the ranges of the sliders, which are those that are useful in a feeder.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from resting_aspects_ros.api.conditions import shipped_actions, shipped_surfaces
+from resting_aspects_ros.api.forecast import CLEARANCE, IMAGE, ROBOT, TRAY
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION as FEEDER_ACTION
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.input_files import MAX_COUNTED, parse_quantity
+from resting_aspects_ros.simulation.actions import NamedAction, make_action
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    QUANTITIES,
+    DropConditions,
+    Quantity,
+    quantities_of,
+)
+from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.surroundings import (
+    Surroundings,
+    named_surroundings,
+    surroundings_names,
+)
+
+DROPS = 2000
+MORE = 4  # four times as many drops halve the intervals
+PRECISIONS = {'0': 'number of drops', '0.02': '± 2 %', '0.01': '± 1 %', '0.005': '± 0.5 %'}
+# The units in which a designer reads lengths and angles.
+DISPLAY = {'m': 'mm', 'rad': 'deg', 'N s': 'mNs'}
+# Ranges of the sliders, SI units. A number field beside each accepts all allowed values.
+RANGES = {
+    'height': (0.005, 0.3),
+    'restitution': (0.0, 1.0),
+    'friction': (0.0, 1.2),
+    'rolling_friction': (0.0, 0.02),
+    'spinning_friction': (0.0, 0.1),
+    'gravity': (1.0, 20.0),
+    'speed_horizontal': (0.0, 2.0),
+    'speed_vertical': (0.0, 2.0),
+    'spin': (0.0, 100.0),
+    'robot': (0.3, 5.0),
+    'image': (0.05, 1.0),
+    'vibrate': (0.0, 5.0),
+    'settle': (0.0, 3.0),
+    'width': (0.05, 0.6),
+    'depth': (0.05, 0.6),
+    'clearance': (0.0, 0.03),
+}
+# Those of values of actions and surroundings, by unit.
+UNIT_RANGES = {
+    'm': (0.0, 0.1),
+    'm/s': (0.0, 2.0),
+    'rad/s': (0.0, 100.0),
+    'rad': (-math.radians(60), math.radians(60)),
+    's': (0.0, 5.0),
+    'Hz': (0.0, 200.0),
+    'N s': (0.0, 0.05),
+    '': (0.0, 1.0),
+}
+STEPS = 200  # of a slider
+MAIN_CONDITIONS = ('restitution', 'friction', 'height')
+CELL = {
+    'robot': Quantity('robot', 's', 'from one pick of the robot to the next', high=60, above=True),
+    'vibrate': Quantity('motion of the feeder', 's', 'vibration before each image', high=60),
+    'settle': Quantity('settling', 's', 'until the parts are at rest', high=60),
+    'image': Quantity('image', 's', 'image and its evaluation', high=60),
+    'width': Quantity('width of the tray', 'm', 'width of the tray', high=5, above=True),
+    'depth': Quantity('depth of the tray', 'm', 'depth of the tray', high=5, above=True),
+    'clearance': Quantity('clearance', 'm', 'minimum distance to any other part', high=1),
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The feeder, the camera and the robot; a time that is None is that of the action."""
+
+    robot: float = ROBOT
+    vibrate: float | None = None
+    settle: float | None = None
+    image: float = IMAGE
+    width: float = TRAY[0]
+    depth: float = TRAY[1]
+    clearance: float = CLEARANCE
+    parts_on_tray: int | None = None
+    action: str = FEEDER_ACTION
+
+
+def _default_conditions() -> DropConditions:
+    return shipped_surfaces().get(DEFAULT_SURFACE)
+
+
+def _default_action() -> NamedAction:
+    return shipped_actions().get('tap')
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that the user of a tab has chosen.
+
+    classes : int
+        Number of symmetry classes of the part; 0 without a part.
+    surroundings : str
+        Their name; empty for a level plane. ``conditions`` have the surroundings themselves.
+    pickable : frozenset of int
+        Numbers of symmetry classes.
+    plan : frozenset of str
+        Names of the actions among which the best plan chooses.
+    other : DropConditions
+        Those of the second side of a comparison.
+    counts : mapping of str to int
+        Parts that were counted by hand, by number of the class or 'unclassified'.
+    fit : bool
+        Whether a surface is fitted to these counts.
+    """
+
+    tab: str = 'aspects'
+    live: bool = True
+    conditions: DropConditions = field(default_factory=_default_conditions)
+    surroundings: str = ''
+    drops: int = DROPS
+    precision: float = 0.0
+    seed: int = 1
+    classes: int = 0
+    pickable: frozenset[int] = frozenset()
+    action: NamedAction = field(default_factory=_default_action)
+    plan: frozenset[str] = frozenset({'tap', 'hard_tap', 'toss'})
+    cell: Cell = Cell()
+    other: DropConditions = field(default_factory=_default_conditions)
+    counts: Mapping[str, int] = field(default_factory=dict)
+    fit: bool = False
+
+    def for_part(self, classes: int) -> 'Settings':
+        """Return the settings for another part: nothing is pickable, nothing is counted."""
+        return dataclasses.replace(
+            self, classes=classes, pickable=frozenset(), counts={}, fit=False
+        )
+
+
+# -- Changes --------------------------------------------------------------------------------------
+
+
+def changed(settings: Settings, name: str, value: Any) -> Settings:
+    """Return the settings after a message; raises InvalidValueError.
+
+    ``name`` is that of a control, such as 'live' or 'condition.friction'; ``value`` is what the
+    browser sent: a number or a text in the unit of the control, or a truth value.
+    """
+    group, _, key = name.partition('.')
+    if group not in _CHANGES:
+        raise InvalidValueError(f'invalid setting {shown(name)}: expected a control of the page')
+    return _CHANGES[group](settings, key, value)
+
+
+def number_of(name: str, quantity: Quantity, value: Any) -> float:
+    """Return a number in the unit of its control in SI units; raises InvalidValueError."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected a number')
+    text = str(value).strip()[:40]
+    if text[-1:].isdigit() or text.endswith('.'):
+        text += DISPLAY.get(quantity.unit, '')
+    number = parse_quantity(quantity.label, text, quantity.unit)
+    return quantity.check(quantity.label, number)
+
+
+def _choice(name: str, value: Any, known: Any) -> str:
+    if not isinstance(value, str) or value not in known:
+        raise InvalidValueError(
+            f'invalid {name} {shown(value)}: expected one of {", ".join(map(str, known))}'
+        )
+    return value
+
+
+def _integer(name: str, value: Any, low: int, high: int) -> int:
+    text = str(value).strip()[:20] if isinstance(value, int | str) else ''
+    if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
+        raise InvalidValueError(
+            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
+        )
+    return int(text)
+
+
+def _truth(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected true or false')
+    return value
+
+
+def _quantity(known: Mapping[str, Quantity], key: str) -> Quantity:
+    if key not in known:
+        raise InvalidValueError(f'invalid value {shown(key)}: expected one of {", ".join(known)}')
+    return known[key]
+
+
+def _with_conditions(settings: Settings, **changes: Any) -> Settings:
+    return dataclasses.replace(settings, conditions=settings.conditions.changed(**changes))
+
+
+def _set_tab(settings: Settings, _key: str, value: Any) -> Settings:
+    if not isinstance(value, str) or not value.isidentifier() or len(value) > 40:
+        raise InvalidValueError(f'invalid tab {shown(value)}: expected the name of a tab')
+    return dataclasses.replace(settings, tab=value)
+
+
+def _set_live(settings: Settings, _key: str, value: Any) -> Settings:
+    return dataclasses.replace(settings, live=_truth('live', value))
+
+
+def _set_surface(settings: Settings, _key: str, value: Any) -> Settings:
+    chosen = shipped_surfaces().get(_choice('surface', value, shipped_surfaces().names()))
+    around = settings.conditions.surroundings
+    return dataclasses.replace(
+        settings, conditions=dataclasses.replace(chosen, surroundings=around)
+    )
+
+
+def _set_condition(settings: Settings, key: str, value: Any) -> Settings:
+    number = number_of(key, _quantity(QUANTITIES, key), value)
+    conditions = settings.conditions.changed(**{key: number})
+    return dataclasses.replace(settings, conditions=shipped_surfaces().named(conditions))
+
+
+def _set_surroundings(settings: Settings, _key: str, value: Any) -> Settings:
+    name = _choice('surroundings', value, ['', *surroundings_choices()])
+    around = named_surroundings(name) if name else None
+    return dataclasses.replace(_with_conditions(settings, surroundings=around), surroundings=name)
+
+
+def _set_dimension(settings: Settings, key: str, value: Any) -> Settings:
+    around = settings.conditions.surroundings
+    if around is None:
+        raise InvalidValueError(f'invalid dimension {shown(key)}: expected surroundings first')
+    number = number_of(key, _quantity(quantities_of(around.shape), key), value)
+    values = dimensions(around) | {key: number}
+    around = named_surroundings(settings.surroundings, values)
+    return _with_conditions(settings, surroundings=around)
+
+
+def _set_drops(settings: Settings, _key: str, value: Any) -> Settings:
+    drops = _integer('number of drops', value, 1, MAX_DROPS)
+    return dataclasses.replace(settings, drops=drops, precision=0.0)
+
+
+def _set_more(settings: Settings, _key: str, _value: Any) -> Settings:
+    return dataclasses.replace(settings, drops=min(MORE * settings.drops, MAX_DROPS))
+
+
+def _set_precision(settings: Settings, _key: str, value: Any) -> Settings:
+    return dataclasses.replace(settings, precision=float(_choice('precision', value, PRECISIONS)))
+
+
+def _set_pickable(settings: Settings, key: str, value: Any) -> Settings:
+    number = _integer('class', key, 1, settings.classes)
+    chosen = set(settings.pickable) - {number} | ({number} if _truth('pickable', value) else set())
+    return dataclasses.replace(settings, pickable=frozenset(chosen))
+
+
+def _set_action(settings: Settings, key: str, value: Any) -> Settings:
+    if not key:
+        known = shipped_actions()
+        return dataclasses.replace(
+            settings, action=known.get(_choice('action', value, known.names()))
+        )
+    before = settings.action
+    number = number_of(key, _quantity(quantities_of(before.action), key), value)
+    made = make_action(before.action.kind, {**before.action.numbers, key: number})
+    name = before.name.removesuffix('_changed')
+    if shipped_actions().get(name).action == made:
+        return dataclasses.replace(settings, action=shipped_actions().get(name))
+    # The name that `resting_aspects reorient` gives an action with other values.
+    return dataclasses.replace(settings, action=NamedAction(f'{name}_changed', made, before.time))
+
+
+def _set_plan(settings: Settings, key: str, value: Any) -> Settings:
+    name = _choice('action', key, shipped_actions().names())
+    chosen = set(settings.plan) - {name} | ({name} if _truth('action', value) else set())
+    return dataclasses.replace(settings, plan=frozenset(chosen))
+
+
+def _set_cell(settings: Settings, key: str, value: Any) -> Settings:
+    made: Any
+    if key == 'action':
+        made = _choice('action', value, shipped_actions().names())
+        cell = dataclasses.replace(settings.cell, action=made, vibrate=None, settle=None)
+        return dataclasses.replace(settings, cell=cell)
+    if key == 'parts_on_tray':
+        made = None if value == '' else _integer('number of parts on the tray', value, 1, 1000)
+    else:
+        made = number_of(key, _quantity(CELL, key), value)
+    return dataclasses.replace(settings, cell=dataclasses.replace(settings.cell, **{key: made}))
+
+
+def _set_other(settings: Settings, key: str, value: Any) -> Settings:
+    side = dataclasses.replace(settings, conditions=settings.other)
+    return dataclasses.replace(settings, other=changed(side, key, value).conditions)
+
+
+def _set_count(settings: Settings, key: str, value: Any) -> Settings:
+    if key != 'unclassified':
+        _integer('class', key, 1, settings.classes)
+    number = 0 if value == '' else _integer('number of parts', value, 0, MAX_COUNTED)
+    return dataclasses.replace(settings, counts={**settings.counts, key: number}, fit=False)
+
+
+def _set_fit(settings: Settings, _key: str, _value: Any) -> Settings:
+    return dataclasses.replace(settings, fit=True)
+
+
+_CHANGES: dict[str, Callable[[Settings, str, Any], Settings]] = {
+    'tab': _set_tab,
+    'live': _set_live,
+    'surface': _set_surface,
+    'condition': _set_condition,
+    'surroundings': _set_surroundings,
+    'dimension': _set_dimension,
+    'drops': _set_drops,
+    'more': _set_more,
+    'precision': _set_precision,
+    'pickable': _set_pickable,
+    'action': _set_action,
+    'plan': _set_plan,
+    'cell': _set_cell,
+    'other': _set_other,
+    'count': _set_count,
+    'fit': _set_fit,
+}
+
+
+def counts_csv(settings: Settings) -> str:
+    """Return the counts as the file that `resting_aspects compare` reads."""
+    names = [*map(str, range(1, settings.classes + 1)), 'unclassified']
+    lines = [f'{name},{settings.counts.get(name, 0)}' for name in names]
+    return '\n'.join(['class,count', *lines]) + '\n'
+
+
+# -- Controls -------------------------------------------------------------------------------------
+
+
+def surroundings_choices() -> list[str]:
+    """Return the names of the surroundings that the page offers beside the level plane."""
+    return [name for name in surroundings_names() if name != 'plane']
+
+
+def dimensions(around: Surroundings) -> dict[str, float]:
+    """Return the dimensions of surroundings by name, SI units."""
+    return {name: getattr(around.shape, name) for name in quantities_of(around.shape)}
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A slider with a number field; numbers are in ``unit``."""
+
+    name: str
+    label: str
+    text: str
+    unit: str
+    low: str
+    high: str
+    step: str
+    value: str
+
+
+def slider(name: str, key: str, quantity: Quantity, value: float | None) -> Slider:
+    """Return the slider of a quantity."""
+    unit = DISPLAY.get(quantity.unit, quantity.unit)
+    scale = parse_quantity('unit', f'1{DISPLAY.get(quantity.unit, "")}', quantity.unit)
+    low, high = RANGES[key] if key in RANGES else UNIT_RANGES[quantity.unit]
+    low, high = max(low, quantity.low), min(high, quantity.high)
+    if value is not None:
+        low, high = min(low, value), max(high, value)
+    low, high = low / scale, high / scale
+    step = 10 ** math.floor(math.log10((high - low) / STEPS)) if high > low else 1.0
+    return Slider(
+        name,
+        quantity.label,
+        quantity.text,
+        unit,
+        f'{low:.6g}',
+        f'{high:.6g}',
+        f'{step:.6g}',
+        '' if value is None else f'{value / scale:.6g}',
+    )
+
+
+def condition_sliders(conditions: DropConditions, prefix: str = '') -> list[Slider]:
+    """Return the sliders of the conditions, the most important first."""
+    order = [*MAIN_CONDITIONS, *(name for name in QUANTITIES if name not in MAIN_CONDITIONS)]
+    return [
+        slider(f'{prefix}condition.{name}', name, QUANTITIES[name], getattr(conditions, name))
+        for name in order
+    ]
+
+
+def dimension_sliders(settings: Settings) -> list[Slider]:
+    """Return the sliders of the surroundings; none on a level plane."""
+    around = settings.conditions.surroundings
+    if around is None:
+        return []
+    known = quantities_of(around.shape)
+    return [
+        slider(f'dimension.{name}', '', known[name], value)
+        for name, value in dimensions(around).items()
+    ]
+
+
+def action_sliders(action: NamedAction) -> list[Slider]:
+    """Return the sliders of the values of an action."""
+    return [
+        slider(f'action.{name}', '', quantity, getattr(action.action, name))
+        for name, quantity in quantities_of(action.action).items()
+    ]
+
+
+def cell_sliders(cell: Cell) -> list[Slider]:
+    """Return the sliders of the feeder, the camera and the robot."""
+    action = shipped_actions().get(cell.action)
+    own = {'vibrate': action.moving_time, 'settle': action.time - action.moving_time}
+    return [
+        slider(f'cell.{name}', name, quantity, own.get(name) if value is None else value)
+        for name, quantity in CELL.items()
+        for value in [getattr(cell, name)]
+    ]
+
+
+def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
+    """Yield the name and the value of each control of the page."""
+    yield 'live', settings.live
+    yield 'surface', settings.conditions.surface
+    yield 'surroundings', settings.surroundings
+    yield 'drops', str(settings.drops)
+    yield 'precision', f'{settings.precision:g}'
+    yield 'action', settings.action.name.removesuffix('_changed')
+    yield 'cell.action', settings.cell.action
+    yield 'cell.parts_on_tray', str(settings.cell.parts_on_tray or '')
+    yield 'other.surface', settings.other.surface
+    for number in range(1, settings.classes + 1):
+        yield f'pickable.{number}', number in settings.pickable
+    for name in shipped_actions().names():
+        yield f'plan.{name}', name in settings.plan
+    for name, count in settings.counts.items():
+        yield f'count.{name}', str(count)
+    for each in [
+        *condition_sliders(settings.conditions),
+        *dimension_sliders(settings),
+        *action_sliders(settings.action),
+        *cell_sliders(settings.cell),
+        *condition_sliders(settings.other, 'other.'),
+    ]:
+        yield each.name, each.value

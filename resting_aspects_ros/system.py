@@ -1,0 +1,73 @@
+"""What only some operating systems have: locks of files, signals, and the cores of a process."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO
+
+# Signals that ask a program to end: Ctrl-C, a service manager, a terminal that closes. Windows has
+# no SIGHUP.
+SIGNALS = tuple(
+    getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
+)
+
+
+def lock_file(file: IO[bytes], *, wait: bool = False, shared: bool = False) -> bool | None:
+    """Lock a file until it is closed, at the latest until the process ends.
+
+    Parameters
+    ----------
+    file : binary file
+    wait : bool
+        Whether to wait while another program has locked it.
+    shared : bool
+        Whether several programs may lock it at the same time.
+
+    Returns
+    -------
+    bool or None
+        Whether it is locked now: False if another program has locked it, and None if the file
+        system or the operating system (Windows) has no such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    try:
+        fcntl.flock(
+            file,
+            (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB),
+        )
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def unlock_file(file: IO[bytes]) -> None:
+    """Release the lock of a file that `lock_file` has locked."""
+    import fcntl
+
+    fcntl.flock(file, fcntl.LOCK_UN)
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def blocked_signals() -> Iterator[None]:
+    """Keep SIGNALS pending in this thread, and in processes that it starts, during the `with`."""
+    if not hasattr(signal, 'pthread_sigmask'):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,173 @@
+"""A track with its traps, as a YAML file describes it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.errors import InvalidValueError, located, shown
+from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
+from resting_aspects_ros.simulation.conditions import (
+    Quantity,
+    check_quantities,
+    quantities_of,
+    quantity,
+)
+from resting_aspects_ros.tracks.traps import (
+    KINDS,
+    MAX_SIZE,
+    Balcony,
+    Cut,
+    Groove,
+    Surface,
+    Trap,
+    read_trap,
+    trap_text,
+)
+
+MAX_TRAPS = 20
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The wall along which the track conveys the part. Only what is below its top touches it."""
+
+    height: float = quantity(
+        'height', 'm', 'height of the wall', high=MAX_SIZE, above=True, default=MAX_SIZE
+    )
+    friction: float = quantity('friction', '', 'friction of the wall', high=10.0, default=0.2)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
+class Track:
+    """A track with traps, which a part passes one after the other.
+
+    speed : float
+        At which the track conveys parts, m/s.
+    fill : float
+        Share of the length of the track that parts cover before the traps, 0 to 1.
+    """
+
+    surface: Surface
+    wall: Wall = field(default_factory=Wall)
+    speed: float = quantity(
+        'speed', 'm/s', 'speed of the parts', high=10.0, above=True, default=0.05
+    )
+    fill: float = quantity(
+        'fill', '', 'share of the track that parts cover', high=1.0, above=True, default=1.0
+    )
+    traps: tuple[Trap, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if len(self.traps) > MAX_TRAPS:
+            raise InvalidValueError(
+                f'invalid number of traps {len(self.traps)}: expected at most {MAX_TRAPS}'
+            )
+        for trap in self.traps:
+            _check_fits(trap, self.surface)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The track as plain values in SI units, as `read_track` reads it."""
+        return {
+            **_values(self.surface),
+            'wall': _values(self.wall),
+            **_values(self),
+            'traps': [{'kind': trap.kind, **_values(trap)} for trap in self.traps],
+        }
+
+
+def _values(given: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {name: getattr(given, name) for name in quantities_of(given)}
+    if hasattr(given, 'points'):
+        found['points'] = [list(each) for each in given.points]
+    return found
+
+
+def _check_fits(trap: Trap, surface: Surface) -> None:
+    """Raise InvalidValueError if a trap is beyond the edge of the track."""
+    for name in ('width', 'start', 'centre', 'depth'):
+        value = getattr(trap, name, None)
+        if value is not None and value > surface.width and not isinstance(trap, Groove):
+            raise InvalidValueError(
+                f'invalid {name} {1000 * value:g} mm of a {trap.kind}: expected at most the width '
+                f'of the track, {1000 * surface.width:g} mm'
+            )
+    inside = isinstance(trap, Cut) and trap.removed().intersection(surface.area).area > 0
+    if isinstance(trap, Cut) and not isinstance(trap, Balcony) and not inside:
+        raise InvalidValueError(
+            f'invalid {trap.kind}, {trap_text(trap)}: expected one that cuts into the track, '
+            f'which is {1000 * surface.width:g} mm wide'
+        )
+
+
+def read_track_file(path: Path) -> Track:
+    """Return the track of a YAML file; raises InvalidValueError."""
+    with located(named('track', path)):
+        return read_track(read_yaml(path, 'track'))
+
+
+def read_track(document: Any) -> Track:
+    """Return the track of a mapping; numbers are in SI units or have a unit as text.
+
+    Raises InvalidValueError.
+    """
+    if not isinstance(document, Mapping):
+        raise InvalidValueError(f'invalid track {shown(document)}: expected a mapping')
+    given = dict(document)
+    given.pop('source', None)
+    traps, wall = given.pop('traps', []), given.pop('wall', {})
+    if not isinstance(traps, list):
+        raise InvalidValueError(f'invalid traps {shown(traps)}: expected a list of traps')
+    if not isinstance(wall, Mapping):
+        raise InvalidValueError(f'invalid wall {shown(wall)}: expected a mapping')
+    own = {name: each for name, each in given.items() if name in quantities_of(Track)}
+    rest = {name: each for name, each in given.items() if name not in own}
+    return Track(
+        Surface(**_numbers('track', Surface, rest, quantities_of(Track))),
+        Wall(**_numbers('wall', Wall, wall)),
+        traps=tuple(read_trap(_trap_numbers(each)) for each in traps),
+        **_numbers('track', Track, own),
+    )
+
+
+def _trap_numbers(given: Any) -> Any:
+    """Return the mapping of a trap with its texts as numbers."""
+    if not isinstance(given, Mapping) or given.get('kind') not in KINDS:
+        return given
+    known = quantities_of(KINDS[given['kind']])
+    found = {name: _number(str(name), each, known.get(name)) for name, each in given.items()}
+    points = given.get('points')
+    if isinstance(points, list):
+        found['points'] = tuple(
+            tuple(_number('points', c, Quantity('', 'm', '')) for c in each)
+            if isinstance(each, list)
+            else each
+            for each in points
+        )
+    return found
+
+
+def _numbers(
+    what: str, declared: Any, given: Mapping[str, Any], others: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    known = quantities_of(declared)
+    for name in given:
+        if name not in known:
+            names = ', '.join([*known, *(others or {}), *(['wall', 'traps'] if others else [])])
+            raise InvalidValueError(
+                f'invalid value {shown(name)} of a {what}: expected one of {names}'
+            )
+    if declared is Surface and 'width' not in given:
+        raise InvalidValueError(f'missing width of a {what}')
+    return {name: _number(name, each, known[name]) for name, each in given.items()}
+
+
+def _number(name: str, given: Any, expected: Quantity | None) -> Any:
+    if expected is None or not isinstance(given, str):
+        return given
+    return parse_quantity(name, given, expected.unit)

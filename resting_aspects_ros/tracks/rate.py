@@ -1,0 +1,242 @@
+"""What passes the traps of a track, and how many good parts per minute that gives.
+
+The *orienting efficiency* E is the share of the entering parts that leave in the wanted
+orientation (Boothroyd, Assembly Automation and Product Design). With the speed v, the share phi of
+the track that parts cover, and the mean length L of the parts that arrive,
+
+    60 v phi E / L  good parts per minute,   1 / E passes for each of them,
+
+because a rejected part falls back and comes again in a new orientation. A sensor needs a distance
+between the parts: at most 60 v / (L + spacing) of them arrive per minute.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtr
+
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.traps import MAX_SIZE, Balcony, Outcome, Sensor, Trap, outcomes
+
+# A tolerance is the half width that 3 standard deviations of a normal distribution fill.
+SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Half widths of the dimensions of parts and of traps, m."""
+
+    part: float = 0.0
+    trap: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('part', 'trap'):
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or not 0 <= value <= 0.1:
+                raise InvalidValueError(
+                    f'invalid tolerance {shown(value)} of the {name}: expected 0 to 0.1 m'
+                )
+
+    @property
+    def both(self) -> float:
+        """Margin that is enough for all parts and traps, m."""
+        return self.part + self.trap
+
+    def passing(self, margin: float) -> float:
+        """Return the probability that a part with this margin, m, passes."""
+        sigma = math.hypot(self.part, self.trap) / SIGMAS
+        if not sigma or math.isinf(margin):
+            return float(margin > 0)
+        return float(ndtr(margin / sigma))
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """What the traps of a track do to each orientation of a part.
+
+    Attributes
+    ----------
+    part : Part
+    track : Track
+    rows : tuple of Orientation
+        By falling probability.
+    entry : tuple of Outcome
+        Whether the track without traps supports each row; what it does not support falls off
+        before the first trap.
+    outcomes : tuple of tuple of Outcome
+        For each trap, what it does to each row.
+    wanted : tuple of int
+        Ids of the wanted rows.
+    tolerance : Tolerance
+    """
+
+    part: Part
+    track: Track
+    rows: tuple[Orientation, ...]
+    entry: tuple[Outcome, ...]
+    outcomes: tuple[tuple[Outcome, ...], ...]
+    wanted: tuple[int, ...]
+    tolerance: Tolerance
+
+    @cached_property
+    def passing(self) -> tuple[Array, Array]:
+        """Least and greatest probability (n,) of each row to pass all traps.
+
+        They differ where an outcome is not known, or changes the orientation.
+        """
+        low, high = np.ones((2, len(self.rows)))
+        for of_trap in (self.entry, *self.outcomes):
+            for k, found in enumerate(of_trap):
+                if found.share is not None:
+                    low[k] *= found.share
+                    high[k] *= found.share
+                elif found.outcome in ('unknown', 'turn'):
+                    low[k] = 0.0
+                elif found.outcome == 'jam':
+                    low[k] = high[k] = 0.0
+                else:
+                    p = self.tolerance.passing(found.margin)
+                    low[k] *= p
+                    high[k] *= p
+        return low, high
+
+    @property
+    def probability(self) -> Array:
+        """Probability (n,) of each row."""
+        return np.array([row.probability for row in self.rows])
+
+    @property
+    def good(self) -> tuple[float, float]:
+        """Least and greatest orienting efficiency: parts that leave in a wanted row."""
+        mask = np.array([row.id in self.wanted for row in self.rows])
+        low, high = self.passing
+        return (
+            float((self.probability * low)[mask].sum()),
+            float((self.probability * high)[mask].sum()),
+        )
+
+    @property
+    def purity(self) -> tuple[float, float]:
+        """Least and greatest share of the parts that pass which are in a wanted row."""
+        mask = np.array([row.id in self.wanted for row in self.rows])
+        low, high = (self.probability * each for each in self.passing)
+        worst = low[mask].sum(), high[~mask].sum()
+        best = high[mask].sum(), low[~mask].sum()
+        return tuple(float(a / (a + b)) if a + b > 0 else 0.0 for a, b in (worst, best))  # type: ignore[return-value]
+
+    @property
+    def mean_length(self) -> float:
+        """Mean length of the parts that arrive, m."""
+        p = self.probability
+        return float((p * [row.length for row in self.rows]).sum() / p.sum())
+
+    @property
+    def arrivals(self) -> float:
+        """Parts per minute that arrive at the traps."""
+        speed, length = 60 * self.track.speed, self.mean_length
+        limits = [
+            speed / (length + trap.spacing)
+            for trap in self.track.traps
+            if isinstance(trap, Sensor)
+        ]
+        return min([speed * self.track.fill / length, *limits])
+
+    @property
+    def rate(self) -> tuple[float, float]:
+        """Good parts per minute, at least and at most."""
+        low, high = self.good
+        return self.arrivals * low, self.arrivals * high
+
+    @property
+    def returned(self) -> tuple[float, float]:
+        """Parts per minute that do not leave in a wanted row, at least and at most."""
+        low, high = self.rate
+        return self.arrivals - high, self.arrivals - low
+
+    @property
+    def ends(self) -> list[str]:
+        """What becomes of each row: the first outcome that is no pass."""
+        of_rows = zip(self.entry, *self.outcomes, strict=True)
+        return [
+            next((each.outcome for each in of_row if each.outcome != 'pass'), 'pass')
+            for of_row in of_rows
+        ]
+
+    @property
+    def jams(self) -> float:
+        """Share of the parts that jam in a trap."""
+        stuck = [end == 'jam' for end in self.ends]
+        return float(self.probability[stuck].sum())
+
+
+def pass_traps(
+    part: Part,
+    rows: Sequence[Orientation],
+    track: Track,
+    wanted: Sequence[int] = (),
+    tolerance: Tolerance | None = None,
+    confusions: Mapping[Sensor, Array] | None = None,
+) -> Passage:
+    """Return what the traps of a track do to each orientation.
+
+    Parameters
+    ----------
+    wanted : sequence of int
+        Ids of rows; empty: the most probable row that the track supports.
+    confusions : mapping of Sensor to (n, n + 1) float
+        Confusion matrix of each sensor of the track; see sensor.py.
+
+    Raises
+    ------
+    InvalidValueError
+        If a wanted row is not known, or falls off the track before the first trap.
+    """
+    ids = [row.id for row in rows]
+    for each in wanted:
+        if each not in ids:
+            raise InvalidValueError(
+                f'invalid wanted orientation {shown(each)}: expected 1 to {len(ids)}'
+            )
+    wide = replace(track.surface, width=MAX_SIZE)
+    entry = outcomes(rows, Balcony(track.surface.width), wide, part)
+    entry = [Outcome('pass') if row.rolls else each for row, each in zip(rows, entry, strict=True)]
+    for row, first in zip(rows, entry, strict=True):
+        if row.id in wanted and first.outcome == 'reject':
+            raise InvalidValueError(
+                f'invalid wanted orientation {row.id}: expected one that the track of '
+                f'{1e3 * track.surface.width:g} mm supports; this one needs '
+                f'{1e3 * first.critical:.2f} mm'
+            )
+    supported = [row.id for row, each in zip(rows, entry, strict=True) if each.outcome == 'pass']
+    chosen = tuple(sorted({*wanted})) or tuple(supported[:1]) or (ids[0],)
+
+    def found(trap: Trap) -> tuple[Outcome, ...]:
+        if isinstance(trap, Sensor):
+            return _accepted(rows, chosen, (confusions or {})[trap])
+        return tuple(outcomes(rows, trap, track.surface, part))
+
+    return Passage(
+        part,
+        track,
+        tuple(rows),
+        tuple(entry),
+        tuple(found(trap) for trap in track.traps),
+        chosen,
+        tolerance or Tolerance(),
+    )
+
+
+def _accepted(
+    rows: Sequence[Orientation], wanted: Sequence[int], confusion: Array
+) -> tuple[Outcome, ...]:
+    """Return what a sensor does to each row: it lets pass what it identifies as a wanted row."""
+    columns = [k for k, row in enumerate(rows) if row.id in wanted]
+    shares = confusion[:, columns].sum(axis=1).tolist()
+    return tuple(Outcome('pass' if share >= 0.5 else 'reject', share=share) for share in shares)

@@ -1,0 +1,147 @@
+"""The public functions of a track: documents, actions before the traps, runs, designs."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import resting_aspects_ros as ra
+import resting_aspects_ros.tracks.design
+
+NUT = {'width': '40mm', 'roll': '5deg', 'speed': '300mm/s'}
+WIPER = {'kind': 'wiper', 'height': '12.7mm'}
+ROW_KEYS = {
+    'id', 'aspects', 'orientation', 'yaw', 'probability', 'lower', 'upper', 'wall_low',
+    'wall_high', 'com_to_wall', 'com_height', 'height', 'length', 'lever', 'alike',
+}  # fmt: skip
+KEYS = {
+    'schema_version', 'part', 'track', 'orientations', 'traps', 'efficiency', 'purity', 'rate',
+    'passes_per_part', 'returned_per_minute', 'flags',
+}  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def simulated():
+    return ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=300, simulate=3)
+
+
+@pytest.fixture(scope='module')
+def designed():
+    return ra.design_track('l_bracket', 1, drops=200)
+
+
+def test_document_has_what_its_reference_names(simulated):
+    document = json.loads(simulated.to_json())
+    assert set(document) >= KEYS
+    assert all(set(row) >= ROW_KEYS for row in document['orientations'])
+    (trap,) = document['traps']
+    for row, result in zip(document['orientations'], trap['results'], strict=True):
+        assert result['id'] == row['id']
+        assert result['outcome'] in ('pass', 'reject')
+        assert result['margin'] == pytest.approx(trap['height'] - result['critical'])
+        assert row['lower'] <= row['probability'] <= row['upper']
+        assert row['wall_low'] <= row['probability'] <= row['wall_high']
+
+
+def test_numbers_of_a_document_follow_from_each_other(simulated):
+    document = json.loads(simulated.to_json())
+    good = document['orientations'][0]['probability']
+    assert document['efficiency'] == pytest.approx([good, good])
+    assert document['passes_per_part'] == pytest.approx([1 / good, 1 / good])
+    low, high = document['rate']
+    returned = document['returned_per_minute']
+    assert np.add([low, high], returned[::-1]) == pytest.approx([document['arrivals']] * 2)
+
+
+def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
+    document = json.loads(simulated.to_json())
+    assert document['simulated']['parts'] == 3
+    (trap,) = document['traps']
+    for result in trap['results']:
+        counts = result['simulated']
+        assert sum(counts[name] for name in ('pass', 'turn', 'reject', 'jam')) == 3
+        assert 0 <= counts['lower'] <= counts['pass'] / 3 <= counts['upper'] <= 1
+    assert trap['results'][0]['simulated']['pass'] == 3
+    assert any('simulated parts' in text for text in simulated.sentences)
+
+
+def test_simulated_parts_are_repeated_by_the_seed():
+    traps = [{'kind': 'balcony', 'width': '9mm'}]
+    found = [
+        ra.track('hex_nut', {**NUT, 'traps': traps}, 1, drops=50, simulate=4).runs.counts.tolist()
+        for _ in range(2)
+    ]
+    assert found[0] == found[1]
+
+
+def test_interrupted_runs_leave_a_result_that_is_not_complete():
+    result = ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=50)
+    assert result.complete
+    stopped = ra.track(
+        'hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=50, simulate=2, stopped=lambda: True
+    )
+    assert not stopped.complete
+    assert stopped.runs is None
+
+
+def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
+    plain = ra.track('t_prism', {'width': '60mm'}, drops=300)
+    acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])
+    (action,) = acted.before
+    counts = plain.drop.distribution.counts
+    expected = counts / counts.sum() @ action.matrix.transitions
+    for k, share in enumerate(expected, 1):
+        found = sum(row.probability for row in acted.rows if row.aspects == (k,))
+        assert found <= share + 1e-9
+    assert sum(row.probability for row in acted.rows) == pytest.approx(expected.sum())
+    assert acted.document()['before'][0]['action'] == 'toss'
+    assert 'toss' in acted.title
+
+
+def test_a_sensor_passes_what_it_identifies():
+    sensor = {'kind': 'sensor', 'spacing': '5mm'}
+    found = ra.track('hex_nut', {**NUT, 'traps': [sensor]}, 1, drops=100)
+    assert [each.share for each in found.passage.outcomes[0]] == [1, 0, 0]
+
+
+def test_csv_has_a_line_for_each_row(simulated, tmp_path):
+    simulated.save_csv(tmp_path / 'rows.csv')
+    with (tmp_path / 'rows.csv').open(encoding='utf-8') as file:
+        lines = list(csv.DictReader(file))
+    assert [int(line['id']) for line in lines] == [row.id for row in simulated.rows]
+    assert [line['trap_1_outcome'] for line in lines] == ['pass', 'reject', 'reject']
+    assert [float(line['trap_1_simulated']) for line in lines] == [1, 0, 0]
+    assert set(lines[0]) >= ROW_KEYS
+
+
+def test_page_has_rows_track_and_flow(simulated, tmp_path):
+    page = simulated.report(tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} >= {
+        'track.html', 'orientations.png', 'track.png', 'flow.png',
+    }  # fmt: skip
+    text = page.read_text(encoding='utf-8')
+    assert '<svg' in text
+    for row in simulated.rows:
+        assert f'{100 * row.probability:.1f} %' in text
+
+
+def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
+    assert designed.designs
+    assert designed.best.margin == max(each.margin for each in designed.designs)
+    one, other = designed.alike
+    assert 1 in (one, other)
+    assert any('cut-out' in text or 'camera' in text for text in designed.advice)
+    document = json.loads(designed.to_json())
+    assert len(document['design']['proposals']) == len(designed.designs)
+    assert document['design']['alike'] == list(designed.alike)
+
+
+def test_without_a_design_other_rows_are_named():
+    # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
+    found = ra.design_track('t_prism', 4, drops=100)
+    assert not found.designs
+    assert found.best is found.bare
+    assert found.best.passage.wanted == (4,)
+    assert any('No set of traps' in text for text in found.advice)
+    assert any('these wanted rows' in text for text in found.advice)

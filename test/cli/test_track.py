@@ -1,0 +1,85 @@
+"""`resting_aspects track`: its output, files, exit codes and refusals."""
+
+import csv
+import json
+
+import pytest
+
+
+@pytest.fixture
+def done(run):
+    """Run the command with few drops; returns what it printed."""
+
+    def text(*words, code=0):
+        ended = run('track', *words, '--drops', '50')
+        assert ended.returncode == code, ended.stderr
+        return ended.stdout
+
+    return text
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('hex_nut',),
+        ('hex_nut', '--on', 'wiper_and_balcony'),
+        ('l_bracket', '--design'),
+        ('hex_nut', '--trap', 'wiper:height=12.7mm', '--speed', '0.3', '--simulate', '1'),
+    ],
+)
+def test_output_fits_80_columns(done, words):
+    text = done(*words)
+    tables = [line for line in text.splitlines() if '. ' not in line and not line.endswith('.')]
+    assert max(map(len, tables)) <= 80
+    assert '…' not in text
+
+
+def test_files_are_written(done, tmp_path):
+    done('hex_nut', '--on', 'wiper_and_balcony', '--out', tmp_path, '--report')
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names >= {'track.json', 'orientations.csv', 'orientations.png', 'track.html'}
+    document = json.loads((tmp_path / 'track.json').read_text(encoding='utf-8'))
+    assert [trap['kind'] for trap in document['traps']] == ['wiper', 'balcony']
+    with (tmp_path / 'orientations.csv').open(encoding='utf-8') as file:
+        assert len(list(csv.DictReader(file))) == len(document['orientations'])
+
+
+def test_the_most_probable_row_is_wanted_by_default(done):
+    assert json.loads(done('hex_nut', '--json'))['wanted'] == [1]
+
+
+def test_flags_of_the_track_are_in_the_document(done):
+    words = ('--width', '40mm', '--roll', '10deg', '--speed', '80mm/s', '--fill', '0.5')
+    walls = ('--wall-height', '20mm', '--wall-friction', '0.1')
+    track = json.loads(done('hex_nut', *words, *walls, '--json'))['track']
+    assert (track['width'], track['speed'], track['fill']) == (0.04, 0.08, 0.5)
+    assert track['wall'] == {'height': 0.02, 'friction': 0.1}
+
+
+def test_no_design_exits_with_1_and_shows_the_rows(done):
+    text = done('t_prism', '--design', '--want', '4', code=1)
+    assert 'No set of traps passes only row 4' in text
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (('--trap', 'wiper:12mm'), 'such as wiper:height=12mm'),
+        (('--trap', 'wiper'), 'missing height of a wiper'),
+        (('--trap', 'wiper:height=0'), 'invalid height 0'),
+        (('--trap', 'sieve:height=12mm'), 'sieve'),
+        (('--on', 'nowhere'), 'wiper_and_balcony'),
+        (('--on', 'wiper_and_balcony', '--roll', '5deg'), '--on'),
+        (('--before', 'shake'), 'shake'),
+        (('--simulate', '-1'), 'simulated parts -1'),
+        (('--want', '0'), 'wanted orientation 0'),
+        (('--design', '--want', '0'), 'wanted orientation 0'),
+        (('--tolerance', '1m'), 'tolerance'),
+        (('--wall-height', '0'), 'invalid height 0'),
+    ],
+)
+def test_wrong_input_is_refused(run, words, says):
+    ended = run('track', 'hex_nut', *words, '--drops', '20')
+    assert ended.returncode == 2
+    assert says in ended.stderr.splitlines()[-1]
+    assert ended.stdout == ''

@@ -1,0 +1,97 @@
+"""The command line and the Python that the page shows give the numbers of the page."""
+
+import contextlib
+import io
+import json
+import shlex
+
+import pytest
+
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.studio.files import FILES
+from resting_aspects_ros.studio.tabs.export import recipes
+
+CHANGES = [
+    {},
+    {'surface': 'steel', 'condition.friction': '0.31', 'condition.height': '77'},
+    {'surroundings': 'slope', 'dimension.angle': '12', 'drops': '700'},
+    {'surroundings': 'v_groove', 'condition.restitution': '0.4', 'drops': '300'},
+    {'precision': '0.02', 'condition.spin': '3'},
+]
+
+
+def printed(command):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert main.main([*shlex.split(command)[1:], '--json']) == 0
+    return json.loads(output.getvalue())
+
+
+def run_python(program):
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(program, {})
+    return json.loads(output.getvalue())
+
+
+@pytest.mark.parametrize('changes', CHANGES)
+def test_drops_of_command_and_python_are_those_of_the_page(bracket, changes):
+    for name, value in changes.items():
+        bracket.change(name, value)
+    work = bracket.work()
+    recipe = recipes(work)['Aspects']
+    counts = work.drops().distribution.counts.tolist()
+    for document in (printed(recipe.line), run_python(recipe.python)):
+        assert [aspect['count'] for aspect in document['aspects']] == counts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('verb', ['Reorientation', 'Forecast', 'Outlines'])
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {},
+        {'condition.height': '90', 'action.speed': '0.4', 'cell.robot': '2.5'},
+        {'cell.parts_on_tray': '7', 'cell.width': '150', 'surface': 'steel'},
+    ],
+)
+def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bracket.change('pickable.1', True)
+    for name, value in changes.items():
+        bracket.change(name, value)
+    work = bracket.work()
+    (tmp_path / 'surfaces.yaml').write_bytes(FILES['surfaces.yaml'].make(work))
+    recipe = recipes(work)[verb]
+    one, other = printed(recipe.line), run_python(recipe.python)
+    for document in (one, other):
+        for name in ('run_id', 'started', 'conditions'):
+            document.pop(name, None)
+    assert one == other
+
+
+def test_file_name_is_quoted(bracket):
+    from dataclasses import replace
+
+    from resting_aspects_ros.studio.recipe import drop_recipe
+    from resting_aspects_ros.studio.rows import Source
+
+    work = bracket.work()
+    for name in ('my part.stl', "a'; rm -rf ~ #.stl", '$(reboot).stl', '--help.stl'):
+        source = replace(work.opened.source, given=name, path=Source('x').path)
+        recipe = drop_recipe(source, work.settings)
+        words = shlex.split(recipe.line)
+        assert words[:2] == ['resting_aspects', 'drop']
+        assert words[2] in (name, f'./{name}')
+        assert not words[2].startswith('-')
+        compile(recipe.python, 'recipe', 'exec')
+        assert repr(name) in recipe.python
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_each_file_can_be_made(bracket, name):
+    bracket.change('count.1', '3')
+    data = FILES[name].make(bracket.work())
+    starts = {'pdf': b'%PDF', 'zip': b'PK', 'png': b'\x89PNG', 'html': b'<!DOCTYPE'}
+    assert data.startswith(starts.get(name.rpartition('.')[2], data[:1]))
+    assert len(data) > 20

@@ -1,0 +1,241 @@
+"""A room: the latest change wins, results are shown, and nothing is left behind."""
+
+import gc
+import re
+import threading
+import weakref
+
+import numpy as np
+import pytest
+import trimesh
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.studio.opening import Opener
+from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
+from resting_aspects_ros.studio.rows import Source, pickable_text
+from resting_aspects_ros.studio.settings import Settings, changed, number_of
+from resting_aspects_ros.studio.tabs import TABS
+
+
+def complete(message):
+    return bool(message.get('caption'))
+
+
+def test_bars_are_those_of_the_function(bracket, shown):
+    rows = shown.wait('bars', complete)['rows']
+    expected = ra.drop('l_bracket', 2000).distribution
+    counts = [int(row['count'].partition(' ')[0].replace(',', '')) for row in rows]
+    assert counts[:5] == expected.counts.tolist()
+    assert counts[5:] == [expected.unclassified, expected.unsettled, expected.failed, 0, 0]
+    # On a fixed scale: the length of a bar is the share.
+    assert [row['bar'][0] for row in rows[:5]] == pytest.approx(
+        (100 * expected.counts / 2000).tolist(), abs=0.01
+    )
+    assert [row['hidden'] for row in rows[5:]] == [False, False, True, True, True]
+
+
+def test_latest_of_many_changes_wins_without_a_queue(bracket, shown):
+    before = shown.count
+    for k in range(1, 501):
+        bracket.change('condition.friction', f'{k / 1000}')
+    done = shown.wait('bars', lambda m: complete(m) and 'friction 0.5' in m['caption'], before)
+    expected = ra.drop('l_bracket', 2000, friction=0.5).distribution.counts
+    assert [row['count'].replace(',', '') for row in done['rows'][:5]] == [
+        f'{count} of 2000' for count in expected
+    ]
+    # Far fewer runs than changes.
+    runs = [m for m in shown.of('bars') if complete(m)]
+    assert len(runs) < 250
+    assert len(bracket._results) <= KEPT
+
+
+def test_no_thread_is_left(pool, opener, shown, tmp_path):
+    from resting_aspects_ros.studio.room import Room
+
+    before = set(threading.enumerate())
+    (tmp_path / 'x').mkdir()
+    room = Room(pool, opener, shown, tmp_path / 'x')
+    room.open(Source('tetrahedron'))
+    shown.wait('bars', complete)
+    room.change('drops', 2_000_000)
+    room.close()
+    found = weakref.ref(room)
+    del room
+    gc.collect()
+    left = {t for t in threading.enumerate() if t not in before and not t.name.startswith('drops')}
+    assert not left
+    assert found() is None
+    assert not (tmp_path / 'x').exists()
+
+
+def test_without_live_changes_wait(bracket, shown):
+    bracket.change('live', False)
+    before = shown.count
+    bracket.change('condition.friction', '0.7')
+    assert shown.wait('progress', lambda m: 'Drop now' in m['text'], before)
+    assert not [m for name, m in shown.messages[before:] if name == 'bars']
+    bracket.work_now()
+    assert 'friction 0.7' in shown.wait('bars', complete, before)['caption']
+
+
+def test_more_drops_and_precision(bracket, shown):
+    bracket.change('more', True)
+    assert shown.wait('bars', lambda m: complete(m) and '8000 drops' in m['caption'])
+    before = shown.count
+    bracket.change('precision', '0.02')
+    found = shown.wait('bars', complete, before)
+    drops = int(found['caption'].partition(' ')[0])
+    assert drops == ra.drop('l_bracket', precision=0.02).distribution.drops
+
+
+def test_pickable_share_is_that_of_the_classes_together(bracket, shown):
+    before = shown.count
+    bracket.change('pickable.1', True)
+    bracket.change('pickable.3', True)
+    found = shown.wait('bars', lambda m: m.get('pickable'), before)
+    while not found['pickable']:
+        found = shown.wait('bars', lambda m: m.get('pickable'), before)
+    distribution = ra.drop('l_bracket', 2000).distribution
+    share = (distribution.counts[0] + distribution.counts[2]) / 2000
+    text = pickable_text(distribution, frozenset({1, 3}))
+    assert float(text.partition(' ')[0]) == pytest.approx(100 * share, abs=0.1)
+    assert pickable_text(distribution, frozenset()) == ''
+    with pytest.raises(InvalidValueError, match='1 to 5'):
+        bracket.change('pickable.6', True)
+
+
+@pytest.mark.parametrize('tab', TABS)
+def test_each_tab_shows_something(bracket, shown, tab):
+    bracket.change('pickable.1', True)
+    bracket.change('count.1', '30')
+    bracket.change('count.2', '20')
+    before = shown.count
+    bracket.change('tab', tab)
+    if tab != 'aspects':
+        html = shown.wait(tab, after=before)['html']
+        assert len(html) > 100
+        assert 'onerror' not in html
+    assert not [m for m in shown.of('problem') if m['text']]
+
+
+def test_slope_hides_no_part(bracket, shown):
+    bracket.change('surroundings', 'slope')
+    before = shown.count
+    bracket.change('dimension.angle', '20')
+    found = shown.wait('bars', lambda m: complete(m) and '20 deg' in m['caption'], before)
+    rows = found['rows']
+    slope = ra.surroundings('slope', angle='20deg')
+    expected = ra.drop('l_bracket', 2000, surroundings=slope).distribution
+    assert rows[-1]['count'] == f'{expected.sliding:,} of 2,000'
+    assert rows[-1]['hidden'] is (expected.sliding == 0)
+
+
+def test_broken_file_leaves_the_old_part(bracket, shown, tmp_path):
+    path = tmp_path / 'part.stl'
+    mesh = trimesh.creation.box((10, 20, 30))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 1)
+    mesh.export(path)
+    before = shown.count
+    bracket.open(Source('my crate.stl', path))
+    problem = shown.wait('problem', lambda m: m['text'], before)['text']
+    assert 'my crate.stl' in problem
+    assert str(tmp_path) not in problem
+    assert not [m for name, m in shown.messages[before:] if name == 'part']
+    bracket.change('condition.friction', '0.3')
+    assert 'friction 0.3' in shown.wait('bars', complete, before)['caption']
+
+
+def test_other_part_forgets_what_was_pickable(bracket, shown):
+    bracket.change('pickable.5', True)
+    before = shown.count
+    bracket.open(Source('tetrahedron'))
+    shown.wait('bars', complete, before)
+    assert bracket.settings.pickable == frozenset()
+    assert shown.wait('part', after=before)['name'] == 'tetrahedron'
+
+
+def test_second_part_is_compared_by_shape(bracket, shown):
+    bracket.change('tab', 'compare')
+    shown.wait('compare')
+    before = shown.count
+    bracket.open(Source('angle_45x30x8'), 'second')
+    html = shown.wait('compare', lambda m: 'angle_45x30x8' in m['html'], before)['html']
+    assert 'points' in html or 'share no aspects' in html
+    assert bracket.work().opened.part.name == 'l_bracket'
+
+
+def test_counts_by_hand_are_compared_as_the_command_does(bracket, shown, tmp_path):
+    counts = {'1': 80, '2': 10, '3': 5, '4': 3, '5': 2, 'unclassified': 1}
+    for name, number in counts.items():
+        bracket.change(f'count.{name}', str(number))
+    bracket.change('tab', 'counts')
+    html = shown.wait('counts', lambda m: 'verdict' in m['html'])['html']
+    path = tmp_path / 'counts.csv'
+    lines = [f'{name},{number}' for name, number in counts.items()]
+    path.write_text('\n'.join(['class,count', *lines]) + '\n')
+    found = ra.compare(ra.drop('l_bracket', 2000), path)
+    largest = f'{100 * abs(found.comparison.largest_deviation):.1f}'
+    assert largest in html
+
+
+def test_numbers_are_in_the_unit_of_their_control():
+    height = QUANTITIES['height']
+    assert number_of('height', height, '60') == ra.drop('tetrahedron', 1).run.conditions.height
+    assert number_of('height', height, 60) == 0.06
+    assert number_of('height', height, '2in') == pytest.approx(0.0508)
+    with pytest.raises(InvalidValueError, match='height'):
+        number_of('height', height, '6 0')
+
+
+@pytest.mark.parametrize('name', QUANTITIES)
+def test_all_bounds_are_those_of_the_declaration(name):
+    quantity = QUANTITIES[name]
+    scale = 1000 if quantity.unit == 'm' else 1
+    settings = changed(Settings(), f'condition.{name}', quantity.high * scale)
+    assert getattr(settings.conditions, name) == pytest.approx(quantity.high)
+    with pytest.raises(InvalidValueError):
+        changed(settings, f'condition.{name}', quantity.high * scale * 1.001)
+
+
+def test_warnings_are_those_of_the_own_thread(monkeypatch):
+    import warnings
+
+    monkeypatch.setattr(warnings, 'showwarning', lambda *_, **__: None)
+    with warnings.catch_warnings():
+        route_warnings()
+        found = {}
+
+        def work(name):
+            with collected_warnings() as notes:
+                warnings.warn(name, ra.RestingAspectsWarning, stacklevel=1)
+                found[name] = notes
+
+        threads = [threading.Thread(target=work, args=(name,)) for name in ('a', 'b')]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert found == {'a': ['a'], 'b': ['b']}
+
+
+@pytest.mark.slow
+def test_part_is_opened_in_a_process_that_can_be_cancelled(tmp_path):
+    from resting_aspects_ros.errors import StoppedError
+
+    opener = Opener()
+    steps = []
+    try:
+        opened = opener.open(Source('l_bracket'), steps.append, lambda: False)
+        assert opened.part.part_sha256 == ra.load_part('l_bracket').part_sha256
+        assert len(steps) == 3
+        with pytest.raises(StoppedError):
+            opener.open(Source('hex_nut'), steps.append, lambda: True)
+        path = tmp_path / 'part.stl'
+        path.write_bytes(b'nothing')
+        with pytest.raises(ra.PartError, match=re.escape('other name.stl')):
+            opener.open(Source('other name.stl', path), steps.append, lambda: False)
+    finally:
+        opener.end()
+    assert opener._ready is None

@@ -1,0 +1,283 @@
+"""Only the page itself reaches the server: the rules of docs/how_to/studio.md."""
+
+import asyncio
+import json
+
+import pytest
+from aiohttp import WSServerHandshakeError
+
+from resting_aspects_ros.studio import server
+from resting_aspects_ros.studio.server import Limit, Studio, serve
+
+PAGE = 'How does your part lie?'
+
+
+def test_server_listens_on_this_computer_only(monkeypatch):
+    hosts = []
+
+    class Site:
+        def __init__(self, _runner, host, _port):
+            hosts.append(host)
+
+        async def start(self):
+            raise OSError(98, 'in use')
+
+    monkeypatch.setattr(server.web, 'TCPSite', Site)
+    with pytest.raises(OSError, match='in use'):
+        asyncio.run(serve(Studio([]), 0, print, lambda: True))
+    assert hosts == ['127.0.0.1']
+
+
+def test_token_is_new_and_needed(served):
+    assert Studio([]).token != Studio([]).token
+
+    async def task(client, studio):
+        good = await client.get(f'/{studio.token}/')
+        assert PAGE in await good.text()
+        assert 'Set-Cookie' not in good.headers
+        wrong = [f'/{studio.token[:-1]}x/', f'/{studio.token[:-1]}/', '/', '//', '/favicon.ico']
+        return [(await client.get(path)).status for path in wrong]
+
+    assert served(task) == [404] * 5
+
+
+@pytest.mark.parametrize(
+    ('headers', 'status'),
+    [
+        ({'Host': 'evil.example'}, 403),
+        ({'Host': '127.0.0.1'}, 403),
+        ({'Host': '127.0.0.1:1'}, 403),
+        ({'Host': 'localhost:{port}'}, 200),
+        ({'Host': '[::1]:{port}'}, 200),
+        ({'Origin': 'http://evil.example'}, 403),
+        ({'Origin': 'null'}, 403),
+        ({'Origin': 'http://127.0.0.1:1'}, 403),
+        ({'Origin': 'http://127.0.0.1:{port}'}, 200),
+        ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'no-cors'}, 403),
+        ({'Sec-Fetch-Site': 'same-site', 'Sec-Fetch-Mode': 'cors'}, 403),
+        ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'navigate'}, 200),
+        ({'Sec-Fetch-Site': 'same-origin'}, 200),
+        ({'Sec-Fetch-Site': 'none'}, 200),
+    ],
+)
+def test_headers_of_other_sites_are_refused(served, headers, status):
+    async def task(client, studio):
+        sent = {name: value.format(port=studio.port) for name, value in headers.items()}
+        answer = await client.get(f'/{studio.token}/', headers=sent)
+        return answer.status
+
+    assert served(task) == status
+
+
+@pytest.mark.parametrize('origin', [None, 'http://evil.example', 'null'])
+def test_socket_needs_the_origin_of_the_page(served, origin):
+    async def task(client, studio):
+        headers = {} if origin is None else {'Origin': origin}
+        with pytest.raises(WSServerHandshakeError) as refused:
+            await client.ws_connect(f'/{studio.token}/socket', headers=headers)
+        return refused.value.status
+
+    assert served(task) == 403
+
+
+def test_page_has_a_closed_policy(served):
+    async def task(client, studio):
+        page = await client.get(f'/{studio.token}/')
+        script = await client.get(f'/{studio.token}/static/studio.js')
+        return await page.text(), page.headers, script.headers
+
+    text, page, script = served(task)
+    policy = page['Content-Security-Policy']
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert 'unsafe-eval' not in policy
+    script_source = policy.partition('script-src ')[2].partition(';')[0]
+    assert 'unsafe-inline' not in script_source
+    nonce = script_source.partition("'nonce-")[2].rstrip("'")
+    assert len(nonce) >= 20
+    assert text.count(f'nonce="{nonce}"') == text.count('<script') - text.count('src="static')
+    for headers in (page, script):
+        assert headers['X-Content-Type-Options'] == 'nosniff'
+        assert headers['Referrer-Policy'] == 'no-referrer'
+        assert headers['X-Frame-Options'] == 'DENY'
+    assert 'http://' not in text.replace('http-equiv', '')
+    assert 'https://' not in text
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        'static/../server.py',
+        'static/%2e%2e%2fserver.py',
+        'static/..%2f..%2f..%2fetc%2fpasswd',
+        'static/page.html',
+        'file/x/report.html',
+        'part/x/first',
+        'nothing',
+    ],
+)
+def test_nothing_else_is_served(served, path):
+    async def task(client, studio):
+        root = client.make_url('/')  # the path is sent as it is written
+        address = type(root)(f'{root}{studio.token}/{path}', encoded=True)
+        return (await client.session.get(address)).status
+
+    assert served(task) in (404, 405)
+
+
+@pytest.mark.parametrize(
+    ('name', 'shown'),
+    [
+        ('../../../etc/passwd.stl', 'passwd.stl'),
+        ('C:\\parts\\my part.stl', 'my part.stl'),
+        ('<img src=x onerror=alert(1)>.stl', '<img src=x onerror=alert(1)>.stl'),
+        ('a\x00b\n\x1b[31m.stl', None),
+        ('$(rm -rf ~).stl', '$(rm -rf ~).stl'),
+        ('--help.stl', '--help.stl'),
+        ('x' * 3000 + '.stl', None),
+    ],
+)
+def test_upload_is_stored_below_our_own_name(served, joined, name, shown):
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        address = f'/{studio.token}/part/{browser.room}/first'
+        answer = await client.put(address, params={'name': name}, data=b'solid nothing')
+        files = [path.name for path in studio.folder.rglob('*') if path.is_file()]
+        if answer.status != 200:
+            assert files == []
+            return await answer.text()
+        assert files == ['part.stl']
+        assert all(path.is_relative_to(studio.folder) for path in studio.folder.rglob('*'))
+        problem = await browser.wait('problem', lambda message: message['text'])
+        await browser.send(set='live', to=True, number=1)  # the room lives on
+        await browser.wait('values', lambda message: message.get('number') == 1)
+        return problem['text']
+
+    problem = served(task)
+    assert '\n' not in problem
+    assert '\x1b' not in problem
+    if shown is not None:
+        assert shown in problem
+
+
+@pytest.mark.parametrize('name', ['part.exe', 'part', '', 'part.stl.html', 'part.svg'])
+def test_other_endings_are_refused(served, joined, name):
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        address = f'/{studio.token}/part/{browser.room}/first'
+        answer = await client.put(address, params={'name': name}, data=b'x')
+        assert not [path for path in studio.folder.rglob('*') if path.is_file()]
+        return answer.status, await answer.text()
+
+    status, text = served(task)
+    assert status == 415
+    assert '.step' in text
+
+
+def test_too_large_upload_is_refused_and_removed(served, joined, monkeypatch):
+    monkeypatch.setattr(server, 'MAX_UPLOAD', 1000)
+
+    async def chunks():
+        for _ in range(5):
+            yield b'x' * 500
+
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        address = f'/{studio.token}/part/{browser.room}/first?name=part.stl'
+        stated = await client.put(address, data=b'x' * 2000)
+        streamed = await client.put(address, data=chunks())
+        assert not [path for path in studio.folder.rglob('*') if path.is_file()]
+        return stated.status, streamed.status
+
+    assert served(task) == (413, 413)
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        '',
+        '[]',
+        'null',
+        '{',
+        '{"set": 3, "to": 4}',
+        '{"set": "condition.friction"}',
+        '{"set": "condition.friction", "to": "much"}',
+        '{"set": "condition.friction", "to": -1}',
+        '{"set": "condition.friction", "to": 1e400}',
+        '{"set": "condition.friction", "to": true}',
+        '{"set": "condition.friction", "to": {"a": []}}',
+        '{"set": "condition.gravity", "to": 0}',
+        '{"set": "condition.__class__", "to": 1}',
+        '{"set": "cell.__init__", "to": 1}',
+        '{"set": "surface", "to": "../steel"}',
+        '{"set": "surroundings", "to": "/etc/passwd.yaml"}',
+        '{"set": "dimension.angle", "to": 1}',
+        '{"set": "drops", "to": 1000000000000}',
+        '{"set": "drops", "to": "٣"}',
+        '{"set": "tab", "to": "os"}',
+        '{"set": "pickable.1", "to": true}',
+        '{"set": "count.1", "to": 5}',
+        '{"set": "plan.nothing", "to": true}',
+        '{"example": "../../x"}',
+        '{"example": ["l_bracket"]}',
+        '{"unit": "furlong"}',
+        '{"do": "rm"}',
+        '{"do": ["now"]}',
+        '[' * 5000,
+    ],
+)
+def test_wrong_message_is_one_sentence(served, joined, message):
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        await browser.socket.send_str(message)
+        problem = (await browser.wait('problem', lambda found: found['text']))['text']
+        before = studio.seats[browser.room].room.settings
+        await browser.send(set='condition.friction', to='0.5', number=1)
+        values = await browser.wait('values', lambda found: found.get('number') == 1)
+        assert values['values']['condition.friction'] == '0.5'
+        assert before.conditions.friction == 0.25
+        return problem
+
+    problem = served(task)
+    assert '\n' not in problem
+    assert len(problem) < 500
+
+
+def test_large_message_ends_the_socket_but_not_the_room(served, joined):
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        await browser.socket.send_str(json.dumps({'set': 'x' * (1 << 17)}))
+        while not browser.socket.closed:
+            await browser.socket.receive()
+        again = await joined(client, studio, browser.room)
+        return again.room == browser.room
+
+    assert served(task)
+
+
+def test_flood_of_messages_is_limited_and_the_room_lives_on(served, joined):
+    calls = [0]
+
+    def clock():
+        calls[0] += 1
+        return calls[0] / 10_000  # 10,000 messages in the first second, the others in the next
+
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        for k in range(10_500):
+            await browser.send(set='condition.friction', to=k / 20_000, number=k)
+        problem = await browser.wait('problem', lambda found: 'second' in found['text'])
+        found = await browser.wait('values', lambda found: found.get('number') == 10_499)
+        assert len(studio.seats[browser.room].waiting) < 30
+        assert found['values']['condition.friction'] == '0.52495'
+        return problem['text']
+
+    assert '1000' in served(task, clock=clock)
+
+
+def test_limit_counts_in_each_second():
+    now = [0.0]
+    limit = Limit(2, lambda: now[0])
+    assert [limit.allows() for _ in range(3)] == [True, True, False]
+    now[0] = 1.2
+    assert limit.allows()

@@ -1,0 +1,144 @@
+"""Orientations at a wall, against closed forms and pushing by brute force."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.tracks.orientations import PushedOutline, orientations_on
+
+
+def rectangle(a, b):
+    return np.array([(-a / 2, -b / 2), (a / 2, -b / 2), (a / 2, b / 2), (-a / 2, b / 2)])
+
+
+def part_of(mesh, name='part'):
+    return part_from_bytes(mesh.export(file_type='stl'), 'stl', name)
+
+
+def equal_rows(part):
+    """The rows of a part whose aspects have equal shares."""
+    aspects = find_aspects(part)
+    return orientations_on(part, aspects, np.full(len(aspects), 1 / len(aspects)))
+
+
+@pytest.mark.parametrize(('a', 'b'), [(20, 10), (30, 20), (40, 10), (10, 10)])
+def test_shares_of_a_rectangle(a, b):
+    yaws = PushedOutline(rectangle(a, b)).yaws()
+    assert sum(yaw.share for yaw in yaws) == pytest.approx(1)
+    expected = 2 / math.pi * math.atan(a / b)
+    assert sum(yaw.share for yaw in yaws if yaw.length == pytest.approx(a)) == pytest.approx(
+        expected if a != b else 1
+    )
+
+
+def pushed(corners, direction, tilt):
+    """The edge at the wall after pushing in small steps, by the sign of the moment."""
+    step = 1e-4
+    for _ in range(200_000):
+        along = corners @ [math.cos(direction), math.sin(direction)]
+        first, second = np.argsort(-along)[:2]
+        size = np.linalg.norm(corners[first] - corners[second])
+        if along[first] - along[second] < 1.5 * step * size:
+            # Both ends of an edge touch: it is stable if its ends turn towards each other.
+            moments = [_moment(corners[k], direction, tilt) for k in (first, second)]
+            edge = corners[first] - corners[second]
+            if moments[0] * moments[1] < 0:
+                return math.atan2(-edge[0], edge[1]) % math.pi
+        direction += step * np.sign(_moment(corners[first], direction, tilt))
+    return math.nan
+
+
+def _moment(corner, direction, tilt):
+    """Positive if the wall turns towards larger directions, in axes of the part."""
+    return math.sin(direction + tilt - math.atan2(corner[1], corner[0]))
+
+
+@pytest.mark.parametrize('tilt', [0.0, 0.15, -0.15])
+@pytest.mark.parametrize('seed', range(4))
+def test_basins_are_those_of_pushing(seed, tilt):
+    random = np.random.default_rng(seed)
+    points = random.standard_normal((7, 2)) * [2, 1]
+    hull = shapely.MultiPoint(points).convex_hull
+    corners = np.array(hull.exterior.coords)[:-1] - np.array(hull.centroid.coords[0])
+    outline = PushedOutline(corners)
+    starts, edges = outline._basins(tilt)
+    for direction in random.uniform(0, 2 * np.pi, 12):
+        if np.abs(np.angle(np.exp(1j * (starts - direction)))).min(initial=1) < 0.01:
+            continue
+        k = edges[np.searchsorted(starts, direction % (2 * np.pi), side='right') - 1]
+        found = pushed(outline.corners, direction, tilt)
+        assert abs(np.angle(np.exp(2j * (outline.normal[k] - found)))) < 0.02
+
+
+def test_friction_of_the_wall_widens_the_bounds():
+    yaws = PushedOutline(rectangle(30, 20)).yaws(0.2)
+    turn = math.atan(0.2) / (2 * math.pi)
+    for yaw in yaws:
+        assert yaw.low == pytest.approx(yaw.share - 2 * turn, abs=1e-3)
+        assert yaw.high == pytest.approx(yaw.share + 2 * turn, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('name', 'rows'), [('hex_nut', 3), ('u_bracket', 12), ('l_bracket', 20), ('tetrahedron', 3)]
+)
+def test_number_of_rows(name, rows):
+    part = ra.load_part(name)
+    found = equal_rows(part)
+    assert sum(row.probability for row in found) == pytest.approx(1)
+    assert [row.id for row in found] == [*range(1, len(found) + 1)]
+    if name != 'tetrahedron':
+        assert len(found) == rows
+
+
+def test_a_box_has_a_row_for_each_side_and_edge():
+    found = equal_rows(part_of(trimesh.creation.box((10, 20, 30))))
+    assert len(found) == 6
+    by_size = {(round(1e3 * r.height), round(1e3 * r.length)): r.probability for r in found}
+    assert by_size[10, 30] == pytest.approx(2 / 6 * 2 / math.pi * math.atan(30 / 20))
+    assert by_size[10, 20] == pytest.approx(2 / 6 * 2 / math.pi * math.atan(20 / 30))
+
+
+def test_rows_do_not_depend_on_the_frame_of_the_mesh():
+    part = ra.load_part('u_bracket')
+    mesh = trimesh.Trimesh(1000 * part.vertices, part.faces)
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(np.array([0.1, 0.5, 0.7])))
+    one, other = equal_rows(part), equal_rows(part_of(mesh))
+    assert [r.probability for r in other] == pytest.approx([r.probability for r in one], abs=1e-5)
+    assert [r.height for r in other] == pytest.approx([r.height for r in one], abs=1e-5)
+
+
+def test_a_standing_cylinder_is_one_row():
+    found = [row for row in equal_rows(ra.load_part('cylinder_d20_h20')) if not row.rolls]
+    assert len(found) == 1
+    assert found[0].low <= found[0].probability <= found[0].high
+
+
+def test_a_low_wall_touches_only_what_is_below_its_top():
+    # A T that stands on its foot: the bar overhangs a foot of 10 mm on both sides.
+    foot = trimesh.creation.box((20, 10, 20))
+    bar = trimesh.creation.box((20, 30, 10)).apply_translation((0, 0, 15))
+    part = part_of(trimesh.boolean.union([foot, bar]))
+    aspects = find_aspects(part)
+    shares = np.full(len(aspects), 1 / len(aspects))
+    high, low = (
+        [
+            row
+            for row in orientations_on(part, aspects, shares, wall)
+            if row.contact.area == pytest.approx(0.02 * 0.01, rel=1e-3) and row.height > 0.029
+        ]
+        for wall in (math.inf, 0.005)
+    )
+    assert {round(2e3 * row.yaw.distance) for row in low} == {10, 20}
+    assert {round(2e3 * row.yaw.distance) for row in high} == {20, 30}
+
+
+def test_an_outline_without_an_area_is_refused():
+    with pytest.raises(InvalidValueError, match='area'):
+        PushedOutline(np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]))
