@@ -34,6 +34,7 @@ from resting_aspects_ros.tracks.bands import measured_band
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,
+    Band,
     DesignResult,
     asymmetric_cut,
     design_traps,
@@ -177,13 +178,13 @@ def design_track(
     options = _Options(surface, drops, seed, workers, progress, stopped, conditions)
     dropped, acted, rows = _arrivals(loaded, given, before, options)
 
-    def measure(row: Orientation, trap: Any, name: str, critical: float) -> Any:
+    def measure(row: Orientation, trap: Any, name: str, critical: float) -> Band:
+        if stopped():
+            return Band(critical, critical)
         physics = dropped.run.conditions
         return measured_band(loaded, row, trap, name, critical, given, physics, seed)
 
-    found = design_traps(
-        loaded, rows, given, want, limits, traps, measure if simulate and not stopped() else None
-    )
+    found = design_traps(loaded, rows, given, want, limits, traps, measure if simulate else None)
     results = [
         TrackResult(
             dropped,
@@ -197,7 +198,8 @@ def design_track(
     ]
     if results:
         results[0] = _with_runs(results[0], simulate, options)
-    bare = TrackResult(dropped, pass_traps(loaded, rows, given, (want,), limits), acted)
+    plain = pass_traps(loaded, rows, given, (want,), limits)
+    bare = TrackResult(dropped, plain, acted, interrupted=bool(simulate) and stopped())
     advice = tuple(_advice(loaded, rows, given, want, found))
     return TrackDesign(tuple(results), bare, found.alike, advice)
 

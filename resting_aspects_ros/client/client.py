@@ -19,7 +19,6 @@ from resting_aspects_interfaces.msg import (
     AspectDistribution,
     FeederAction,
     PartDescription,
-    PartSummary,
     Status,
     TransitionMatrix,
 )
@@ -30,8 +29,6 @@ from resting_aspects_interfaces.srv import (
     GetDistribution,
     GetTransitions,
     IdentifyPart,
-    ListParts,
-    LocatePart,
 )
 
 from resting_aspects_ros.api.plan import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
@@ -46,6 +43,7 @@ from resting_aspects_ros.client.connection import (
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, part_from
+from resting_aspects_ros.ros.discovery import published_parts
 from resting_aspects_ros.ros.interface import (
     CLASSIFY_POSE,
     DEFAULT_CONDITIONS,
@@ -55,14 +53,11 @@ from resting_aspects_ros.ros.interface import (
     GET_DISTRIBUTION,
     GET_TRANSITIONS,
     IDENTIFY_PART,
-    LIST_PARTS,
-    LOCATE_PART,
     PARTS,
     REORIENT_PART,
 )
 from resting_aspects_ros.ros.outline_conversions import polygon_msgs
 from resting_aspects_ros.ros.status import NotAvailableError, status_error, unknown_part
-from resting_aspects_ros.ros.topic_discovery import published_parts
 from resting_aspects_ros.ros.transition_conversions import action_msg
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -406,37 +401,6 @@ class RestingAspectsClient:
         with self._request('the part of an outline', timeout) as pending:
             return _ok(pending.call(IdentifyPart, IDENTIFY_PART, request))
 
-    def locate_part(
-        self,
-        part: str,
-        aspect: int,
-        x: float,
-        y: float,
-        yaw: float,
-        *,
-        timeout: float | None = None,
-    ) -> LocatePart.Response:
-        """Return the poses of a part that was recognised in an aspect at (x, y, yaw).
-
-        Parameters
-        ----------
-        aspect : int
-            Id of any aspect of the symmetry class.
-        x, y : float
-            Projection of the centre of mass, tray frame, m.
-        yaw : float
-            Yaw of the outline on outlines/<part>, rad, counter-clockwise seen from above.
-
-        Returns
-        -------
-        LocatePart.Response
-            ``poses``, tray from part, those in the given aspect first, with their aspects in
-            ``pose_aspects``.
-        """
-        request = _message(LocatePart.Request, part=part, aspect=aspect, x=x, y=y, yaw=yaw)
-        with self._request(f'the poses of {part}', timeout) as pending:
-            return _ok(pending.call(LocatePart, LOCATE_PART, request))
-
     def forecast(
         self, part: str, *, timeout: float | None = None, **options: Any
     ) -> FeederForecast.Response:
@@ -462,10 +426,24 @@ class RestingAspectsClient:
         with self._request(f'the forecast of {part}', timeout) as pending:
             return _ok(pending.call(FeederForecast, FORECAST, request))
 
-    def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
-        """Return name, part_sha256 and `known` of each offered part, ordered by name."""
+    def list_parts(self, *, timeout: float | None = None) -> list[str]:
+        """Return the names of the offered parts, sorted, once any is offered.
+
+        They are those of the topics parts/<part>.
+        """
         with self._request('the list of parts', timeout) as pending:
-            return list(_ok(pending.call(ListParts, LIST_PARTS, ListParts.Request())).parts)
+            end = time.monotonic() + (PART_TIMEOUT if timeout is None else timeout)
+            before: set[str] = set()
+            # The topics of a simulator are discovered one after another.
+            while not (found := self._offered_parts()) or found != before:
+                if time.monotonic() > end:
+                    raise AnswerTimeoutError(
+                        f'no {DROP_SIMULATOR} offers parts: start the suite with '
+                        '"resting_aspects nodes"'
+                    )
+                before = found
+                pending.pause(PARTS)
+            return sorted(found)
 
     def get_part(self, part: str) -> Part:
         """Return a part with its mesh and mass properties, as the simulator describes it."""
@@ -502,7 +480,6 @@ class RestingAspectsClient:
     get_transitions_async = _awaitable(get_transitions)
     classify_pose_async = _awaitable(classify_pose)
     identify_part_async = _awaitable(identify_part)
-    locate_part_async = _awaitable(locate_part)
     forecast_async = _awaitable(forecast)
     list_parts_async = _awaitable(list_parts)
 

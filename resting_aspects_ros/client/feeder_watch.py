@@ -17,9 +17,9 @@ from sensor_msgs.msg import Image
 
 from resting_aspects_ros.client.connection import new_context
 from resting_aspects_ros.ros.conversions import nanoseconds
-from resting_aspects_ros.ros.feeder_names import CHOICES
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
+    CHOICES,
     DETECTIONS,
     FEEDER_ADVICE,
     PICK_RESULT,
@@ -186,7 +186,7 @@ class FeederWatch:
         self.on_tray = len(message.detections)
 
     def _on_result(self, message: PickResult) -> None:
-        stamp = nanoseconds(message.stamp)
+        stamp = nanoseconds(message.header.stamp)
         if not self.done.done():
             self._now = max(self._now, stamp)
         if message.result == PickResult.MOVED:

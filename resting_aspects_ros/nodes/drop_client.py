@@ -12,6 +12,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for
 from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.discovery import LivelinessMonitor
 from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -19,7 +20,6 @@ from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     LOG_REPLAYER,
 )
-from resting_aspects_ros.ros.liveliness import LivelinessMonitor
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription

@@ -80,10 +80,17 @@ def subscribe(
 
 
 def advertise(
-    node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, overridable: bool = False
+    node: Node,
+    kind: Any,
+    topic: str,
+    qos: QoSProfile | int,
+    *,
+    overridable: bool = False,
+    matched: Callable[[Any], None] | None = None,
 ) -> Publisher:
     """Return a publisher without handlers for QoS events.
 
+    matched : called when a subscriber appears or disappears
     overridable : bool
         Whether parameters ``qos_overrides.<topic>.publisher.*`` replace the QoS; raises
         InvalidValueError if one of them is not valid.
@@ -93,7 +100,7 @@ def advertise(
             kind,
             topic,
             copy(qos),  # rclpy changes it
-            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            event_callbacks=PublisherEventCallbacks(matched=matched, use_default_callbacks=False),
             qos_overriding_options=OVERRIDES if overridable else None,
         )
 
@@ -145,6 +152,36 @@ def steady_timer(
     """Return a timer on the steady clock, which does not depend on simulated time."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(seconds, callback, group, clock)
+
+
+class WorkTimer:
+    """A timer on the steady clock that runs only while there is work, so that idling is free.
+
+    Parameters
+    ----------
+    seconds : period
+    failure : beginning of the log line of an exception; see ``guarded``
+    work : called once in a period from ``start`` on; returns whether more work is left
+    """
+
+    def __init__(self, node: Node, seconds: float, failure: str, work: Callable[[], bool]) -> None:
+        self._work = work
+        self._timer = steady_timer(node, seconds, guarded(node, failure, self._run))
+        self._timer.cancel()
+
+    def start(self) -> None:
+        """Begin a period, unless one has begun."""
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def set_period(self, seconds: float) -> None:
+        """Begin a period of another length; following periods have it, too."""
+        self._timer.timer_period_ns = round(seconds * 1e9)
+        self._timer.reset()
+
+    def _run(self) -> None:
+        if not self._work():
+            self._timer.cancel()
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Inertia, Point, Pose, Quaternion, Vector3
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     DropConditions,
@@ -46,6 +46,8 @@ POSE_COLUMNS = {
     'time_to_rest': 1,
     'energy_growth': 1,
 }
+# Fields of the tensor in geometry_msgs/Inertia, in the order of the upper triangle.
+INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
 
@@ -178,6 +180,7 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
 def part_msg(part: Part) -> PartDescription:
     """Return the message that describes a part completely."""
     x, y, z = part.centre_of_mass.tolist()
+    tensor = dict(zip(INERTIA, part.inertia[np.triu_indices(3)].tolist(), strict=True))
     return PartDescription(
         name=part.name,
         mesh_sha256=part.mesh_sha256,
@@ -185,9 +188,7 @@ def part_msg(part: Part) -> PartDescription:
         format=part.mesh_format,
         mesh=part.mesh_bytes,
         unit=part.unit,
-        mass=part.mass,
-        centre_of_mass=Point(x=x, y=y, z=z),
-        inertia=part.inertia[np.triu_indices(3)],
+        inertia=Inertia(m=part.mass, com=Vector3(x=x, y=y, z=z), **tensor),
         body=part.body,
     )
 
@@ -203,15 +204,15 @@ def check_description(msg: PartDescription, name: str) -> None:
 
 def part_from(msg: PartDescription) -> Part:
     """Return the part in a message; raises PartError or InvalidValueError if it is invalid."""
-    centre = msg.centre_of_mass
+    inertia = msg.inertia
     return part_from_bytes(
         bytes(msg.mesh),
         msg.format,
         msg.name,
         unit=msg.unit,
-        mass=msg.mass,
-        centre_of_mass=(centre.x, centre.y, centre.z),
-        inertia=np.asarray(msg.inertia, dtype=np.float64),
+        mass=inertia.m,
+        centre_of_mass=(inertia.com.x, inertia.com.y, inertia.com.z),
+        inertia=np.array([getattr(inertia, name) for name in INERTIA]),
         body=msg.body or None,
     )
 

@@ -9,8 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.interface import DIAGNOSTICS
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 
 PERIOD = 1.0
 DEPTH = 10

@@ -1,33 +1,169 @@
-"""Conversions between distributions over aspects and ROS messages."""
+"""Conversions between aspects, contacts, distributions and their ROS messages."""
 
+import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, RunDescription, SymmetryClass
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution, ContactShare, RunDescription
 from std_msgs.msg import Header
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects import aspect_set
+from resting_aspects_ros.aspects.aspect_set import AspectSet, Sweep
 from resting_aspects_ros.aspects.estimate import Estimate
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.aspects.support import CORNER
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
-from resting_aspects_ros.ros.contact_conversions import contact_msgs, contacts_from
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
+from resting_aspects_ros.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.simulation.job import RunDescription as Run
-from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placement, Placements
 from resting_aspects_ros.statistics.intervals import Interval
+
+# Indexed by their codes in the message Aspect.
+SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
+# Fields with the same name and type in Aspect and its message.
+_ASPECT_FIELDS = tuple(
+    each.name
+    for each in dataclasses.fields(aspect_set.Aspect)
+    if each.repr and each.type in (bool, int, float)
+)
+
+
+def share_fields(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, object]]:
+    """Return the fields of shares: counts of drops, and the intervals of their probabilities."""
+    return [
+        {'count': k, 'probability': i.probability, 'lower': i.lower, 'upper': i.upper}
+        for k, i in zip(counts, intervals, strict=True)
+    ]
+
+
+def aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> list[Aspect]:
+    """Return the messages for aspects with the fields of their shares."""
+    return [
+        Aspect(**_aspect_fields(aspect), **share)
+        for aspect, share in zip(aspects.aspects, shares, strict=True)
+    ]
+
+
+def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
+    orientation = aspect.orientation.tolist()
+    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
+    return {
+        **{name: getattr(aspect, name) for name in _ASPECT_FIELDS},
+        'sweep': SWEEPS.index(aspect.sweep),
+        'axis': _vector_msg(aspect.axis),
+        'down_in_part': _vector_msg(aspect.down_in_part),
+        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
+        'support': Polygon(points=points),
+    }
+
+
+def aspects_from(part_sha256: str, msgs: Iterable[Aspect]) -> AspectSet:
+    """Return the aspects of a version of a part; raises InvalidValueError for an invalid code."""
+    return AspectSet(part_sha256, tuple(_aspect_from(msg) for msg in msgs))
+
+
+def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
+    if msg.sweep >= len(SWEEPS):
+        raise InvalidValueError(
+            f'invalid sweep {msg.sweep} of aspect {msg.id}: expected 0 to {len(SWEEPS) - 1}'
+        )
+    return aspect_set.Aspect(
+        **{name: getattr(msg, name) for name in _ASPECT_FIELDS},
+        sweep=SWEEPS[msg.sweep],
+        axis=_vector(msg.axis),
+        down_in_part=_vector(msg.down_in_part),
+        orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
+        support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
+        # The message does not contain the flat sides that approximate a curved side, since
+        # nothing is classified with the result.
+        directions=_vector(msg.down_in_part)[None],
+        links=np.zeros((0, 2), dtype=np.int64),
+    )
+
+
+def _vector_msg(vector: Array) -> Vector3:
+    return Vector3(**dict(zip('xyz', vector.tolist(), strict=True)))
+
+
+def _vector(msg: Vector3) -> Array:
+    return np.array([msg.x, msg.y, msg.z])
+
+
+def contact_msgs(distribution: Distribution) -> list[ContactShare]:
+    """Return a message for each placement, the most frequent first; none without contacts."""
+    contacts = distribution.contacts
+    if contacts is None:
+        return []
+    rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
+    shares = share_fields([placement.count for placement, _ in rows], [each for _, each in rows])
+    return [
+        ContactShare(
+            planes=list(contacts.planes),
+            contacts=list(placement.contacts),
+            symmetry_class=placement.symmetry_class,
+            orientation=Quaternion(
+                **dict(zip('xyzw', placement.orientation.tolist(), strict=True))
+            ),
+            **share,
+        )
+        for (placement, _), share in zip(rows, shares, strict=True)
+    ]
+
+
+def contacts_from(msg: AspectDistribution) -> Placements | None:
+    """Return the placements in a message, the most frequent first; None if it has none.
+
+    Raises InvalidValueError if they are inconsistent with the counts of the aspects.
+    """
+    if not msg.contacts:
+        return None
+    planes = tuple(msg.contacts[0].planes)
+    settled = sum(each.count for each in msg.aspects) + msg.unclassified
+    counted = sum(each.count for each in msg.contacts) + msg.contacts_uncounted
+    if counted != settled:
+        raise InvalidValueError(
+            f'invalid contacts of run {msg.run.run_id}: expected {settled} drops at rest; they '
+            f'have {counted}'
+        )
+    return Placements(
+        planes,
+        [_placement(each, planes, len(msg.aspects)) for each in msg.contacts],
+        drops=msg.drops,
+        uncounted=msg.contacts_uncounted,
+    )
+
+
+def _placement(msg: ContactShare, planes: tuple[str, ...], aspects: int) -> Placement:
+    contacts = tuple(int(code) for code in msg.contacts)
+    if (
+        tuple(msg.planes) != planes
+        or len(contacts) != len(planes)
+        or not all(CORNER <= code <= aspects for code in contacts)
+    ):
+        raise InvalidValueError(
+            f'invalid contacts {list(contacts)} with {list(msg.planes)}: expected a code from '
+            f'{CORNER} to {aspects} for each of {list(planes)}'
+        )
+    orientation = np.array([getattr(msg.orientation, axis) for axis in 'xyzw'])
+    if not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid orientation {orientation.tolist()} of contacts: expected a unit quaternion'
+        )
+    return Placement(contacts, orientation, int(msg.count), int(msg.symmetry_class))
 
 
 def distribution_msg(
     distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
     """Return the message for a distribution over all aspects of the part, seen or not."""
-    classes = distribution.by_class()
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
@@ -45,10 +181,9 @@ def distribution_msg(
         contacts=contact_msgs(distribution),
         contacts_uncounted=distribution.contacts.uncounted if distribution.contacts else 0,
         complete=complete,
-        **_rows(
+        aspects=aspect_msgs(
             distribution.aspects,
             share_fields(distribution.counts.tolist(), distribution.intervals()),
-            share_fields(classes.counts.tolist(), classes.intervals()),
         ),
     )
 
@@ -57,17 +192,15 @@ def estimate_msg(
     prediction: Estimate, part: Part, stamp: Time, frame: str = FRAME
 ) -> AspectDistribution:
     """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
-    shares = [
-        share_fields([0] * len(each), [Interval(float(p), math.nan, math.nan) for p in each])
-        for each in (prediction.probabilities, prediction.class_probabilities())
-    ]
+    unknown = [Interval(float(p), math.nan, math.nan) for p in prediction.probabilities]
+    shares = share_fields([0] * len(unknown), unknown)
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
         method=prediction.method,
         complete=True,
-        **_rows(prediction.aspects, *shares),
+        aspects=aspect_msgs(prediction.aspects, shares),
     )
 
 
@@ -78,23 +211,6 @@ def estimate_from(msg: AspectDistribution) -> Estimate:
         msg.method,
         np.array([aspect.probability for aspect in msg.aspects]),
     )
-
-
-def _rows(
-    aspects: AspectSet, shares: list[dict[str, object]], class_shares: list[dict[str, object]]
-) -> dict[str, object]:
-    """Return the fields `aspects` and `classes` of a distribution."""
-    return {
-        'aspects': aspect_msgs(aspects, shares),
-        'classes': [
-            SymmetryClass(
-                symmetry_class=members[0].symmetry_class,
-                aspects=[aspect.id for aspect in members],
-                **share,
-            )
-            for members, share in zip(aspects.classes(), class_shares, strict=True)
-        ],
-    }
 
 
 def distribution_from(msg: AspectDistribution) -> Distribution:

@@ -1,6 +1,7 @@
 """Names and QoS of the topics, services and actions of the suite."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from resting_aspects_interfaces.msg import FeederAdvice, PickResult
 
 from resting_aspects_ros.logs.topics import Qos
 
@@ -14,10 +15,8 @@ DROP_PART = 'drop_part'
 REORIENT_PART = 'reorient_part'
 GET_DISTRIBUTION = 'get_distribution'
 CLASSIFY_POSE = 'classify_pose'
-LIST_PARTS = 'list_parts'
 GET_TRANSITIONS = 'get_transitions'
 IDENTIFY_PART = 'identify_part'
-LOCATE_PART = 'locate_part'
 FORECAST = 'forecast'
 PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
@@ -92,3 +91,18 @@ def offered_qos(profile: QoSProfile) -> Qos:
         durability=profile.durability.short_key,
         history=profile.history.short_key,
     )
+
+
+CHOICES = {
+    FeederAdvice.WAIT: 'wait',
+    FeederAdvice.PICK: 'pick',
+    FeederAdvice.FLIP: 'flip',
+    FeederAdvice.SPREAD: 'spread',
+    FeederAdvice.SUPPLY: 'supply',
+}
+RESULTS = {
+    PickResult.PICKED: 'picked',
+    PickResult.MISSED: 'missed',
+    PickResult.DROPPED: 'dropped',
+    PickResult.MOVED: 'moved',
+}

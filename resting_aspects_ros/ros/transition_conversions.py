@@ -14,8 +14,12 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
 from resting_aspects_ros.ros.conversions import run_from, run_msg
+from resting_aspects_ros.ros.distribution_conversions import (
+    aspect_msgs,
+    aspects_from,
+    share_fields,
+)
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,

@@ -44,7 +44,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
     distribution_msg,
     serialized_distribution,
 )
-from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
+from resting_aspects_ros.ros.interface import CHOICES, RESULTS
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.job import RunDescription

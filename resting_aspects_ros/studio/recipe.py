@@ -7,11 +7,13 @@ from typing import Any
 
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT
+from resting_aspects_ros.api.track import default_track
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 from resting_aspects_ros.simulation.surroundings import named_surroundings
-from resting_aspects_ros.studio.rows import Source
-from resting_aspects_ros.studio.settings import Settings, dimensions
+from resting_aspects_ros.studio.rows import Opened, Source
+from resting_aspects_ros.studio.settings import Rail, Settings, dimensions
 
 # The file that the tab Export offers, and the surface in it.
 SURFACES_FILE, OWN_SURFACE = 'surfaces.yaml', 'studio'
@@ -86,6 +88,39 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
     return _recipe('forecast', source, words, '', named, settings, conditions=level)
 
 
+def track_on(part: Part, rail: Rail) -> dict[str, Any]:
+    """Return the track of the tab Track, as `ra.design_track` accepts it."""
+    changes = _rail_changes(rail)
+    wall = {'friction': changes.pop('wall_friction')} if 'wall_friction' in changes else {}
+    track = default_track(part).document
+    return {**track, **changes, 'wall': {**track['wall'], **wall}}
+
+
+def track_recipe(opened: Opened, settings: Settings) -> Recipe:
+    """Return how the traps of the tab Track are designed; drops are on a level plane."""
+    rail, surface = settings.rail, _Surface(settings.conditions)
+    values = {'drops': settings.drops, 'tolerance': rail.tolerance, 'seed': settings.seed}
+    words = [
+        *_part_words(opened.source),
+        '--design',
+        *_flags({'want': rail.want, **_rail_changes(rail), **values}),
+        *surface.flags(QUANTITIES),
+    ]
+    first = f'{rail.want}, {track_on(opened.part, rail)!r}'
+    named = {**values, **surface.values}
+    return _recipe('track', opened.source, words, first, named, None, function='design_track')
+
+
+def _rail_changes(rail: Rail) -> dict[str, Any]:
+    """Return the values of the track that differ from the defaults."""
+    default = Rail()
+    return {
+        name: getattr(rail, name)
+        for name in ('width', 'roll', 'wall_friction', 'speed', 'fill')
+        if getattr(rail, name) != getattr(default, name)
+    }
+
+
 def outlines_recipe(source: Source) -> Recipe:
     """Return how the outlines are found."""
     return _recipe('outlines', source, _part_words(source), '', {}, None)
@@ -155,8 +190,9 @@ def _recipe(
     values: Mapping[str, Any],
     settings: Settings | None,
     conditions: DropConditions | None = None,
+    function: str = '',
 ) -> Recipe:
-    """Return the recipe of a public function that has the name of its command."""
+    """Return the recipe of a public function, which usually has the name of its command."""
     words = ['resting_aspects', verb, *words]
     arguments = ['part', *([first] if first else []), *([_arguments(values)] if values else [])]
     around = None
@@ -177,7 +213,7 @@ def _recipe(
     python = (
         'import resting_aspects_ros as ra\n\n'
         f'part = ra.load_part({source.given!r}{unit})\n'
-        f'result = ra.{verb}({", ".join(arguments)})\n'
+        f'result = ra.{function or verb}({", ".join(arguments)})\n'
         'print(result.to_json())\n'
     )
     return Recipe(words, python)

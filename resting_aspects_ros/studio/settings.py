@@ -29,6 +29,8 @@ from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
     surroundings_names,
 )
+from resting_aspects_ros.tracks.description import Track, Wall
+from resting_aspects_ros.tracks.traps import Surface
 
 DROPS = 2000
 MORE = 4  # four times as many drops halve the intervals
@@ -53,6 +55,12 @@ RANGES = {
     'width': (0.05, 0.6),
     'depth': (0.05, 0.6),
     'clearance': (0.0, 0.03),
+    'rail.width': (0.005, 0.2),
+    'rail.roll': (0.0, math.radians(30)),
+    'rail.wall_friction': (0.0, 1.0),
+    'rail.speed': (0.01, 0.4),
+    'rail.fill': (0.1, 1.0),
+    'rail.tolerance': (0.0, 0.001),
 }
 # Those of values of actions and surroundings, by unit.
 UNIT_RANGES = {
@@ -76,6 +84,29 @@ CELL = {
     'depth': Quantity('depth of the tray', 'm', 'depth of the tray', high=5, above=True),
     'clearance': Quantity('clearance', 'm', 'minimum distance to any other part', high=1),
 }
+# The track of a feeder: the width, if it is not the default, and what it shares with `track`.
+RAIL = {
+    'width': quantities_of(Surface)['width'],
+    'roll': quantities_of(Surface)['roll'],
+    'wall_friction': quantities_of(Wall)['friction'],
+    'speed': quantities_of(Track)['speed'],
+    'fill': quantities_of(Track)['fill'],
+    'tolerance': Quantity('tolerance', 'm', 'half width of the dimensions of parts', high=0.1),
+}
+MAX_ROW = 1000  # of the orientations on a track
+
+
+@dataclass(frozen=True)
+class Rail:
+    """The track of a bowl feeder for which traps are designed; a width of None is the default."""
+
+    width: float | None = None
+    roll: float = math.radians(5)
+    wall_friction: float = Wall().friction
+    speed: float = 0.05
+    fill: float = 1.0
+    tolerance: float = 0.0
+    want: int = 1
 
 
 @dataclass(frozen=True)
@@ -133,6 +164,7 @@ class Settings:
     action: NamedAction = field(default_factory=_default_action)
     plan: frozenset[str] = frozenset({'tap', 'hard_tap', 'toss'})
     cell: Cell = Cell()
+    rail: Rail = Rail()
     other: DropConditions = field(default_factory=_default_conditions)
     counts: Mapping[str, int] = field(default_factory=dict)
     fit: bool = False
@@ -297,6 +329,17 @@ def _set_cell(settings: Settings, key: str, value: Any) -> Settings:
     return dataclasses.replace(settings, cell=dataclasses.replace(settings.cell, **{key: made}))
 
 
+def _set_rail(settings: Settings, key: str, value: Any) -> Settings:
+    made: Any
+    if key == 'want':
+        made = _integer('row', value, 1, MAX_ROW)
+    elif key == 'width' and value == '':
+        made = None
+    else:
+        made = number_of(key, _quantity(RAIL, key), value)
+    return dataclasses.replace(settings, rail=dataclasses.replace(settings.rail, **{key: made}))
+
+
 def _set_other(settings: Settings, key: str, value: Any) -> Settings:
     side = dataclasses.replace(settings, conditions=settings.other)
     return dataclasses.replace(settings, other=changed(side, key, value).conditions)
@@ -327,6 +370,7 @@ _CHANGES: dict[str, Callable[[Settings, str, Any], Settings]] = {
     'action': _set_action,
     'plan': _set_plan,
     'cell': _set_cell,
+    'rail': _set_rail,
     'other': _set_other,
     'count': _set_count,
     'fit': _set_fit,
@@ -429,6 +473,14 @@ def cell_sliders(cell: Cell) -> list[Slider]:
     ]
 
 
+def rail_sliders(rail: Rail) -> list[Slider]:
+    """Return the sliders of the track of a bowl feeder."""
+    return [
+        slider(f'rail.{name}', f'rail.{name}', quantity, getattr(rail, name))
+        for name, quantity in RAIL.items()
+    ]
+
+
 def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     """Yield the name and the value of each control of the page."""
     yield 'live', settings.live
@@ -439,6 +491,7 @@ def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     yield 'action', settings.action.name.removesuffix('_changed')
     yield 'cell.action', settings.cell.action
     yield 'cell.parts_on_tray', str(settings.cell.parts_on_tray or '')
+    yield 'rail.want', str(settings.rail.want)
     yield 'other.surface', settings.other.surface
     for number in range(1, settings.classes + 1):
         yield f'pickable.{number}', number in settings.pickable
@@ -451,6 +504,7 @@ def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
         *dimension_sliders(settings),
         *action_sliders(settings.action),
         *cell_sliders(settings.cell),
+        *rail_sliders(settings.rail),
         *condition_sliders(settings.other, 'other.'),
     ]:
         yield each.name, each.value

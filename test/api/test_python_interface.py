@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
 

@@ -85,6 +85,12 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
     assert stopped.runs is None
 
 
+def test_an_interrupted_design_is_not_complete():
+    stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
+    assert not stopped.complete
+    assert stopped.best.runs is None
+
+
 def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
     plain = ra.track('t_prism', {'width': '60mm'}, drops=300)
     acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])

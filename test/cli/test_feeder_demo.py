@@ -87,7 +87,8 @@ class Watched:
         self._send[FeederAdvice](FeederAdvice(image=number, choice=choice, **fields))
 
     def result(self, time, kind, image=0):
-        self._send[PickResult](PickResult(stamp=Time(sec=time), result=kind, image=image))
+        header = Header(stamp=Time(sec=time))
+        self._send[PickResult](PickResult(header=header, result=kind, image=image))
 
     def tick(self, time):
         self._send[Clock](Clock(clock=Time(sec=time)))

@@ -12,7 +12,7 @@ from resting_aspects_ros.api.plan import plan_drops
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log
 from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.run_logs.recorder import LocalRunLog
 from resting_aspects_ros.simulation.scene import in_tray_axes

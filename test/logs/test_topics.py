@@ -89,7 +89,6 @@ def test_every_dependency_is_included_once():
         'resting_aspects_interfaces/ContactShare',
         'resting_aspects_interfaces/DropConditions',
         'resting_aspects_interfaces/RunDescription',
-        'resting_aspects_interfaces/SymmetryClass',
         'std_msgs/Header',
     ]
 

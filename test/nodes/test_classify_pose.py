@@ -10,15 +10,9 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.errors import InvalidValueError, UnknownPartError
-from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import requested_part
 from resting_aspects_ros.ros.conversions import poses_from
-from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.simulation.conditions import parts_folder
-from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestStatus
 
 BOX = 'box_10x20x30'
@@ -35,117 +29,35 @@ def tilted(aspect, degrees):
 
 
 @pytest.fixture(scope='module')
-def suite(fresh_suite):
-    return fresh_suite(workers=1)
-
-
-@pytest.fixture(scope='module')
 def box(part):
     return find_aspects(part(BOX))
-
-
-def counted(aspects, *counts, unclassified=0):
-    return Distribution(aspects, np.array(counts), unclassified, 0, 0)
-
-
-def answer(aspects, orientation, newest=None):
-    """Return the response, and the error if there is one."""
-    response = ClassifyPose.Response(angle=math.nan, probability=math.nan)
-    request = ClassifyPose.Request(part=BOX, orientation=quaternion(orientation))
-    try:
-        answer_pose(request, response, aspects, newest)
-    except (NotAvailableError, InvalidValueError) as error:
-        return response, error
-    return response, None
 
 
 # Without DDS
 
 
-def test_response_contains_all_fields_of_the_aspect(box):
-    newest = counted(box, 1, 2, 3, 4, 5, 6, unclassified=9)
-    for aspect in box.aspects:
-        response, error = answer(box, tilted(aspect, 1.5), newest)
-        assert error is None
-        assert response.status == Status(code=Status.OK)
-        assert (response.aspect, response.symmetry_class) == (aspect.id, aspect.symmetry_class)
-        assert response.angle == pytest.approx(np.radians(1.5), abs=1e-12)
-        assert response.probability == aspect.id / 30
-
-
-def test_probability_is_nan_without_a_distribution(box):
-    response, _ = answer(box, box.aspects[3].orientation)
-    assert response.aspect == 4
-    assert math.isnan(response.probability)
-
-
-def test_nearest_aspect_is_reported_if_none_matches(box):
-    response, error = answer(box, tilted(box.aspects[4], -12.5), counted(box, 1, 1, 1, 1, 1, 1))
-    assert isinstance(error, NotAvailableError)
-    assert str(error) == (
-        f'no aspect of {BOX} matches the orientation: the nearest is aspect 5 at 12.5 degrees, '
-        'expected at most 3'
-    )
-    assert (response.aspect, response.symmetry_class) == (0, 0)
-    assert response.angle == pytest.approx(np.radians(12.5), abs=1e-12)
-    assert math.isnan(response.probability)
-
-
-def test_part_without_aspects():
-    response, error = answer(AspectSet('', ()), [0, 0, 0, 1])
-    assert str(error) == f'part {BOX!r} has no aspect'
-    assert response.angle == math.inf
-
-
-def test_unknown_part_error_lists_the_known_parts(part):
-    box = part(BOX)
-    assert requested_part({BOX: box}, BOX) is box
-    with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known; known parts: a, b$"):
-        requested_part({'b': box, 'a': box}, 'gizmo')
-    with pytest.raises(UnknownPartError, match=r"^part 'x+[.x]*' is not known; .* none, because "):
-        requested_part({}, 'x' * 300)
-
-
-def test_exceptions_become_the_status_of_the_response(box):
-    response, complaints = ClassifyPose.Response(), []
-    with status_from_errors('classify_pose', response, complaints.append):
-        raise UnknownPartError('no such part')
-    assert response.status == Status(code=Status.UNKNOWN_PART, message='no such part')
-    assert complaints == []
-    with status_from_errors('classify_pose', response, complaints.append):
-        raise ZeroDivisionError('a defect')
-    assert response.status.code == Status.FAILED
-    assert complaints == ["classify_pose failed: ZeroDivisionError('a defect')"]
-
-
 # Over DDS
 
 
-@pytest.fixture(scope='module')
-def asker():
-    """Return a function that creates a function to send requests to a suite."""
+def asker(suite):
+    client = suite.client.node.create_client(ClassifyPose, 'classify_pose')
 
-    def asker(suite):
-        client = suite.client.node.create_client(ClassifyPose, 'classify_pose')
+    def ask(name, orientation):
+        request = ClassifyPose.Request(part=name, orientation=quaternion(orientation))
+        return suite.client.call(client, request)
 
-        def ask(name, orientation):
-            request = ClassifyPose.Request(part=name, orientation=quaternion(orientation))
-            return suite.client.call(client, request)
-
-        return ask
-
-    return asker
+    return ask
 
 
 @pytest.fixture(scope='module')
-def classify(asker, suite):
-    suite.client.wait(lambda: len(suite.client.parts()) == 9, 'descriptions of the parts')
+def classify(suite):
+    """Return a function that sends a request to the suite."""
+    suite.client.wait(lambda: len(suite.client.parts()) == 4, 'descriptions of the parts')
     return asker(suite)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
-def test_classification_agrees_with_the_distribution(suite, classify, part, counts, name):
+def test_classification_agrees_with_the_distribution(suite, classify, counts):
+    name = 'l_bracket'
     received = suite.client.poses()
     distribution = suite.client.ask(name, 150, seed=[3]).distribution
     suite.client.wait(
@@ -167,8 +79,8 @@ def test_classification_agrees_with_the_distribution(suite, classify, part, coun
 
 
 def test_aspect_is_returned_before_the_first_drop(classify, part):
-    aspect = find_aspects(part('hex_nut')).aspects[2]
-    found = classify('hex_nut', aspect.orientation)
+    aspect = find_aspects(part('u_bracket')).aspects[2]
+    found = classify('u_bracket', aspect.orientation)
     assert found.status.code == Status.OK
     assert found.aspect == 3
     assert math.isnan(found.probability)
@@ -187,43 +99,29 @@ def test_pose_between_aspects(classify, box):
     [
         (0, 0, 0, 0),
         (math.nan, 0, 0, 1),
-        (0, -math.inf, 0, 1),
         (0, 0, 0, 1.002),
-        (0.5, 0.5, 0.5, 0.49),
-        (1e300, 0, 0, 1e300),
     ],
 )
-def test_invalid_orientation_is_rejected(suite, classify, wrong):
+def test_invalid_orientation_is_rejected(classify, wrong):
     found = classify(BOX, wrong)
     assert found.status.code == Status.INVALID
     assert 'of norm 1 within 0.001' in found.status.message
     assert f'{wrong[0]:.6g}, {wrong[1]:.6g}, ' in found.status.message
     assert found.aspect == 0
-    assert suite.alive
 
 
-def test_rounded_quaternion_norm_is_accepted(classify, box):
-    exact = classify(BOX, box.aspects[1].orientation)
-    rounded = classify(BOX, -1.0009 * box.aspects[1].orientation)
-    assert exact.status.code == rounded.status.code == Status.OK
-    assert exact.aspect == rounded.aspect == 2
-    assert rounded.angle == pytest.approx(exact.angle, abs=1e-12)
-
-
-@pytest.mark.parametrize('name', ['gizmo', '', '../box', 'x' * 300, 'Würfel ⬛'])
+@pytest.mark.parametrize('name', ['gizmo', '', 'x' * 300])
 def test_service_error_lists_the_known_parts(classify, name):
     found = classify(name, (0, 0, 0, 1))
     assert found.status.code == Status.UNKNOWN_PART
     assert found.status.message.startswith('part ')
-    assert ' is not known; known parts: angle_45' in found.status.message
+    assert ' is not known; known parts: box_10x20x30, ' in found.status.message
     assert len(found.status.message) < 400
-    assert found.status.message.endswith(', u_bracket, washer')
     assert math.isnan(found.probability)
     assert math.isnan(found.angle)
 
 
-@pytest.mark.slow
-def test_current_or_last_offered_part_is_used(fresh_suite, asker, part, tmp_path_factory):
+def test_current_or_last_offered_part_is_used(fresh_suite, part, tmp_path_factory):
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
     constants = {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}}
@@ -242,13 +140,15 @@ def test_current_or_last_offered_part_is_used(fresh_suite, asker, part, tmp_path
         lambda: suite.client.parts()['thing'].part_sha256 != before.run.part_sha256, 'new mesh'
     )
     face = find_aspects(part('tetrahedron')).aspects[2]
-    found = classify('thing', face.orientation)
-    assert found.aspect == 3
+    found = suite.client.wait(
+        lambda: (answer := classify('thing', face.orientation)).aspect == 3 and answer,
+        'its aspect',
+    )
     assert math.isnan(found.probability)  # no distribution of the current version is known
     now = suite.client.ask('thing', 20).distribution
     assert agrees(now)
 
-    suite.processes['drop_simulator'].end()
+    suite.nodes['drop_simulator'].end()
     suite.client.wait(lambda: not suite.client.parts(), 'no part offered')
     assert agrees(now)
     assert 'known parts: thing' in classify('other', face.orientation).status.message

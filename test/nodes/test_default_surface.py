@@ -4,7 +4,6 @@ import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
 
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
-from resting_aspects_ros.simulation.conditions import surfaces_file
 
 
 @pytest.fixture
@@ -40,15 +39,6 @@ def test_default_surface_is_that_of_the_simulator(suite, simulator, surfaces_mea
     assert named.run.conditions.surface == 'rubber_mat'
 
 
-def test_given_conditions_are_not_changed(suite, simulator):
-    assert simulator.set(surface='steel') == []
-    conditions = suite.client.ask(drops=2, surface='thrown').distribution.run.conditions
-    conditions.friction = 0.7
-    answer = suite.client.ask(drops=2, conditions=[conditions])
-    assert answer.distribution.run.conditions.friction == 0.7
-    assert answer.distribution.run.conditions.spin == conditions.spin > 0
-
-
 def test_default_conditions_are_published_completely(suite, simulator, surfaces):
     received = suite.client.listen(DropConditions, DEFAULT_CONDITIONS, LATCHED)
     suite.client.wait(lambda: received, 'default conditions')
@@ -58,46 +48,29 @@ def test_default_conditions_are_published_completely(suite, simulator, surfaces)
     assert received[-1].friction == surfaces.get('thrown').friction
 
 
-@pytest.mark.slow
 def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     quick = {
         'aspect_classifier': {
             'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
-            'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0,
+            'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
         }
     }
     suite = fresh_suite(quick, workers=1, surface='steel')
     first = suite.client.ask(drops=2).distribution
     assert first.run.conditions.surface == 'steel'
     # A classifier that starts later receives it before it responds for a part.
-    suite.processes['aspect_classifier'].end()
-    suite.start_again('aspect_classifier')
+    suite.restart('aspect_classifier')
     suite.client.wait(
         lambda: suite.client.ask(drops=2).distribution.run.conditions == first.run.conditions,
         'the same conditions',
     )
-    suite.processes['drop_simulator'].end()
+    suite.nodes['drop_simulator'].end()
     known = suite.client.ask(drops=2, only_known=True, surface='steel').distribution
     assert known.run.conditions == first.run.conditions
     # A classifier that has received no default conditions has no default.
-    suite.processes['aspect_classifier'].end()
-    suite.start_again('aspect_classifier')
+    suite.restart('aspect_classifier')
     unnamed = suite.client.ask(drops=2, only_known=True).status
     assert unnamed.code == Status.NOT_AVAILABLE
     assert 'no drop_simulator answers' in unnamed.message
     known = suite.client.ask(drops=2, only_known=True, surface='steel').distribution
     assert known.run.conditions == first.run.conditions
-
-
-@pytest.mark.slow
-def test_default_surface_may_be_unknown_to_the_classifier(fresh_suite, tmp_path):
-    text = surfaces_file().read_text(encoding='utf-8')
-    own = text.replace('steel:', 'granite:').replace('friction: 0.15', 'friction: 0.17')
-    (tmp_path / 'own.yaml').write_text(own, encoding='utf-8')
-    suite = fresh_suite(workers=1, surface='granite', surfaces_file=tmp_path / 'own.yaml')
-    conditions = suite.client.ask(drops=2).distribution.run.conditions
-    assert (conditions.surface, conditions.friction) == ('granite', 0.17)
-    refused = suite.client.ask(drops=2, surface='granite').status
-    assert (
-        refused.message == "invalid surface 'granite': expected one of rubber_mat, steel, thrown"
-    )

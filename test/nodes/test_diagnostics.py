@@ -1,18 +1,13 @@
 """The diagnostics of each node, also with a full disk."""
 
 import re
-import resource
-import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from resting_aspects_interfaces.msg import PartDescription, RestingPoses, Status
+from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
 from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.interface import (
-    LATCHED,
-    POSES,
-)
+from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 
 @pytest.fixture(scope='module')
@@ -58,23 +53,6 @@ def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
         assert int(values[key]) == drop.result.drops
 
 
-def test_active_runs_are_listed(suite, diagnostics):
-    drops = [suite.client.dropping('tetrahedron', 2_000_000, seed=seed) for seed in (11, 12)]
-    suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
-    for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
-        _, message, values = diagnostics.wait(
-            node, lambda _, __, values: values['active runs'] == '2', node
-        )
-        assert re.fullmatch(r'tetrahedron: \d+ of 2000000 drops, and 1 more run', message)
-        assert values['run 1'].startswith(message.partition(',')[0])
-        assert values['run 2'].startswith('tetrahedron: ')
-    for drop in drops:
-        drop.cancel()
-    suite.client.wait(lambda: all(drop.done for drop in drops), 'canceled runs')
-    for drop in drops:
-        suite.log_of(drop.result.run_id)
-
-
 def test_missing_and_uncounted_drops_are_reported(
     start, connect, diagnostics_of, namespace, batches, part, tmp_path
 ):
@@ -101,47 +79,6 @@ def test_missing_and_uncounted_drops_are_reported(
     )
 
 
-def test_dead_workers_are_counted(suite, diagnostics):
-    for seed in (13, 14):
-        drop = suite.client.dropping_in_bullet('tetrahedron', 5, seed=seed)
-        suite.client.wait(lambda drop=drop: drop.done, 'goal')
-        assert drop.outcome == 'succeeded'
-        assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
-    level, _, _ = diagnostics.wait(
-        'drop_simulator', lambda _, __, values: int(values['workers that died']) > 0, 'deaths'
-    )
-    assert level == DiagnosticStatus.OK
-
-
-@pytest.mark.slow
-def test_full_disk_stops_the_log_but_not_the_request(suite, diagnostics):
-    recorder = suite.processes['drop_recorder']
-    # Acts as a quota: no file of the recorder can grow beyond this.
-    _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (200_000, hard))
-    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=2)  # until it is canceled
-    _, message, values = diagnostics.wait(
-        'drop_recorder', lambda level, *_: level == DiagnosticStatus.ERROR, 'error'
-    )
-    assert not drop.done
-    assert (values['logs open'], values['log files']) == ('0', '')
-    drop.cancel()
-    suite.client.wait(lambda: drop.done, 'canceled run')
-    assert re.match(
-        rf'(only \d+ drops of )?run {drop.result.run_id} of tetrahedron (are|is not) recorded: '
-        'log .* cannot be written: File too large',
-        message,
-    )
-    answer = suite.client.ask('tetrahedron', 2000, seed=[3])
-    assert (answer.status.code, answer.distribution.drops) == (Status.OK, 2000)
-    # With space available again, the next run is recorded and the error disappears.
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
-    again = suite.client.drop('tetrahedron', 300, seed=4)
-    suite.log_of(again.result.run_id)
-    diagnostics.wait('drop_recorder', lambda level, *_: level == DiagnosticStatus.OK, 'well')
-    assert recorder.running
-
-
 def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
     # A log that is closed later would end the error.
     diagnostics.forget()
@@ -159,23 +96,3 @@ def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_pa
     )
     assert (values['logs open'], values['log files']) == ('0', '')
     assert recorder.set(log_folder=str(suite.logs)) == []
-
-
-def test_disk_is_full_at_the_end_of_a_run(suite, diagnostics):
-    """All drops are in the log, but its end is missing."""
-    first = suite.client.drop('tetrahedron', 5, seed=10).result
-    (file,) = suite.log_of(first.run_id).glob('*.mcap')
-    size = file.stat().st_size
-    recorder = suite.processes['drop_recorder']
-    _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
-    # Again, with only the end of the index missing.
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size - 500, hard))
-    try:
-        run_id = suite.client.drop('tetrahedron', 5, seed=11).result.run_id
-        suite.client.wait(lambda: 'File too large' in recorder.output, 'error')
-    finally:
-        resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
-    expected = f'all 5 drops of run {run_id} of tetrahedron are recorded, but the log has no end: '
-    diagnostics.wait(
-        'drop_recorder', lambda _, message, __: message.startswith(expected), expected
-    )

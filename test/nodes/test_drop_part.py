@@ -8,7 +8,6 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS
 from resting_aspects_ros.ros.conversions import MAX_POSES, nanoseconds, poses_from
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.job import plan_run
@@ -81,16 +80,6 @@ def test_result_counts_every_drop(drop, batches):
     assert result.settled > 0
 
 
-def test_feedback_grows_towards_the_total(drop):
-    # rclpy discards feedback that arrives after the result: the last may be missing.
-    done = [feedback.done for feedback in drop.feedback]
-    assert done
-    assert done == sorted(set(done))
-    assert done[-1] <= DROPS
-    assert {feedback.total for feedback in drop.feedback} == {DROPS}
-    assert all(feedback.drops_per_second > 0 for feedback in drop.feedback)
-
-
 def test_messages_are_consecutive(batches):
     ends = [batch.first_drop + len(batch.status) for batch in batches]
     assert [batch.first_drop for batch in batches] == [0, *ends[:-1]]
@@ -153,21 +142,6 @@ def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].status), seed=13))
 
 
-def test_drops_before_a_cancel_are_known(suite, counts):
-    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=14)
-    suite.client.wait(lambda: drop.feedback, 'first feedback')
-    drop.cancel()
-    suite.client.wait(lambda: drop.done, 'canceled goal')
-
-    def known():
-        answer = suite.client.ask(drops=drop.result.drops, seed=[14], only_known=True)
-        return answer.status.code == Status.OK and answer.distribution
-
-    distribution = suite.client.wait(known, 'distribution of the canceled run')
-    assert distribution.run.run_id == drop.result.run_id
-    assert distribution.drops == sum(counts(distribution)) == drop.result.drops
-
-
 def test_drops_of_a_run_are_published_again(suite, received, drop, batches):
     run_id = drop.result.run_id
     again = suite.client.drop('tetrahedron', 30, first_drop=20, seed=11, run_id=run_id).result
@@ -187,14 +161,3 @@ def test_only_drops_of_runs_of_this_simulator_are_published_again(suite, drop):
     refused = suite.client.drop(drops=5, seed=12, run_id=drop.result.run_id).result.status
     assert refused.code == Status.INVALID
     assert refused.message.startswith('invalid request for drops of run ')
-
-
-def test_too_many_goals_are_refused(suite):
-    goals = [
-        suite.client.dropping('tetrahedron', 2_000_000, seed=1000 + k) for k in range(MAX_GOALS)
-    ]
-    suite.client.wait(lambda: all(goal.feedback for goal in goals), 'feedback')
-    assert suite.client.drop(drops=1).result.status.code == Status.BUSY
-    for goal in goals:
-        goal.cancel()
-    suite.client.wait(lambda: all(goal.done for goal in goals), 'canceled goals')

@@ -1,15 +1,11 @@
 """A request for n drops makes those that are not known; what is published never gets worse."""
 
 import itertools
-import os
 
 import pytest
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
-from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
-from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
@@ -17,17 +13,13 @@ from resting_aspects_ros.statistics.distribution import count_poses
 
 
 @pytest.fixture(scope='module')
-def logs(tmp_path_factory):
-    return tmp_path_factory.mktemp('logs')
+def fresh(fresh_suite):
+    return fresh_suite()
 
 
 @pytest.fixture(scope='module')
-def client(connect, local_nodes, logs):
-    namespace = f'/extension_{os.getpid()}'
-    local_nodes(namespace, DropSimulator, AspectClassifier, DropRecorder, log_folder=logs)
-    client = connect(namespace)
-    client.wait(lambda: 'tetrahedron' in client.parts(), 'part')
-    return client
+def client(fresh):
+    return fresh.client
 
 
 @pytest.fixture(scope='module')
@@ -97,29 +89,11 @@ def test_latched_distribution_is_not_replaced_by_a_smaller_one(client, received)
     client.wait(lambda: late[-1].drops == 50, 'distribution of other conditions')
 
 
-def test_each_run_of_an_extended_distribution_has_a_log(client, logs, received):
+def test_each_run_of_an_extended_distribution_has_a_log(client, fresh, received):
     client.ask(drops=100, seed=[4])
     second = client.ask(drops=250, seed=[4]).distribution.run
     ids = list(dict.fromkeys(each.run.run_id for each in received if each.run.seed == 4))
     assert len(ids) == 2
     assert ids[1] == second.run_id
     for run_id in ids:
-        client.wait(lambda run_id=run_id: list(logs.glob(f'*_{run_id}/metadata.yaml')), 'log')
-
-
-def test_drops_of_drop_part_are_extended_too(client, received, counted):
-    client.drop(drops=120, seed=5)
-    answer = client.ask(drops=200, seed=[5])
-    assert [each.count for each in answer.distribution.aspects] == counted(200, 5)
-    client.wait(lambda: made(received, 5)[-1][1] == 200, 'drops')
-    assert made(received, 5) == [(0, 120), (120, 200)]
-
-
-def test_precision_is_reached_after_known_drops(client):
-    client.ask(drops=50, seed=[6])
-    answer = client.ask(drops=0, precision=0.05, seed=[6])
-    assert answer.status.code == Status.OK, answer.status.message
-    half = [(each.upper - each.lower) / 2 for each in answer.distribution.aspects]
-    assert max(half) <= 0.05
-    again = client.ask(drops=0, precision=0.05, seed=[6])
-    assert again.distribution.run.run_id == answer.distribution.run.run_id
+        fresh.log_of(run_id)

@@ -21,8 +21,7 @@ from rosbags.highlevel import AnyReader
 from resting_aspects_ros.api.count_files import read_observed
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.reader import Recording, messages
-from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
 
@@ -79,11 +78,11 @@ class Cell:
 
 
 @pytest.fixture(scope='module')
-def cell(start, connect, part, tmp_path_factory):
+def cell(start_process, connect, part, tmp_path_factory):
     namespace = f'/test_feeder_logs_{os.getpid()}'
     folder = tmp_path_factory.mktemp('logs')
     cell = Cell(connect(namespace), folder, part_msg(part(PART)))
-    cell.process = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
+    cell.process = start_process('drop_recorder', namespace, {'log_folder': folder}, SMALL)
     cell.meet()
     return cell
 
@@ -153,17 +152,7 @@ def test_drift_is_tested_from_the_logs(shift):
         read_observed(shift.folder, [1, 2], part='cube')
 
 
-def test_replay_has_all_topics_in_order(shift):
-    for log in shift.logs():
-        recording = Recording(log)
-        topics, skipped = replayed_topics(recording)
-        assert skipped == []
-        assert {each.name for each in topics} <= TOPICS.keys()
-        times = [each.time for each in recording.messages(recording.topics)]
-        assert times == sorted(times)
-
-
-def test_replayed_counts_give_the_same_posterior(shift, start, connect, processes):
+def test_replayed_counts_give_the_same_posterior(shift, start, connect):
     """The messages pass through a replayer and a classifier."""
     namespace = f'/test_feeder_replay_{os.getpid()}'
     client = connect(namespace)
@@ -177,33 +166,3 @@ def test_replayed_counts_give_the_same_posterior(shift, start, connect, processe
 
     found = client.wait(posterior, 'posterior')[-1]
     assert list(found.concentration) == [6, 10]  # without drops, all shares are equally probable
-
-
-@pytest.mark.slow
-def test_full_disk_is_reported_and_recording_continues(
-    start, connect, part, tmp_path, diagnostics_of
-):
-    namespace = f'/test_feeder_disk_{os.getpid()}'
-    client = connect(namespace)
-    folder = tmp_path / 'file'
-    folder.write_text('')  # no folder
-    process = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
-    cell = Cell(client, folder, part_msg(part(PART)))
-    cell.meet()
-    status = diagnostics_of(client)
-    cell.outputs['pick_result'].publish(PickResult(image=1))
-    status.wait(
-        'drop_recorder', lambda _, text, __: '1 message of the feeder not' in text, 'error'
-    )
-    folder.unlink()
-
-    def written():
-        cell.outputs['pick_result'].publish(PickResult(image=2))
-        return list(folder.glob('feeder-*/*.mcap'))
-
-    client.wait(written, 'log')
-    status.wait('drop_recorder', lambda level, text, __: level == b'\0', 'no error')
-    assert process.end(signal.SIGINT) == 0
-    (log,) = cell.logs()
-    assert (log / 'metadata.yaml').exists()
-    assert cell.logged(PickResult)

@@ -1,8 +1,14 @@
 """The service get_distribution, requested over DDS."""
 
-import pytest
-from resting_aspects_interfaces.msg import DropConditions, Status
+import math
 
+import numpy as np
+import pytest
+from resting_aspects_interfaces.msg import Status
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.aspects.estimate import RestingShape, estimate
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 
 
@@ -64,7 +70,10 @@ def test_known_distribution_needs_no_drop(suite, first, counts):
     [
         ({'drops': 261}, ['has at least 261 drops', ' 260 drops on rubber_mat']),
         ({'seed': [8]}, ['with seed 8 has', ' 260 drops on rubber_mat with seed 7']),
-        ({'part': 'washer'}, ['no known distribution of washer under these conditions has']),
+        (
+            {'part': 'box_10x20x30'},
+            ['no known distribution of box_10x20x30'],
+        ),
     ],
     ids=['more drops', 'another seed', 'another part'],
 )
@@ -82,45 +91,12 @@ def test_only_known_rejects_a_part_that_is_not_offered(suite, first):
     assert 'tetrahedron' in answer.status.message
 
 
-def test_changed_conditions_are_not_known(suite, first, surfaces):
-    changed = conditions_msg(surfaces.get())
-    changed.friction = 0.26
-    answer = suite.client.ask(drops=1, conditions=[changed], only_known=True)
-    assert answer.status.code == Status.NOT_AVAILABLE
-
-
 def test_conditions_equal_to_a_surface_are_known(suite, first, surfaces):
     same = conditions_msg(surfaces.get())
     same.surface = 'my own name for it'
     answer = suite.client.ask(drops=260, conditions=[same], only_known=True)
     assert answer.status.code == Status.OK
     assert answer.distribution.run == first.distribution.run
-
-
-def test_changed_conditions_have_no_surface_name(suite, surfaces):
-    changed = conditions_msg(surfaces.get())
-    changed.friction = 0.3
-    run = suite.client.ask(drops=3, conditions=[changed]).distribution.run
-    assert run.conditions == DropConditions(
-        **{
-            name: getattr(changed, name)
-            for name in changed.get_fields_and_field_types()
-            if name != 'surface'
-        }
-    )
-
-
-def test_part_is_dropped_if_too_few_drops_are_known(suite, first):
-    answer = suite.client.ask('tetrahedron', 270, seed=[7])
-    assert answer.status.code == Status.OK
-    assert answer.distribution.drops == 270
-    assert answer.distribution.run.run_id != first.distribution.run.run_id
-
-
-def test_part_is_dropped_for_another_seed(suite, first, counts):
-    answer = suite.client.ask('tetrahedron', 260, seed=[8])
-    assert answer.distribution.run.seed == 8
-    assert counts(answer.distribution) != counts(first.distribution)
 
 
 def test_run_from_the_middle_does_not_match_its_seed(suite, counts):
@@ -135,9 +111,50 @@ def test_run_from_the_middle_does_not_match_its_seed(suite, counts):
     assert answer.distribution.run.run_id != slice_of_run.run_id
 
 
-@pytest.mark.slow
-def test_new_suite_gives_the_same_counts_for_a_seed(fresh_suite, first, counts):
-    suite = fresh_suite(workers=1)
-    answer = suite.client.ask('tetrahedron', 260, seed=[7])
-    assert answer.distribution.run.run_id != first.distribution.run.run_id
-    assert counts(answer.distribution) == counts(first.distribution)
+# -- a precision ----------------------------------------------------------------------------------
+
+
+def test_run_stops_at_the_precision_as_a_drop_does(suite, part, surfaces):
+    own = surfaces.get().changed(friction=0.29)  # no other test drops under these conditions
+    asked = {'seed': [33], 'conditions': [conditions_msg(own)]}
+    expected = ra.drop(part('tetrahedron'), precision=0.05, seed=33, surface=own, workers=1)
+    answer = suite.client.ask(drops=0, precision=0.05, **asked)
+    assert answer.status.code == Status.OK
+    found = answer.distribution
+    assert (found.drops, found.complete) == (expected.distribution.drops, True)
+    assert [each.count for each in found.aspects] == expected.distribution.counts.tolist()
+    assert max((each.upper - each.lower) / 2 for each in found.aspects) <= 0.05
+    for precision, code in ((0.05, Status.OK), (0.1, Status.OK), (0.01, Status.NOT_AVAILABLE)):
+        known = suite.client.ask(drops=0, precision=precision, only_known=True, **asked)
+        assert known.status.code == code
+    few = suite.client.ask(drops=300, precision=0.01, seed=[34], conditions=asked['conditions'])
+    assert (few.distribution.drops, few.distribution.complete) == (300, True)
+
+
+# -- estimators -----------------------------------------------------------------------------------
+
+
+def test_estimator_responds_without_a_drop(suite, part):
+    box = part('box_10x20x30')
+    answer = suite.client.ask(box.name, method='rolling')
+    assert (answer.status.code, answer.status.message) == (Status.OK, '')
+    found = answer.distribution
+    expected = estimate(RestingShape(box, find_aspects(box)), 'rolling').probabilities
+    # The part was sent in a message, which does not round its numbers.
+    np.testing.assert_array_equal([a.probability for a in found.aspects], expected)
+    assert (found.method, found.run.part_sha256, found.complete) == (
+        'rolling',
+        box.part_sha256,
+        True,
+    )
+    assert (found.drops, found.interval, found.run.run_id) == (0, '', '')
+    assert all(math.isnan(each.lower) and math.isnan(each.upper) for each in found.aspects)
+    # It is not taken for drops.
+    known = suite.client.ask(box.name, 10, seed=[9900], only_known=True)
+    assert known.status.code == Status.NOT_AVAILABLE
+
+
+def test_unknown_method_is_rejected(suite):
+    answer = suite.client.ask(method='guess')
+    assert answer.status.code == Status.INVALID
+    assert answer.status.message.startswith("invalid method 'guess': expected drops or one of ")

@@ -11,10 +11,11 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
 from resting_aspects_ros.feeding.image_advice import advise_image
 from resting_aspects_ros.feeding.tray_state import Detection, Image
-from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs, read_fed_part
-from resting_aspects_ros.nodes.feeder_controller.settings import (
+from resting_aspects_ros.nodes.feeder_controller.messages import (
     PARAMETERS,
+    pick_msgs,
     pickable_ids,
+    read_fed_part,
     settings_from,
 )
 from resting_aspects_ros.ros.conversions import part_msg
@@ -122,18 +123,6 @@ def test_pickable_class_without_a_grasp_is_an_error(fed):
         pickable_ids(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
 
 
-def test_settings_of_the_decision_reach_its_model(fed, evidence):
-    settings = settings_from(
-        {**VALUES, 'place_time': 0.3, 'max_supply': 3, 'min_score': 0.8, 'max_picks': 2}
-    )
-    model = build_model(evidence([27, 27, 25, 13, 8]), fed.footprints, settings)
-    assert (model.max_supply, model.min_score) == (3, 0.8)
-    assert (model.times.place, model.feeder.max_picks) == (0.3, 2)
-    assert model.feeder.footprints[0].grips
-    image = Image(1, 1, 'tray', ())
-    assert advise_image(image, fed, model).supply == 3
-
-
 def test_missing_flips_have_the_shares_of_the_drops(fed, evidence, settings):
     """A rare class keeps its share: 1 of 1000 drops is less than one of 20 flips."""
     drops = np.array([1, 499, 300, 150, 50])
@@ -154,15 +143,3 @@ def test_class_that_was_never_seen_has_no_rate_and_is_picked(fed, evidence, sett
     assert model.values.rate == 0
     assert len(advise_image(Image(1, 1, 'tray', (seen(0, 0.0, 0.0),)), fed, model).picks) == 1
     assert advise_image(Image(1, 1, 'tray', ()), fed, model).supply > 0
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'words'),
-    [
-        ('grasps', 'no_such.yaml', "grasps file 'no_such.yaml' does not exist"),
-        ('place_time', 2.0, 'invalid place time 2 s: expected at most the robot time'),
-    ],
-)
-def test_invalid_setting_of_the_robot_is_refused(name, value, words):
-    with pytest.raises(InvalidValueError, match=words):
-        settings_from({**VALUES, name: value})

@@ -6,7 +6,6 @@ import shutil
 import pytest
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status
-from resting_aspects_interfaces.srv import ClassifyPose, ListParts
 
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.cli.main import main
@@ -21,7 +20,7 @@ from resting_aspects_ros.logs.topics import (
     Topic,
 )
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
@@ -91,13 +90,6 @@ def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
     assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
 
 
-def test_log_of_another_suite_version_is_used(write):
-    def version(message):
-        message.run.suite_version = '0.0.1'
-
-    assert load_log(write(change=version))[1].drops == 125
-
-
 def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
     """The pieces are in any order, without drops 100 to 109."""
     run, found = load_log(write([(0, 40), (110, 125), (40, 100)], whole=False))
@@ -129,12 +121,6 @@ def test_recovered_log_is_used(write):
         load_log(log)
     assert main(['recover', str(log)]) == 0
     assert load_log(log)[1].drops == 125
-
-
-def test_log_being_written_is_skipped(tmp_path):
-    log = RunLog(tmp_path, 'tetrahedron_20300101T000000Z_4f1c')
-    assert load_log(tmp_path / 'tetrahedron_20300101T000000Z_4f1c') is None
-    log.close()
 
 
 def odd(field, value):
@@ -180,9 +166,9 @@ def test_newest_log_of_each_part_is_read_first(tmp_path):
 
 def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespace, tmp_path):
     log = write()
-    pipe = tmp_path / 'nut_20990131T120000Z_4f1c'  # the log that is read first
-    pipe.mkdir()
-    os.mkfifo(pipe / 'nut.mcap')
+    text = tmp_path / 'nut_20990131T120000Z_4f1c'  # the log that is read first
+    text.mkdir()
+    (text / 'nut.mcap').write_text('text')
     shutil.copytree(log, tmp_path / 'tetrahedron_20300101T000000Z_cut')
     (cut,) = (tmp_path / 'tetrahedron_20300101T000000Z_cut').glob('*.mcap')
     cut.write_bytes(cut.read_bytes()[:-100])
@@ -190,53 +176,29 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     answer = connect(namespace).ask(drops=125, surface='rubber_mat', only_known=True)
     assert answer.distribution.drops == 125
     (warning,) = [line for line in classifier.output.splitlines() if 'cannot be used' in line]
-    assert f'2 logs in {tmp_path} cannot be used: {pipe.name}: ' in warning
+    assert f'2 logs in {tmp_path} cannot be used: {text.name}: ' in warning
     assert f'{cut.parent.name}: it is not closed: ' in warning
 
 
-def test_newest_logs_are_read_if_there_are_too_many(write, start, connect, namespace, tmp_path):
-    log = write()
-    for k in range(4):
-        shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
-    limit = {'nodes.aspect_classifier.log_loader.MAX_LOGS': 2}
-    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, limit)
-    assert f'3 logs in {tmp_path} not read: ' in classifier.output
-    assert '2 of 5 logs of earlier runs' in classifier.output
-
-
-class Code(str):
-    """Python code, as the value of a constant of a node."""
-
-    __repr__ = str.__str__
-
-
 def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):
-    """The folder hangs, as a network file system can."""
+    """The folder hangs, as a network file system can, until something is written to a pipe."""
     os.mkfifo(tmp_path / 'pipe')
-    hang = {
-        'nodes.aspect_classifier.log_loader.logs_in': Code("__import__('io').open"),
-        'nodes.aspect_classifier.log_loader.MAX_SECONDS': 0.0,
-    }
-    logs = {'log_folder': tmp_path / 'pipe'}
-    classifier = start('aspect_classifier', namespace, logs, hang, ready='')
+
+    def hang(_):
+        (tmp_path / 'pipe').read_text()
+        return []
+
+    constants = {'nodes.aspect_classifier.known.logs_in': hang}
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, constants, '')
     client = connect(namespace)
     expected = 'the logs of earlier runs are still being read'
-    for status in (
-        client.ask(only_known=True).status,
-        client.ask(method='rolling').status,
-        client.call(
-            client.node.create_client(ClassifyPose, 'classify_pose'), ClassifyPose.Request()
-        ).status,
-        client.call(
-            client.node.create_client(ListParts, 'list_parts'), ListParts.Request()
-        ).status,
-    ):
+    for status in (client.ask(only_known=True).status, client.ask(method='rolling').status):
         assert (status.code, status.message) == (Status.NOT_AVAILABLE, expected)
     # The Python client waits for a classifier that is ready.
     with RestingAspectsClient(client.node) as other:
-        answer = other.list_parts_async(timeout=1)
+        answer = other.get_distribution_async('tetrahedron', only_known=True, timeout=1)
         client.wait(answer.done, 'timeout')
     assert isinstance(answer.exception(), AnswerTimeoutError)
     assert 'ready' not in classifier.output
-    assert classifier.end() == 0
-    assert 'ERROR' not in classifier.output
+    (tmp_path / 'pipe').write_text('')
+    client.wait(lambda: 'ready' in classifier.output, 'end of the logs')

@@ -13,24 +13,20 @@ from resting_aspects_interfaces.msg import PartDescription, RestingPoses, Status
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
-from resting_aspects_ros.nodes import drop_client
-from resting_aspects_ros.nodes.aspect_classifier import get_distribution
-from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
-from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.discovery import announce
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
-from resting_aspects_ros.ros.liveliness import announce
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 40
 SHORTER = {
-    (drop_client, 'ARRIVAL_TIMEOUT'): 0.3,
-    (get_distribution, 'ARRIVAL_TIMEOUT'): 0.3,
-    (get_distribution, 'COUNT_TIMEOUT'): 0.3,
-    (drop_recorder, 'IDLE_WITHOUT_SOURCE'): 0.3,
-    (drop_recorder, 'END_TIMEOUT'): 2.0,
+    'nodes.drop_client.ARRIVAL_TIMEOUT': 0.3,
+    'nodes.aspect_classifier.services.ARRIVAL_TIMEOUT': 0.3,
+    'nodes.aspect_classifier.services.COUNT_TIMEOUT': 0.3,
+    'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.3,
+    'nodes.drop_recorder.node.END_TIMEOUT': 2.0,
 }
 
 
@@ -95,13 +91,11 @@ def logs(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def client(connect, local_nodes, logs):
+def client(connect, start, logs):
     namespace = f'/missing_{os.getpid()}'
-    with pytest.MonkeyPatch.context() as patched:
-        for (module, name), value in SHORTER.items():
-            patched.setattr(module, name, value)
-        local_nodes(namespace, AspectClassifier, drop_recorder.DropRecorder, log_folder=logs)
-        yield connect(namespace)
+    for node in ('aspect_classifier', 'drop_recorder'):
+        start(node, namespace, {'log_folder': logs}, SHORTER)
+    return connect(namespace)
 
 
 @pytest.fixture(scope='module')

@@ -1,16 +1,12 @@
-"""parts/<part> and list_parts follow the folder of the simulator."""
+"""parts/<part> follows the folder of the simulator."""
 
 import shutil
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.serialization import serialize_message
-from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.part.library import PartLibrary
-from resting_aspects_ros.ros.conversions import part_from, part_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.conditions import parts_folder
 
@@ -34,7 +30,7 @@ def suite(fresh_suite, folder):
 
 @pytest.fixture
 def listed(suite):
-    """Wait until list_parts returns these names, and return the summaries."""
+    """Wait until these parts are offered, and return their descriptions."""
 
     def listed(*names):
         def found():
@@ -52,47 +48,21 @@ def test_parts_are_listed_by_name_with_their_hashes(listed, folder):
         assert summary.part_sha256 == PartLibrary(folder).load(name).part_sha256
 
 
-def test_part_is_known_after_a_run(suite, listed):
-    assert not listed('box_10x20x30', 'tetrahedron')['tetrahedron'].known
-    suite.client.ask('tetrahedron', 3)
-    parts = listed('box_10x20x30', 'tetrahedron')
-    assert (parts['tetrahedron'].known, parts['box_10x20x30'].known) == (True, False)
+@pytest.fixture
+def answers(suite):
+    """Wait until a request is answered with a status, when the classifier has read the parts."""
+
+    def answers(name, code, **fields):
+        def found():
+            status = suite.client.ask(name, 3, seed=[1], **fields).status
+            return status if status.code == code else None
+
+        return suite.client.wait(found, f'status {code}').message
+
+    return answers
 
 
-def test_file_name_that_is_not_utf8_is_reported(suite, folder, diagnostics_of):
-    mesh = folder / '\udcff.stl'
-    shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
-    simulator = suite.processes['drop_simulator']
-    expected = r'\udcff.stl in '
-    suite.client.wait(lambda: expected in simulator.output or not simulator.running, 'word of it')
-    _, message, values = diagnostics_of(suite.client).wait(
-        'drop_simulator', lambda level, *_: level == DiagnosticStatus.WARN, 'warning'
-    )
-    assert '1 mesh is not offered' in message
-    assert expected in values[r'not offered: \udcff.stl']
-    assert suite.client.ask('tetrahedron', 3).status.code == Status.OK
-    mesh.unlink()
-
-
-def test_part_is_not_known_after_a_run_without_drops(suite, listed):
-    box = suite.client.dropping('box_10x20x30', 2_000_000, first_drop=9)
-    box.cancel()
-    suite.client.wait(lambda: box.done, 'canceled goal')
-    assert box.result.status.code == Status.CANCELED
-    parts = listed('box_10x20x30', 'tetrahedron')
-    assert parts['box_10x20x30'].known == (box.result.drops > 0)
-
-
-def test_description_contains_the_mesh_file(suite, folder):
-    received = suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED)
-    suite.client.wait(lambda: received, 'description')
-    assert bytes(received[0].mesh) == (folder / 'tetrahedron.stl').read_bytes()
-    again = part_from(received[0])
-    assert again.part_sha256 == received[0].part_sha256
-    assert again.part_sha256 == PartLibrary(folder).load('tetrahedron').part_sha256
-
-
-def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
+def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
     before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
@@ -111,22 +81,19 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     )
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    assert not suite.client.parts()['hex_nut'].known
-    old = suite.client.ask('hex_nut', 3, seed=[1], only_known=True)
-    assert old.status.code == Status.NOT_AVAILABLE
+    answers('hex_nut', Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
     (folder / 'hex_nut.stl').unlink()
     (folder / 'hex_nut.yaml').unlink()
     listed('box_10x20x30', 'tetrahedron')
-    answer = suite.client.ask('hex_nut', 3, seed=[1])
-    assert answer.status.code == Status.UNKNOWN_PART
-    assert 'known parts: box_10x20x30, tetrahedron' in answer.status.message
+    message = answers('hex_nut', Status.UNKNOWN_PART)
+    assert 'known parts: box_10x20x30, tetrahedron' in message
 
 
 def test_broken_mesh_is_reported_once(suite, listed, folder):
-    simulator = suite.processes['drop_simulator']
+    simulator = suite.nodes['drop_simulator']
     (folder / 'broken.stl').write_bytes(b'no mesh')
     suite.client.wait(lambda: 'broken.stl' in simulator.output, 'warning')
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
@@ -153,51 +120,3 @@ def test_diagnostics_list_meshes_that_are_not_offered(suite, folder, diagnostics
     diagnostics.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
     (folder / 'My Washer.stl').unlink()
     diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')
-
-
-@pytest.mark.slow
-def test_request_waits_while_parts_arrive(fresh_suite):
-    suite = fresh_suite({'aspect_classifier': {'ros.topic_discovery.PERIOD': 1.5}}, workers=1)
-    suite.processes['aspect_classifier'].end()
-    suite.start_again('aspect_classifier')
-    # It does not discover parts before 1.5 s have passed.
-    assert suite.client.ask('washer', method='rolling').status.code == Status.OK
-    unknown = suite.client.ask('no_such_part', method='rolling').status
-    assert unknown.code == Status.UNKNOWN_PART
-    assert unknown.message.endswith(', u_bracket, washer')
-
-
-def test_rapidly_repeated_description_is_read(part):
-    """A looped replay repeats it for a slow classifier."""
-
-    class Files:
-        """Read when the gate opens."""
-
-        gate = Future()
-
-        async def run(self, function, *given):
-            await self.gate
-            return function(*given)
-
-    def advance(coroutine):
-        """Run the coroutine until it waits; return whether it has ended."""
-        try:
-            coroutine.send(None)
-        except StopIteration:
-            return True
-        return False
-
-    described = serialize_message(part_msg(part('tetrahedron')))
-    changes = []
-    known = PartRegistry(None, Files(), changes.append)
-    reading = known.describe('tetrahedron', described)
-    assert not advance(reading)
-    assert advance(known.describe('tetrahedron', described))
-    Files.gate.set_result(None)
-    assert advance(reading)
-    assert known.get('tetrahedron').part_sha256 == part('tetrahedron').part_sha256
-    assert advance(known.describe('tetrahedron', described))
-    assert len(changes) == 1
-    known.remove('tetrahedron')
-    assert advance(known.describe('tetrahedron', described))
-    assert len(changes) == 2

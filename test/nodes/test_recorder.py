@@ -1,22 +1,23 @@
 """The log of every run, read with an independent reader, matches the received messages."""
 
 import csv
-import os
-import re
-import signal
-import sys
-from datetime import datetime, timezone
+import resource
+from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from rosbags.highlevel import AnyReader
 
+from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
+from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.drop_recorder.run_topics import FolderLock, absolute_folder
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.conditions import parts_folder
+from resting_aspects_ros.run_logs.recorder import RunRecorder
+from resting_aspects_ros.simulation.job import RunDescription
 
 DROPS = 520
 
@@ -83,16 +84,6 @@ def folder(suite, run):
     return suite.log_of(run.run_id)
 
 
-def test_run_folder_is_named_after_part_start_and_run_id(folder, run):
-    started = datetime.fromtimestamp(run.started.sec, timezone.utc)
-    assert folder.name == f'tetrahedron_{started:%Y%m%dT%H%M%SZ}_{run.run_id}'
-    assert re.fullmatch(r'tetrahedron_\d{8}T\d{6}Z_[0-9a-f]+', folder.name)
-    assert sorted(file.name for file in folder.iterdir()) == [
-        'metadata.yaml',
-        f'{folder.name}_0.mcap',
-    ]
-
-
 @pytest.mark.parametrize('way', ['the bare file', 'metadata.yaml'])
 def test_log_contains_every_published_message(suite, folder, received, way):
     messages = read(next(folder.glob('*.mcap')) if way == 'the bare file' else folder)
@@ -118,63 +109,12 @@ def test_log_ends_with_all_drops_counted(suite, folder, received, run):
     assert (last.complete, last.drops, last.run.run_id) == (True, DROPS, run.run_id)
 
 
-def test_distributions_grow_during_a_run(received, run):
-    distributions = received['aspect_distributions/tetrahedron']
-    assert {message.run.run_id for message in distributions} == {run.run_id}
-    drops = [message.drops for message in distributions]
-    assert drops == sorted(set(drops))
-    assert [message.complete for message in distributions] == [count == DROPS for count in drops]
-
-
-def test_late_subscriber_receives_the_newest_distribution(suite, run):
-    late = suite.client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
-    suite.client.wait(lambda: late, 'latched distribution')
-    assert (late[0].run, late[0].complete, late[0].drops) == (run, True, DROPS)
-
-
-def test_mesh_file_is_attached_unchanged(folder):
-    with next(folder.glob('*.mcap')).open('rb') as file:
-        (attachment,) = make_reader(file).iter_attachments()
-    assert (attachment.name, attachment.media_type) == ('tetrahedron.stl', 'model/stl')
-    assert attachment.data == (parts_folder() / 'tetrahedron.stl').read_bytes()
-
-
-def test_runs_that_end_while_the_recorder_is_stopped(suite):
-    recorder = suite.processes['drop_recorder']
-    recorder.send(signal.SIGSTOP)
-    try:
-        drops = [suite.client.dropping('tetrahedron', 40, seed=seed) for seed in (2, 3)]
-        suite.client.wait(lambda: all(drop.done for drop in drops), 'goals')
-    finally:
-        recorder.send(signal.SIGCONT)
-    for drop in drops:
-        messages = read(suite.log_of(drop.result.run_id))
-        (batch,) = messages[f'{suite.namespace}/resting_poses']
-        assert (batch.run.run_id, len(batch.status)) == (drop.result.run_id, 40)
-        assert recorded_outcome(suite.log_of(drop.result.run_id)).whole
-
-
-def test_canceled_run_has_a_complete_log(suite):
-    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=5)
-    suite.client.wait(lambda: drop.feedback, 'first feedback')
-    drop.cancel()
-    suite.client.wait(lambda: drop.done, 'canceled goal')
-    batches = read(suite.log_of(drop.result.run_id))[f'{suite.namespace}/resting_poses']
-    assert sum(len(batch.status) for batch in batches) == drop.result.drops
-    assert batches[-1].last
-
-
-MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize('canceled', [False, True])
-def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, canceled):
+def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path, canceled):
     """The run has a precision and custom conditions; a cancel may end it early."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
     drop = suite.client.dropping(
-        'hex_nut',
-        precision=0.01 if canceled else 0.1,
+        precision=0.005 if canceled else 0.1,
         drops=0,
         seed=2**64 - 1,
         conditions=[conditions_msg(conditions)],
@@ -182,37 +122,18 @@ def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, 
     if canceled:
         suite.client.wait(lambda: drop.feedback, 'first feedback')
         drop.cancel()
-    suite.client.wait(lambda: drop.done, 'goal')
+    suite.client.finished(drop)
     folder = suite.log_of(drop.result.run_id)
-    arguments = ('drop', '--from-log', folder, '--poses', tmp_path / 'again.csv')
-    command = run_script(MAIN, *arguments)
-    suite.client.wait(lambda: not command.running, 'end of the command')
-    assert command.end() == 0, command.output
-    batches = read(folder)[f'{suite.namespace}/resting_poses']
+    assert main(['drop', '--from-log', str(folder), '--poses', str(tmp_path / 'again.csv')]) == 0
     logged = [
         [*batch.position[3 * k : 3 * k + 3], *batch.orientation[4 * k : 4 * k + 4]]
-        for batch in batches
+        for batch in read(folder)[f'{suite.namespace}/resting_poses']
         for k in range(len(batch.status))
     ]
     with (tmp_path / 'again.csv').open(newline='') as file:
         made = [[float(value) for value in row[1:8]] for row in list(csv.reader(file))[1:]]
     assert len(made) == drop.result.drops
     assert made == logged
-
-
-def test_folder_name_that_is_not_utf8_is_rejected(run_command, wait, tmp_path):
-    folder = tmp_path / '\udcff'  # no UTF-8
-    folder.mkdir()
-    start = f'import os; os.chdir({os.fsencode(folder)!r})\n'
-    start += (
-        'from resting_aspects_ros.nodes.drop_recorder.node import main; raise SystemExit(main())'
-    )
-    recorder = run_command(sys.executable, '-c', start)
-    wait(lambda: not recorder.running, 'its end')
-    assert recorder.end() == 2
-    reason = r"\udcff/out/logs': expected UTF-8 text, as ROS messages require"
-    assert reason in recorder.output
-    assert not list(folder.iterdir())
 
 
 def test_unwritable_folder_is_reported(suite, start, tmp_path):
@@ -225,63 +146,25 @@ def test_unwritable_folder_is_reported(suite, start, tmp_path):
         lambda: f'run {run_id} of tetrahedron is not recorded: ' in recorder.output, 'error'
     )
     assert str(tmp_path / 'file') in recorder.output
-    assert recorder.running
     suite.log_of(run_id)  # of the recorder that can write
-    assert recorder.end() == 0
-
-
-@pytest.mark.slow
-def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_path):
-    """What the first wrote stays; the second writes a whole log beside it, and a third none."""
-
-    def recorder():
-        return start('drop_recorder', suite.namespace, {'log_folder': tmp_path})
-
-    def logs():
-        return sorted(tmp_path.glob(f'*{run_id}*'))
-
-    first = recorder()
-    drop = suite.client.dropping_in_bullet('tetrahedron', 2000, seed=10)
-    suite.client.wait(lambda: any(b.run.seed == 10 for b in received['resting_poses']), 'batch')
-    simulator = suite.processes['drop_simulator']
-    assert simulator.send_to_workers(signal.SIGSTOP)
-    run_id = next(b.run.run_id for b in received['resting_poses'] if b.run.seed == 10)
-    suite.client.wait(logs, 'log')
-    first.end(signal.SIGKILL)
-    assert not drop.done
-    second = recorder()
-    simulator.send_to_workers(signal.SIGCONT)
-    suite.client.wait(lambda: drop.done, 'goal')
-    suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.output, 'whole log')
-    interrupted, whole = logs()
-    assert f'is in {whole}' in second.output
-    assert whole.name == f'{interrupted.name}_2'
-    assert not (interrupted / 'metadata.yaml').exists()
-    batches = read(whole)[f'{suite.namespace}/resting_poses']
-    assert sum(len(batch.status) for batch in batches) == 2000
-    assert recorded_outcome(whole) == LogOutcome(2000, whole=True)
-    assert second.end() == 0
-    third = recorder()
-    suite.client.wait(lambda: f'is already in {whole}' in third.output, 'word of it')
-    assert third.end() == 0
-    assert logs() == [interrupted, whole]
+    recorder.end()
 
 
 # Last: it ends the recorder.
-def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received, traceback):
+def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=9)
 
     def of_the_run():
         return [batch for batch in received['resting_poses'] if batch.run.seed == 9]
 
-    suite.client.wait(lambda: len(of_the_run()) >= 2, 'second batch')
-    run_id = of_the_run()[0].run.run_id
-    recorder = suite.processes['drop_recorder']
-    assert recorder.end() == 0
-    assert not traceback(recorder.output)
-    drop.cancel()
-    suite.client.wait(lambda: drop.done, 'canceled goal')
-    folder = suite.log_of(run_id)
+    def logged():
+        log = next(iter(suite.logs.glob(f'*_{of_the_run()[0].run.run_id}')), None)
+        return log and log.stat().st_size and len(of_the_run()) >= 2
+
+    suite.client.wait(lambda: of_the_run() and logged(), 'second batch')
+    suite.nodes['drop_recorder'].end()
+    suite.client.canceled(drop)
+    folder = suite.log_of(of_the_run()[0].run.run_id)
     for path in (folder, next(folder.glob('*.mcap'))):
         batches = read(path)[f'{suite.namespace}/resting_poses']
         assert len(batches) >= 1
@@ -289,3 +172,74 @@ def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received, trac
             assert plain(one) == plain(other)
     drops = sum(len(batch.status) for batch in batches)
     assert recorded_outcome(folder) == LogOutcome(drops, whole=False)
+
+
+# -- without nodes ------------------------------------------------------------------------------
+
+TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))
+
+
+@pytest.fixture
+def failed(surfaces, tmp_path):
+    """Record drops of a run, then let the disk be full; gives the log."""
+
+    def record(recorded, asked):
+        values = {'seed': 1, 'first_drop': 0, 'drops': asked, 'precision': 0.0, 'started': 10**18}
+        texts = ('engine', 'engine_version', 'suite_version', 'part_sha256')
+        run = RunDescription(
+            run_id='4f1c', part='nut', conditions=surfaces.get(''), time_step=1e-3,
+            **values, **dict.fromkeys(texts, 'x'),
+        )  # fmt: skip
+        log = RunRecorder(tmp_path, run)
+        if recorded:
+            log.write_poses(TOPIC, bytes(100), 1, 1, 0, recorded)
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+        try:
+            log.write(TOPIC, bytes(100_000), 2, 2)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert log.error.endswith('cannot be written: File too large')
+        return log
+
+    return record
+
+
+@pytest.mark.parametrize(
+    ('recorded', 'asked', 'expected'),
+    [
+        (
+            4000,
+            4000,
+            'all 4000 drops of run 4f1c of nut are recorded, but the log has no end: log ',
+        ),
+        (1, 1, 'all 1 drops of run 4f1c of nut are recorded, but the log has no end: log '),
+        (3999, 4000, 'only 3999 drops of run 4f1c of nut are recorded: log '),
+        (0, 4000, 'run 4f1c of nut is not recorded: log '),
+    ],
+)
+def test_problem_states_the_number_of_recorded_drops(failed, recorded, asked, expected):
+    assert failed(recorded, asked).problem().startswith(expected)
+
+
+def test_deleted_working_folder_is_an_error(tmp_path, monkeypatch):
+    (tmp_path / 'gone').mkdir()
+    monkeypatch.chdir(tmp_path / 'gone')
+    (tmp_path / 'gone').rmdir()
+    with pytest.raises(InvalidValueError, match='the working folder no longer exists'):
+        absolute_folder('logs')
+    assert absolute_folder('/logs') == Path('/logs')
+
+
+def test_lock_moves_with_the_folder(tmp_path):
+    mine, other = FolderLock('/cell'), FolderLock('/cell')
+    mine.take(tmp_path / 'a')
+    other.take(tmp_path / 'b')
+    with pytest.raises(InvalidValueError, match=r'^invalid log_folder .*a.: expected a folder in'):
+        other.take(tmp_path / 'a')
+    with pytest.raises(InvalidValueError, match=r'b.: expected a folder in which no other'):
+        mine.take(tmp_path / 'b')  # what it had is kept
+    mine.take(tmp_path / 'c')
+    other.take(tmp_path / 'a')
+    mine.release()
+    other.take(tmp_path / 'c')

@@ -1,17 +1,13 @@
 """Names, types and QoS under which the topics of a log are published again."""
 
-import importlib
-
 import pytest
-import visualization_msgs.msg
 from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
-from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.topics import Qos, load_schema, qos_profiles, yaml_text
-from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.nodes.log_replayer.player import replayed_topics
 from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 INTERFACES = 'resting_aspects_interfaces/msg'
@@ -64,14 +60,6 @@ def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
     assert names(recording(*zip(expected, kinds, strict=True))) == (expected, [])
 
 
-@pytest.mark.parametrize(
-    'name', ['resting_poses', 'parts/nut', 'aspect_distributions/nut', 'transitions/nut']
-)
-def test_every_suite_topic_determines_the_namespace(recording, name):
-    kind = {'r': 'poses', 'p': 'part', 'a': 'distribution', 't': 'transitions'}[name[0]]
-    assert names(recording((f'/cell_1/{name}', kind)))[0] == {f'/cell_1/{name}': name}
-
-
 def test_several_suites_keep_their_namespaces(recording):
     found = names(
         recording(
@@ -92,23 +80,12 @@ def test_several_suites_keep_their_namespaces(recording):
     )
 
 
-def test_log_without_a_suite_keeps_its_names(recording):
-    """Also what is named as in a suite and is of another type, or the other way round."""
-    topics = {'/a/note': 'text', '/b/resting_poses': 'text', '/c/poses': 'poses'}
-    replayed, _ = names(recording(*topics.items()))
-    assert replayed == {name: name[1:] for name in topics}
-
-
 @pytest.mark.parametrize(
     ('name', 'kind', 'why'),
     [
         ('/note', 'text', 'not in /cell, the namespace of the suite in the log'),
-        ('/cellar/note', 'text', 'not in /cell, the namespace of the suite in the log'),
         ('/cell/drop_part/_action/status', 'text', 'hidden, or not a valid ROS topic name'),
         ('/cell/a b', 'text', 'hidden, or not a valid ROS topic name'),
-        ('/cell/1', 'text', 'hidden, or not a valid ROS topic name'),
-        ('/cell/a/', 'text', 'hidden, or not a valid ROS topic name'),
-        ('/cell/' + 'a' * 242, 'text', 'hidden, or not a valid ROS topic name'),
         ('/cell/x', 'a/srv/X_Event', 'not ROS 2 messages (type a/srv/X_Event, encoding cdr)'),
         ('/cell/x', '../msg/X', 'not ROS 2 messages (type ../msg/X, encoding cdr)'),
     ],
@@ -116,12 +93,6 @@ def test_log_without_a_suite_keeps_its_names(recording):
 def test_topic_that_cannot_be_replayed_is_skipped_and_reported(recording, name, kind, why):
     log = recording(('/cell/resting_poses', 'poses'), (name, kind))
     assert names(log) == ({'/cell/resting_poses': 'resting_poses'}, [f'{name}: {why}'])
-
-
-def test_control_characters_of_a_topic_are_not_printed(recording):
-    log = recording(('/cell/resting_poses', 'poses'), ('/cell/\x1b[31m', 'text'))
-    why = 'hidden, or not a valid ROS topic name'
-    assert names(log)[1] == [rf'/cell/\x1b[31m: {why}']
 
 
 def test_log_without_a_replayable_topic_is_rejected(recording):
@@ -135,34 +106,9 @@ def test_log_without_a_replayable_topic_is_rejected(recording):
     )
 
 
-def test_message_classes_are_the_installed_ones(recording):
-    log = recording(('/resting_poses', 'poses'), ('/parts/a', 'part'), ('/markers', 'markers'))
-    topics, _ = replayed_topics(log)
-    classes = [RestingPoses, PartDescription, visualization_msgs.msg.MarkerArray]
-    assert [topic.message for topic in topics] == classes
-    assert [topic.holds_poses for topic in topics] == [True, False, False]
-    assert [topic.describes_run for topic in topics] == [False, True, False]
-
-
 def test_type_that_is_not_installed_is_an_error(recording):
     with pytest.raises(LogError, match='type no_msgs/msg/Nothing is not installed: there is no'):
         replayed_topics(recording(('/resting_poses', 'poses'), ('/x', 'no_msgs/msg/Nothing')))
-
-
-def test_type_without_a_python_class_is_an_error(recording, tmp_path, monkeypatch):
-    """Its definition is there, as in a workspace of C++ alone."""
-    known = importlib.import_module('resting_aspects_ros.logs.topics')
-    folder = tmp_path / 'prefix' / 'share' / 'only_cpp' / 'msg'
-    folder.mkdir(parents=True)
-    (folder / 'Thing.msg').write_text('int32 a\n')
-    (folder / 'Thing.json').write_text(
-        '{"type_hashes": [{"type_name": "only_cpp/msg/Thing", "hash_string": "RIHS01_1"}]}'
-    )
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
-    assert known.load_schema('only_cpp/msg/Thing').type_hash == 'RIHS01_1'
-    with pytest.raises(LogError) as caught:
-        replayed_topics(recording(('/x', 'only_cpp/msg/Thing')))
-    assert 'has topic /x of type only_cpp/msg/Thing, but the Python class' in str(caught.value)
 
 
 def test_type_with_another_definition_is_an_error(recording):
@@ -215,9 +161,3 @@ def test_missing_qos_of_a_suite_topic_is_the_default(recording, kind, usual):
     expected = (usual.depth, usual.reliability, usual.durability, usual.history)
     assert offered(recording(('/x', kind))) == expected
     assert offered(recording(('/x', kind), offered_qos_profiles=yaml_text(bag))) == expected
-
-
-def test_missing_qos_of_other_topics_is_the_ros_default(recording):
-    depth, reliability, durability, history = offered(recording(('/x', 'text')))
-    assert (depth, history) == (10, HistoryPolicy.KEEP_LAST)
-    assert (reliability, durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)

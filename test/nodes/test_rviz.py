@@ -7,7 +7,7 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.nodes.aspect_classifier.markers import BODIES, NAMES
+from resting_aspects_ros.nodes.aspect_classifier.publishers import BODIES, NAMES
 from resting_aspects_ros.ros.interface import FRAME, LATCHED, MARKERS, SURROUNDINGS_MARKERS
 
 FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'

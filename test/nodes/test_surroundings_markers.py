@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker, MarkerArray
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.nodes.aspect_classifier.markers import (
+from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     BODIES,
     NAMES,
     PATCH,
@@ -93,9 +93,3 @@ def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
         assert len(each.colors) in (0, len(each.points))  # one of each point, or none
         assert np.isfinite([[p.x, p.y, p.z] for p in each.points]).all()
     assert len({(each.ns, each.id) for each in markers}) == len(markers)
-
-
-def test_a_track_is_shown_as_a_block(part, surfaces):
-    markers = markers_in(part('l_bracket'), surfaces, ra.surroundings('bowl_track'))
-    sizes = [len(each.points) for each in markers if each.ns == BODIES]
-    assert 36 in sizes

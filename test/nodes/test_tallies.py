@@ -8,7 +8,7 @@ import pytest
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.aspect_classifier.tallies import MAX_UNCOUNTED, Tallies
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
@@ -187,19 +187,3 @@ def test_distributions_of_other_aspects_are_removed(run, aspects, poses, solid):
     assert len(tallies) == 1
     with pytest.raises(InvalidValueError, match='expected the 4 aspects of tetrahedron'):
         tallies.add(run('b', seed=2), wrong)
-
-
-def test_known_distributions_are_described(run, take, tallies, solid):
-    take(run('a', 0, 20), 0, 20, last=True)
-    message = '20 drops on rubber_mat'
-    assert tallies.describe(PART, solid.part_sha256, None) == [message]
-    assert tallies.describe(PART, '', 2) == [f'{message} with seed 1']
-    assert tallies.describe(PART, 'another', None) == [f'{message} of another version of the part']
-
-
-def test_few_tallies_wait_for_their_part(run, poses):
-    tallies = Tallies(lambda _: None)
-    for seed in range(MAX_UNCOUNTED + 5):
-        tally = tallies.of_run(run(f'run{seed}', seed=seed))
-        tally.add(run(f'run{seed}', seed=seed), poses, last=True)
-    assert sum(len(each) for tally in tallies for each in tally.waiting) == MAX_UNCOUNTED * DROPS

@@ -257,7 +257,9 @@ def test_part_round_trip(part, name):
 def test_inertia_is_sent_row_by_row(part):
     original = part('l_bracket')
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = original.inertia.tolist()
-    assert list(conversions.part_msg(original).inertia) == [ixx, ixy, ixz, iyy, iyz, izz]
+    found = conversions.part_msg(original).inertia
+    expected = [ixx, ixy, ixz, iyy, iyz, izz]
+    assert [getattr(found, name) for name in conversions.INERTIA] == expected
 
 
 def test_description_with_truncated_mesh_is_rejected(part):

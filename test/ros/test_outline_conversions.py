@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from resting_aspects_interfaces.msg import Outline
-from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
+from resting_aspects_interfaces.msg import Outline, PartCandidate
+from resting_aspects_interfaces.srv import IdentifyPart
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part, locate_part
@@ -126,7 +126,7 @@ def test_unknown_yaw_of_poses_is_stated(part, yaw_known):
         dataclasses.replace(pose, yaw_known=yaw_known)
         for pose in locate_part(part('box_10x20x30'), 3, 0.1, 0.2, 0.3)
     ]
-    found = over_the_wire(LocatePart.Response(**pose_fields(poses)))
+    found = over_the_wire(PartCandidate(**pose_fields(poses)))
     assert found.yaw_known == yaw_known
     check_poses(found, poses)
 

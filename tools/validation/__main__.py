@@ -25,6 +25,7 @@ from validation.reorientation import reorientation
 from validation.surroundings import surroundings
 from validation.surroundings_steps import surroundings_steps
 from validation.tosses import tosses
+from validation.track import track
 from validation.world import world
 
 RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
@@ -40,6 +41,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3, over_ros=True),
     'calibration': calibration,
+    'track': track,
 }
 
 

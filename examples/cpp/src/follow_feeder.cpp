@@ -66,7 +66,7 @@ void run(const rclcpp::Node::SharedPtr & node)
         const auto & pick = advice.picks.front();
         // Here the robot moves to pick.poses.front(), the pose of the part in advice.header.frame_id.
         PickResult result;
-        result.stamp = node->get_clock()->now();
+        result.header.stamp = node->get_clock()->now();
         result.image = advice.image;
         result.detection = pick.detection;
         result.result = PickResult::PICKED;

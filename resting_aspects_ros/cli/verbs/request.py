@@ -123,7 +123,7 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
     from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
-        if all(part.name != name for part in client.list_parts()):
+        if name not in client.list_parts():
             raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:

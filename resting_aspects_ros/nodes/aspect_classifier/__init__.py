@@ -1,8 +1,7 @@
 """The node that counts resting poses by aspect and answers requests.
 
-`drop_counter` counts the drops of resting_poses in `tallies`, which also have those of logs.
-`get_distribution` and `classify_pose` implement the services, `publishers` and `markers` the
-topics, and `transition_store` keeps transition matrices. `outlines` identifies and locates parts.
-`live` combines counted parts with the simulation, and `forecast_service` forecasts the rate of a
-feeder. Read `node.py` first, then `tallies.py`.
+`counting` counts the drops of resting_poses and of logs. `known` has what is known of parts, logs
+and transitions. `services` implements get_distribution, classify_pose and forecast, and `outlines`
+identify_part. `publishers` sends distributions and markers, and `live` combines counted parts with
+the simulation. Read `node.py` first, then `counting.py`.
 """

@@ -15,12 +15,11 @@ from resting_aspects_ros.api.counts import single_groups
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
-from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
-from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
+from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task
 from resting_aspects_ros.ros.count_conversions import (
     add_action,
     add_drift,
@@ -28,10 +27,10 @@ from resting_aspects_ros.ros.count_conversions import (
     time_label,
     totals_from,
 )
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, POSTERIOR
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import (
@@ -211,8 +210,7 @@ class LiveMonitor:
         self._updating = False
         self._update_one = guarded_task(node, 'a posterior is not published', self._update_part)
         TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
-        update = guarded(node, 'counts are not used', self._start_update)
-        steady_timer(node, PERIOD, update)
+        self._timer = WorkTimer(node, PERIOD, 'counts are not used', self._start_update)
 
     def counts(
         self, name: str, part_sha256: str
@@ -240,6 +238,7 @@ class LiveMonitor:
         return found + [f'counts of {name} wait: no such part is offered' for name in waiting]
 
     def _receive(self, name: str, message: ObservedCountsMsg) -> None:
+        self._timer.start()
         self._take_waiting()  # those of the part arrived before
         if (live := self._current(name)) is None:
             self._waiting.append((name, message))
@@ -285,13 +284,14 @@ class LiveMonitor:
         live.batches.add(new, totals.time or now)
         live.changed = True
 
-    def _start_update(self) -> None:
+    def _start_update(self) -> bool:
+        """Start an update; returns whether there are counts, which new drops affect too."""
         self._take_waiting()
-        if self._updating or not self._live:
-            return
-        self._updating = True
-        assert self._node.executor is not None  # it calls this
-        self._node.executor.create_task(self._update_all)
+        if self._live and not self._updating:
+            self._updating = True
+            assert self._node.executor is not None  # it calls this
+            self._node.executor.create_task(self._update_all)
+        return bool(self._live or self._waiting)
 
     async def _update_all(self) -> None:
         for name in list(self._live):

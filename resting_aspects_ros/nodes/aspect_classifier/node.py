@@ -7,48 +7,52 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
-from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions, ListParts
+from resting_aspects_interfaces.msg import PartDescription, Status
+from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
-from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.drop_counter import DropCounter
-from resting_aspects_ros.nodes.aspect_classifier.forecast_service import ForecastService
-from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
+from resting_aspects_ros.nodes.aspect_classifier.counting import DropCounter, Tallies
+from resting_aspects_ros.nodes.aspect_classifier.known import (
+    LogLoader,
+    PartRegistry,
+    TransitionStore,
+    requested_part,
+)
 from resting_aspects_ros.nodes.aspect_classifier.live import LIVE_PARAMETERS, LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
-from resting_aspects_ros.nodes.aspect_classifier.outlines import OutlineServices, OutlineStore
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
+from resting_aspects_ros.nodes.aspect_classifier.outlines import (
+    IdentificationService,
+    OutlineStore,
+)
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
     DistributionPublisher,
 )
-from resting_aspects_ros.nodes.aspect_classifier.tallies import Tallies
-from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.nodes.aspect_classifier.services import (
+    DistributionService,
+    ForecastService,
+    answer_pose,
+)
 from resting_aspects_ros.nodes.drop_client import DropClient
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
 from resting_aspects_ros.ros.conversions import status
-from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
     GET_DISTRIBUTION,
     GET_TRANSITIONS,
-    LIST_PARTS,
     PARTS,
-    SERVICES,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
-from resting_aspects_ros.ros.requested_surroundings import (
+from resting_aspects_ros.ros.requested_conditions import (
     SURROUNDINGS_FOLDER,
+    DefaultConditionsSubscriber,
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 
@@ -75,10 +79,14 @@ class AspectClassifier(Node):
     surroundings_markers and current_poses, and known transitions/<part>. Serves
     get_distribution, get_transitions, classify_pose, identify_part, locate_part, forecast and
     list_parts.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(ASPECT_CLASSIFIER)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(ASPECT_CLASSIFIER, **options)
         values = declare(self, PARAMETERS)
         surfaces = all_surfaces(values['surfaces_file'])
         self._files = FileWorker(self)
@@ -103,7 +111,7 @@ class AspectClassifier(Node):
         )
         self._outlines = OutlineStore(self, self._files, self._parts, self._newest)
         ready = self._check_ready, self._client.is_ready
-        self._vision = OutlineServices(self, self._parts, self._outlines, *ready)
+        self._vision = IdentificationService(self, self._parts, self._outlines, *ready)
         self._worker = FileWorker(self, MAX_SECONDS)  # of drift tests and forecasts
         stored = self._parts, self._known, self._transitions
         self._monitor = LiveMonitor(self, *stored, self._worker)
@@ -115,7 +123,6 @@ class AspectClassifier(Node):
         serve(self, GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(self, GetTransitions, GET_TRANSITIONS, self._get_transitions)
         serve(self, ClassifyPose, CLASSIFY_POSE, self._classify_pose)
-        self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self._start = steady_timer(self, 0.0, self._load_logs)
 
     def close(self) -> None:
@@ -217,17 +224,6 @@ class AspectClassifier(Node):
             part = requested_part(parts, request.part)
             aspects = self._parts.version(part.part_sha256)[1]
             answer_pose(request, response, aspects, self._newest(part.part_sha256))
-        return response
-
-    def _list_parts(
-        self, _: ListParts.Request, response: ListParts.Response
-    ) -> ListParts.Response:
-        with status_from_errors(LIST_PARTS, response, self.get_logger().error):
-            self._check_ready()
-            for name, sha in self._parts.offered():
-                summary = PartSummary(name=name, part_sha256=sha, known=self._known.has(sha))
-                response.parts.append(summary)
-            response.status = status(Status.OK)
         return response
 
 

@@ -1,4 +1,4 @@
-"""The outlines of the parts, and the services identify_part and locate_part."""
+"""The outlines of the parts, and the service identify_part."""
 
 import dataclasses
 import math
@@ -13,23 +13,22 @@ from geometry_msgs.msg import Point
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import PartOutlines, Status
-from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
+from resting_aspects_interfaces.srv import IdentifyPart
 
-from resting_aspects_ros.api.identify import PSEUDO_COUNT, identify_part, locate_part, mirror_text
+from resting_aspects_ros.api.identify import PSEUDO_COUNT, identify_part, mirror_text
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, requested_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise, await_future, guarded_task, serve
 from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, LOCATE_PART, OUTLINES
+from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import (
     candidate_msg,
     outlines_msg,
     polygon_from,
-    pose_fields,
 )
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -199,8 +198,8 @@ MAX_POINTS = 10_000
 THREADS = 2
 
 
-class OutlineServices:
-    """Serves identify_part and locate_part.
+class IdentificationService:
+    """Serves identify_part.
 
     Parameters
     ----------
@@ -224,7 +223,6 @@ class OutlineServices:
         self._simulator_is_ready = simulator_is_ready
         self._threads = ThreadPoolExecutor(THREADS, 'identification')
         serve(node, IdentifyPart, IDENTIFY_PART, self._identify)
-        serve(node, LocatePart, LOCATE_PART, self._locate)
 
     def stop(self) -> None:
         """Abandon the requests that wait for a thread."""
@@ -247,18 +245,6 @@ class OutlineServices:
             response.none_probability = found.none
             response.touching_probability = found.touching
             response.status = status(Status.OK, mirror_text(found))
-        return response
-
-    async def _locate(
-        self, request: LocatePart.Request, response: LocatePart.Response
-    ) -> LocatePart.Response:
-        with status_from_errors(LOCATE_PART, response, self._node.get_logger().error):
-            self._check_ready()
-            (known,) = await self._known_parts([request.part])
-            poses = locate_part(known, request.aspect, request.x, request.y, request.yaw)
-            for name, value in pose_fields(poses).items():
-                setattr(response, name, value)
-            response.status = status(Status.OK)
         return response
 
     async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:

@@ -1,5 +1,5 @@
 """A feeder, a robot and a camera without hardware: images out, advice in.
 
-`truth` follows what is known of the part, `messages` makes the messages, and `node` runs the
-cycle: image, advice, picks, action of the feeder.
+`cell` follows what is known of the part and what is answered, and makes the messages; `node` runs
+the cycle: image, advice, picks, action of the feeder.
 """

@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
@@ -15,8 +16,10 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.feeding.control import Choice
 from resting_aspects_ros.feeding.tray_simulation import VirtualFeeder
-from resting_aspects_ros.nodes.camera_simulator.answers import Answers
-from resting_aspects_ros.nodes.camera_simulator.messages import (
+from resting_aspects_ros.nodes.camera_simulator.cell import (
+    PARAMETERS,
+    Answers,
+    Truth,
     camera_info_msg,
     camera_transform,
     feeder_values,
@@ -25,8 +28,6 @@ from resting_aspects_ros.nodes.camera_simulator.messages import (
     publish_static_transform,
     seen_centre,
 )
-from resting_aspects_ros.nodes.camera_simulator.settings import PARAMETERS
-from resting_aspects_ros.nodes.camera_simulator.truth import Truth
 from resting_aspects_ros.ros.callbacks import (
     advertise,
     guarded,
@@ -34,12 +35,10 @@ from resting_aspects_ros.ros.callbacks import (
     sleep_for,
     steady_timer,
 )
-from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.feeder_names import CHOICES
-from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
+from resting_aspects_ros.ros.discovery import CLOCK, DuplicateNodeDetector, clock_conflicts
+from resting_aspects_ros.ros.interface import CELL, CHOICES, PICK_RESULT
 from resting_aspects_ros.ros.parameters import check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.vision.outline import Outline
@@ -66,10 +65,14 @@ class CameraSimulator(Node):
 
     Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
     stands still while vision system and controller work: run them with use_sim_time.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(CAMERA_SIMULATOR)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(CAMERA_SIMULATOR, **options)
         values = declare(self, PARAMETERS)
         self._part, self._values = values['part'], values
         self._frame, self._camera_frame = (
@@ -214,7 +217,8 @@ class CameraSimulator(Node):
         """Publish what was done, and wait until the controller knows it."""
         self._epoch += 1
         where = {'image': image, 'detection': detection}
-        self._result_output.publish(PickResult(stamp=time_msg(self._now), result=result, **where))
+        header = Header(stamp=time_msg(self._now))
+        self._result_output.publish(PickResult(header=header, result=result, **where))
         await self._answers.reach(self._epoch, RETRY)
 
     # Time

@@ -1,6 +1,5 @@
 """The node that records each run in an MCAP log of its own.
 
-`log_folder` checks and locks the folder of the logs, `run_topics` records actions and
-surroundings, `feeder_recorder` the topics of a feeder, and `status_log` reports errors. Read
-`node.py` first.
+`run_topics` has the folder of the logs, reports errors, and records actions and surroundings;
+`feeder_recorder` records the topics of a feeder. Read `node.py` first.
 """

@@ -27,8 +27,9 @@ from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.topics import PART_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.ros.callbacks import subscribe
+from resting_aspects_ros.ros.callbacks import WorkTimer, subscribe
 from resting_aspects_ros.ros.conversions import NANOSECONDS
+from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
@@ -43,13 +44,14 @@ from resting_aspects_ros.ros.interface import (
     POSTERIOR,
     offered_qos,
 )
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 
 # Limits of a log. Until a file is closed, its index is in memory, about 1 kB for each message.
 MAX_BYTES = 20_000_000
 MAX_MESSAGES = 20_000
 # Time without a message after which a log is closed, so that other programs can read it, s.
 IDLE = 600.0
+# Time between two checks for it, s.
+CLOSE_PERIOD = 10.0
 # Time after an error until recording is tried again, s.
 RETRY = 10.0
 # A subscriber deeper than the publishers loses no message while the node is busy.
@@ -94,6 +96,7 @@ class FeederRecorder:
         self._newest: dict[str, tuple[Topic, bytes]] = {}  # of the latched topics, by name
         self.messages = self.lost = 0
         self.error = ''
+        self._idle = WorkTimer(node, CLOSE_PERIOD, 'a log is not closed', self._close_idle)
         qos = offered_qos(CELL)
         for name, kind in ((DETECTIONS, DetectionArray), (PICK_RESULT, PickResult)):
             topic = Topic(node.resolve_topic_name(name), _type_name(kind), qos)
@@ -114,10 +117,11 @@ class FeederRecorder:
         lost = count_text(self.lost, 'message', 'messages')
         return f'{lost} of the feeder not recorded: {self.error}' if self.error else ''
 
-    def close_idle(self) -> None:
-        """Close the log if no message has arrived for a time; to be called regularly."""
+    def _close_idle(self) -> bool:
+        """Close the log if no message has arrived for a time; returns whether it is open."""
         if self._log is not None and time.monotonic() - self._last > IDLE:
             self.close()
+        return self._log is not None
 
     def close(self) -> None:
         """Close the log, if there is one."""
@@ -171,6 +175,7 @@ class FeederRecorder:
         name = f'feeder-{started:%Y%m%dT%H%M%SZ}-{fraction:09d}{uuid.uuid4().hex[:4]}'
         self._path, self._bytes, self._count = self._folder() / name, 0, 0
         self._described = set()
+        self._idle.start()
         self._log = log = RunLog(self._folder(), name)  # what fails from here on closes it
         log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
         for topic, data in self._newest.values():

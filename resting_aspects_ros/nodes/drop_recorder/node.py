@@ -3,6 +3,7 @@
 import sys
 import time
 from collections import deque
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -12,17 +13,15 @@ from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
 from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
-from resting_aspects_ros.nodes.drop_recorder.log_folder import (
+from resting_aspects_ros.nodes.drop_recorder.run_topics import (
     FolderLock,
+    StatusLog,
+    SurroundingsRecorder,
+    TransitionRecorder,
     absolute_folder,
     check_log_folder,
 )
-from resting_aspects_ros.nodes.drop_recorder.run_topics import (
-    SurroundingsRecorder,
-    TransitionRecorder,
-)
-from resting_aspects_ros.nodes.drop_recorder.status_log import StatusLog
-from resting_aspects_ros.ros.callbacks import guarded, guarded_task, steady_timer, subscribe
+from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
 from resting_aspects_ros.ros.conversions import (
     check_description,
     nanoseconds,
@@ -30,6 +29,7 @@ from resting_aspects_ros.ros.conversions import (
     run_from,
 )
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
 from resting_aspects_ros.ros.interface import (
@@ -43,10 +43,8 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     offered_qos,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
@@ -78,10 +76,14 @@ class DropRecorder(Node):
     Each run of drop_part and of reorient_part has an MCAP log of its own. That of drops ends with
     their distribution, on aspect_distributions/<part>. The topics of a feeder, detections,
     pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(DROP_RECORDER)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(DROP_RECORDER, **options)
         values = declare(self, PARAMETERS)
         self._lock = FolderLock(self.get_namespace())
         self._set_folder(values['log_folder'])
@@ -93,6 +95,7 @@ class DropRecorder(Node):
         self._reports = StatusLog(self)
         self._client = DropClient(self)
         self._files = FileWorker(self)
+        self._check = WorkTimer(self, CLOSE_PERIOD, 'logs are not closed', self._close_interrupted)
         self._end_run = guarded_task(self, 'a run is not ended', self._end)
         self._part_watch = TopicDiscovery(
             self, PARTS, PartDescription, self._record_part, raw=True
@@ -106,8 +109,6 @@ class DropRecorder(Node):
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._record_poses, POSES, raw=True)
-        close = guarded(self, 'logs are not closed', self._close_interrupted)
-        steady_timer(self, CLOSE_PERIOD, close)
         duplicates = DuplicateNodeDetector(
             self, DROP_RECORDER, harmless_reason='each writes a log of every run'
         )
@@ -184,6 +185,7 @@ class DropRecorder(Node):
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = RunRecorder(self._folder, run, unit)
             self._reports.started(log)
+            self._check.start()
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
             self._surroundings.write(log)
@@ -206,14 +208,14 @@ class DropRecorder(Node):
         log.write_part(topic, data, part, self._now())
         self._reports.written(log)
 
-    def _close_interrupted(self) -> None:
-        """Close the logs of runs that were interrupted."""
-        self._feeder.close_idle()
+    def _close_interrupted(self) -> bool:
+        """Close the logs of runs that were interrupted; returns whether other logs are open."""
         idle = IDLE_WITHOUT_SOURCE if self._client.source_is_gone else IDLE
         begin = time.monotonic() - idle
         for log in list(self._logs.values()):
             if not log.ended and log.heard < begin:
                 self._close(log, whole=False)
+        return bool(self._logs)
 
     def _close(self, log: RunRecorder, *, whole: bool) -> None:
         del self._logs[log.run.run_id]

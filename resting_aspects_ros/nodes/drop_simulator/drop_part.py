@@ -16,11 +16,13 @@ from resting_aspects_ros.api.conditions import aspects_in
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import EngineError, InvalidValueError
-from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS, AsyncWorkers, serve_action
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+from resting_aspects_ros.nodes.drop_simulator.goals import (
+    MAX_GOALS,
+    AsyncWorkers,
     SurroundingsPublisher,
+    serve_action,
 )
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs

@@ -1,4 +1,4 @@
-"""What the actions of the simulator share: workers, and goals whose errors become statuses."""
+"""What the actions of the simulator share: workers, goals, and the surroundings of runs."""
 
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from concurrent.futures import Future as PoolFuture
@@ -9,14 +9,17 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import Status
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.msg import Status, SurroundingsDescription
 
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.ros.callbacks import ros_future, wait_for
+from resting_aspects_ros.ros.callbacks import advertise, ros_future, wait_for
 from resting_aspects_ros.ros.conversions import status
-from resting_aspects_ros.ros.interface import ACTION_SERVICES
+from resting_aspects_ros.ros.interface import ACTION_SERVICES, SURROUNDINGS, SURROUNDINGS_QOS
 from resting_aspects_ros.ros.status import CanceledError, error_status
+from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.scene import Scene
 from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -118,3 +121,28 @@ async def execute_goal(
         result.status = status(Status.FAILED, f'unexpected error {error!r}')
         handle.abort()
     return result
+
+
+class SurroundingsPublisher:
+    """Publishes surroundings/<part> before the first drop of each run in surroundings.
+
+    Parameters
+    ----------
+    frame : frame of the published poses
+    """
+
+    def __init__(self, node: Node, frame: str) -> None:
+        self._node = node
+        self._frame = frame
+        self._publishers: dict[str, Publisher] = {}
+
+    def publish(self, run: RunDescription, scene: Scene) -> None:
+        """Publish the surroundings of a new run; nothing for the infinite level plane."""
+        if scene.level:
+            return
+        if run.part not in self._publishers:
+            topic = f'{SURROUNDINGS}/{run.part}'
+            self._publishers[run.part] = advertise(
+                self._node, SurroundingsDescription, topic, SURROUNDINGS_QOS
+            )
+        self._publishers[run.part].publish(surroundings_msg(run, scene, self._frame))

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -10,21 +11,22 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.nodes.drop_simulator.drop_part import DropServer
-from resting_aspects_ros.nodes.drop_simulator.goals import AsyncWorkers
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
-from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+from resting_aspects_ros.nodes.drop_simulator.goals import (
+    AsyncWorkers,
     SurroundingsPublisher,
 )
-from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text, truncated
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
-from resting_aspects_ros.ros.requested_surroundings import (
+from resting_aspects_ros.ros.requested_conditions import (
+    SURFACE,
     SURROUNDINGS_FOLDER,
+    DefaultConditionsPublisher,
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
@@ -46,10 +48,14 @@ class DropSimulator(Node):
 
     Publishes parts/<part>, surroundings/<part>, resting_poses, transitions/<part> and
     default_conditions.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(DROP_SIMULATOR)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(DROP_SIMULATOR, **options)
         values = declare(self, PARAMETERS)
         folder = _folder(values['parts_folder'] or parts_folder())
         self._surfaces = all_surfaces(values['surfaces_file'])

@@ -21,11 +21,13 @@ from resting_aspects_ros.api.plan import (
 )
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
-from resting_aspects_ros.nodes.drop_simulator.goals import MAX_GOALS, AsyncWorkers, serve_action
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+from resting_aspects_ros.nodes.drop_simulator.goals import (
+    MAX_GOALS,
+    AsyncWorkers,
     SurroundingsPublisher,
+    serve_action,
 )
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.diagnostics import RateCounter

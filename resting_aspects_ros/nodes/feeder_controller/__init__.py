@@ -1,5 +1,5 @@
 """The node that advises a feeder: what to pick, and when to flip, spread or supply parts.
 
-`tray_state` keeps the newest image and the epochs, `model` builds the model of the decision, and
-`core/feeding/decision` decides. Read `node.py` first, then `tray_state.py`.
+`messages` has the parameters and the conversions, `model_updates` follows what is known of the
+part, and the room `feeding` decides. Read `node.py` first.
 """

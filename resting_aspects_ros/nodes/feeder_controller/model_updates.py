@@ -21,9 +21,9 @@ from resting_aspects_ros.feeding.evidence import (
 from resting_aspects_ros.nodes.feeder_controller.messages import (
     drops_from,
     flips_from,
+    pickable_ids,
     read_fed_part,
 )
-from resting_aspects_ros.nodes.feeder_controller.settings import pickable_ids
 from resting_aspects_ros.ros.callbacks import (
     guarded,
     guarded_task,

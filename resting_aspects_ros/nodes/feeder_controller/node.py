@@ -12,15 +12,17 @@ from resting_aspects_ros.feeding.image_advice import CurrentAdvice, advise_image
 from resting_aspects_ros.feeding.tray_state import SECOND, PickOutcome, TrayState
 from resting_aspects_ros.nodes.feeder_controller.messages import (
     OUTCOMES,
+    PARAMETERS,
     advice_msg,
     image_from,
     pick_msgs,
+    settings_from,
 )
 from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
-from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.interface import (
     CELL,
     DETECTIONS,
@@ -29,7 +31,6 @@ from resting_aspects_ros.ros.interface import (
     LATCHED,
     PICK_RESULT,
 )
-from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import declare
 from resting_aspects_ros.ros.spin import run_node
 
@@ -47,10 +48,14 @@ class FeederController(Node):
 
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
     transitions/<part>, and calls get_distribution if no drops are known.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__(FEEDER_CONTROLLER)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(FEEDER_CONTROLLER, **options)
         self._settings = settings_from(declare(self, PARAMETERS))
         self._part = self._settings.part
         self._tray = TrayState()
@@ -103,7 +108,7 @@ class FeederController(Node):
         now = self._now()
         outcome = OUTCOMES.get(message.result)
         problem = self._tray.add_result(
-            outcome, message.image, message.detection, nanoseconds(message.stamp), now
+            outcome, message.image, message.detection, nanoseconds(message.header.stamp), now
         )
         if outcome is not None:
             self._counts[outcome] += 1

@@ -1,5 +1,5 @@
 """The node that replays a log.
 
-`player` decides when each message is published, `topics` selects the topics and their QoS.
+`player` selects the topics and their QoS, and decides when each message is published.
 Read `node.py` first.
 """

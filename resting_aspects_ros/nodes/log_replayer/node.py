@@ -15,15 +15,17 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.mcap_file import LoggedMessage
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
-from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.nodes.log_replayer.player import (
+    LogPlayer,
+    ReplayPosition,
+    replayed_topics,
+)
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
-from resting_aspects_ros.ros.clock import CLOCK, clock_conflicts
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.discovery import CLOCK, LivelinessMonitor, announce, clock_conflicts
 from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
-from resting_aspects_ros.ros.liveliness import LivelinessMonitor, announce
 from resting_aspects_ros.ros.parameters import Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
 
@@ -48,15 +50,17 @@ class LogReplayer(Node):
     ----------
     given : values of parameters, which override those of --ros-args
     watch : called regularly with the position
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(
         self,
         given: Mapping[str, Any] | None = None,
         watch: Callable[[ReplayPosition], object] = lambda _: None,
+        **options: Any,
     ) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
-        super().__init__(LOG_REPLAYER, parameter_overrides=overrides)
+        super().__init__(LOG_REPLAYER, parameter_overrides=overrides, **options)
         values = declare(self, PARAMETERS)
         _check_rate(values['rate'], values['as_fast_as_possible'])
         recording = Recording(_log(values['log']))

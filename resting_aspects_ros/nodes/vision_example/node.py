@@ -44,10 +44,14 @@ class VisionExample(Node):
     Subscribes to camera/image_raw (mono8, bgr8 or rgb8; dark parts on a backlight) and to
     camera/camera_info, whose matrix K maps the surface of the tray at a distance of 1 m to pixels.
     Uses the service identify_part.
+
+    Parameters
+    ----------
+    options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(self) -> None:
-        super().__init__('vision_example')
+    def __init__(self, **options: Any) -> None:
+        super().__init__('vision_example', **options)
         self._settings = declare(self, PARAMETERS)
         check_frame(self._settings['frame_id'])
         group = ReentrantCallbackGroup()

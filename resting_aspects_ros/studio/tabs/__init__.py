@@ -11,6 +11,7 @@ TABS = {
     'outlines': 'Outlines',
     'reorientation': 'Reorientation',
     'forecast': 'Forecast',
+    'track': 'Track',
     'compare': 'Compare',
     'counts': 'Hand counts',
     'export': 'Export',

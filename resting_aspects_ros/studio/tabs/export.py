@@ -7,6 +7,7 @@ from resting_aspects_ros.studio.recipe import (
     forecast_recipe,
     outlines_recipe,
     reorient_recipe,
+    track_recipe,
 )
 from resting_aspects_ros.studio.rows import Opened
 from resting_aspects_ros.studio.settings import Settings
@@ -34,6 +35,7 @@ def recipes(work: Work) -> dict[str, Recipe]:
         'Aspects': drop_recipe(source, settings),
         'Outlines': outlines_recipe(source),
         'Reorientation': reorient_recipe(source, settings),
+        'Track': track_recipe(work.opened, settings),
     }
     if settings.pickable:
         found['Forecast'] = forecast_recipe(source, settings)

@@ -1,14 +1,24 @@
-"""The drops that the classifier knows: counts by aspect, from messages and from logs."""
+"""Counts of drops: tallies by sequence, from the messages on resting_poses and from logs."""
 
 import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
 from resting_aspects_ros.api.conditions import surroundings_text, without_drops
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.callbacks import guarded_task, sleep_for, subscribe
+from resting_aspects_ros.ros.conversions import poses_from, run_from
+from resting_aspects_ros.ros.diagnostics import RateCounter
+from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, POSES, RESTING_POSES
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import MAX_DROPS, RunDescription
 from resting_aspects_ros.statistics.distribution import (
@@ -20,6 +30,10 @@ from resting_aspects_ros.statistics.distribution import (
 )
 from resting_aspects_ros.statistics.intervals import is_precise
 from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.nodes.aspect_classifier.known import LogLoader, PartRegistry
+    from resting_aspects_ros.nodes.aspect_classifier.publishers import DistributionPublisher
 
 # Maximum number of tallies that are kept, and of those whose part has not been described.
 MAX_KNOWN = 10_000
@@ -399,3 +413,114 @@ def _start_order(tally: Tally) -> tuple[int, str]:
 
 def _most_drops(tally: Tally) -> tuple[int, int, str]:
     return tally.drops, *_start_order(tally)
+
+
+# Time without a message after which a run no longer counts as active, s.
+IDLE = 60.0
+# Interval of checks whether the logs have been read, s.
+LOGS_PERIOD = 0.5
+
+
+class DropCounter:
+    """Subscribes to resting_poses and counts the drops by aspect.
+
+    When the last message of a run has arrived and drops are missing, they are requested again.
+
+    drops : counter of the received drops
+
+    Parameters
+    ----------
+    tallies : receives the drops
+    outputs : publishes the distributions
+    logs : of earlier runs, which may have drops whose messages were too old to arrive
+    client : requests drops that are missing
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parts: 'PartRegistry',
+        tallies: Tallies,
+        outputs: 'DistributionPublisher',
+        logs: 'LogLoader',
+        client: DropClient,
+    ) -> None:
+        self._node = node
+        self._parts = parts
+        self._tallies = tallies
+        self._outputs = outputs
+        self._logs = logs
+        self._client = client
+        self._request = guarded_task(node, 'missing drops are not requested', self._request_again)
+        self._gone = False  # whether it was logged that the source of active runs is gone
+        self.drops = RateCounter()
+        subscribe(node, RestingPosesMsg, RESTING_POSES, self._receive, POSES)
+
+    def part_changed(self, part_sha256: str) -> None:
+        """Count the waiting drops of a part after its description was read."""
+        for tally in self._tallies:
+            if tally.run.part_sha256 == part_sha256 and tally.waiting:
+                self._update(tally)
+
+    def _receive(self, message: RestingPosesMsg) -> None:
+        poses, run = poses_from(message), run_from(message.run)
+        self._outputs.poses.take(run.run_id, poses, message.header.stamp)
+        tally = self._tallies.of_run(run)
+        self.drops.add(tally.add(run, poses, last=message.last))
+        self._update(tally)
+        if message.last and tally.missing():
+            assert self._node.executor is not None  # it calls this
+            self._node.executor.create_task(self._request, tally, run)
+
+    def _update(self, tally: Tally) -> None:
+        """Count the waiting drops of a tally, if the aspects of its part are known."""
+        if self._parts.aspects(tally.run.part_sha256) is None:
+            return
+        tally.count(*self._parts.version(tally.run.part_sha256))
+        self._outputs.change(tally)
+        if tally.complete:
+            self._outputs.publish()
+
+    async def _request_again(self, tally: Tally, run: RunDescription) -> None:
+        while not self._logs.ready:
+            await sleep_for(self._node, LOGS_PERIOD)
+        if not await self._client.request_again(goal_of_run(run), tally.missing):
+            lost = sum(end - first for first, end in tally.missing())
+            drops = count_text(lost, 'drop', 'drops')
+            self._node.get_logger().warning(f'run {run.run_id} of {run.part} is missing {drops}')
+
+    # Diagnostics
+
+    @property
+    def state(self) -> str:
+        """The progress of the active runs as text; empty if there are none."""
+        return active_runs_text(self._active())
+
+    def _active(self) -> list[tuple[RunDescription, int]]:
+        begin = time.monotonic() - IDLE
+        return [(t.run, t.drops) for t in self._tallies if not t.ended and t.heard > begin]
+
+    def _missing(self) -> int:
+        return sum(end - first for tally in self._tallies for first, end in tally.missing())
+
+    def values(self) -> dict[str, object]:
+        """Return values for the diagnostics."""
+        waiting = sum(len(poses) for tally in self._tallies for poses in tally.waiting)
+        return {
+            'drops received': self.drops.total,
+            'drops per second': self.drops.rate(),
+            'drops not counted yet': waiting,
+            'missing drops': self._missing(),
+            'drop_simulators': self._client.simulators.count,
+            **run_values(self._active()),
+        }
+
+    def warnings(self) -> list[str]:
+        """Return the current problems; logs once if the simulator disappears during a run."""
+        gone = self._client.simulators.was_seen and self._client.source_is_gone
+        if gone and self.state and not self._gone:
+            self._node.get_logger().warning(f'{DROP_SIMULATOR} disappeared: {self.state}')
+        self._gone = gone
+        missing = self._missing()
+        text = count_text(missing, 'drop is missing', 'drops are missing')
+        return [f'no {DROP_SIMULATOR}'] * gone + [text] * bool(missing)

@@ -1,0 +1,460 @@
+"""What the classifier knows of parts, of logs of earlier runs, and of transitions."""
+
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from hashlib import sha256
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, TransitionMatrix
+from resting_aspects_interfaces.srv import GetTransitions
+
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.errors import LogError, PartError, RestingAspectsError, shown
+from resting_aspects_ros.input_files import is_folder, printable
+from resting_aspects_ros.logs.reader import messages, open_log
+from resting_aspects_ros.logs.topics import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    TRANSITIONS_TYPE,
+)
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.callbacks import advertise, guarded_task, sleep_for
+from resting_aspects_ros.ros.conversions import (
+    check_description,
+    part_from,
+    run_from,
+    serialized_part,
+    serialized_poses,
+)
+from resting_aspects_ros.ros.discovery import TopicDiscovery
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.formatting import count_text
+from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
+from resting_aspects_ros.ros.status import NotAvailableError, unknown_part
+from resting_aspects_ros.ros.transition_conversions import (
+    check_numbering,
+    check_transitions,
+    serialized_transitions,
+)
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.poses import RestingPoses
+
+# The parts of a simulator arrive one after another. Time without a new part after which all parts
+# have arrived, s.
+QUIET_PERIOD = 5.0
+# Interval of checks for a requested part while parts arrive, s.
+CHECK_PERIOD = 0.1
+
+
+def read_part(data: bytes, name: str) -> tuple[Part, AspectSet]:
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
+    message = deserialize_message(data, PartDescription)
+    check_description(message, name)
+    part = part_from(message)
+    return part, find_aspects(part)
+
+
+class PartRegistry:
+    """The parts as currently described, and the aspects of every version received.
+
+    Parameters
+    ----------
+    files : reads descriptions, so that a mesh cannot block the node
+    changed : called with the part when a description has been read
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        files: FileWorker,
+        changed: Callable[[Part], None],
+    ) -> None:
+        self._node = node
+        self._files = files
+        self._changed = changed
+        self._newest: dict[str, bytes] = {}  # by name: the description that is being read
+        self._described: dict[str, bytes] = {}  # by name: hash of the description read last
+        self._parts: dict[str, Part] = {}
+        self._last: dict[str, Part] = {}  # by name, including parts that are no longer offered
+        self._versions: dict[str, tuple[Part, AspectSet]] = {}
+        self._unusable: dict[str, tuple[str, str]] = {}  # by name: part_sha256, reason
+        self._last_arrival = time.monotonic()
+        self._simulator_was_ready = False
+
+    async def describe(self, name: str, data: bytes) -> None:
+        """Read a serialized description of a part; ignore the result if a newer one has arrived.
+
+        The same description is read only once: a looped replay repeats it, possibly faster than
+        it can be read.
+        """
+        digest = sha256(data).digest()
+        if self._described.get(name) == digest:
+            return
+        self._described[name] = digest
+        self._newest[name] = data
+        self._last_arrival = time.monotonic()
+        error: RestingAspectsError | None = None
+        try:
+            part, aspects = await self._files.run(read_part, data, name)
+        except RestingAspectsError as raised:
+            error = raised
+        finally:
+            self._last_arrival = time.monotonic()
+            newest = self._newest.get(name) is data
+            if newest:
+                del self._newest[name]
+        if error is None:
+            self._versions[part.part_sha256] = part, aspects
+            if newest:
+                self._unusable.pop(name, None)
+                self._parts[name] = self._last[name] = part
+                self._changed(part)
+        elif newest:
+            self._described.pop(name, None)
+            sha = deserialize_message(data, PartDescription).part_sha256
+            self._forget(name)
+            self._unusable[name] = sha, f'part {name!r} cannot be used: {error}'
+            self._node.get_logger().warning(self._unusable[name][1])
+
+    def remove(self, name: str) -> None:
+        """Remove a part that is no longer offered; its aspects stay known."""
+        self._newest.pop(name, None)
+        self._described.pop(name, None)
+        self._forget(name)
+
+    def _forget(self, name: str) -> None:
+        self._parts.pop(name, None)
+        self._unusable.pop(name, None)
+
+    def get(self, name: str) -> Part | None:
+        """Return the currently offered part of a name, or None."""
+        return self._parts.get(name)
+
+    def offered(self) -> list[tuple[str, str]]:
+        """Return name and part_sha256 of each offered part, sorted."""
+        return sorted((name, part.part_sha256) for name, part in self._parts.items())
+
+    def why_not(self, part_sha256: str) -> str:
+        """Return why a version of a part cannot be used; empty if no reason is known."""
+        return next((why for sha, why in self._unusable.values() if sha == part_sha256), '')
+
+    def aspects(self, part_sha256: str) -> AspectSet | None:
+        """Return the aspects of a version of a part, or None if it has not been read."""
+        known = self._versions.get(part_sha256)
+        return known[1] if known else None
+
+    def version(self, part_sha256: str) -> tuple[Part, AspectSet]:
+        """Return a version of a part that has been read, and its aspects."""
+        return self._versions[part_sha256]
+
+    async def usable(self, name: str, simulator_is_ready: Callable[[], bool]) -> dict[str, Part]:
+        """Return the parts that can be requested, by name; waits for the named part to arrive.
+
+        Without a simulator, no part is offered, and the result contains the parts offered before.
+        Raises PartError if the part is offered but cannot be used.
+        """
+        while True:
+            is_ready = simulator_is_ready()
+            if is_ready and not self._simulator_was_ready:
+                self._last_arrival = time.monotonic()  # its parts are not discovered yet
+            self._simulator_was_ready = is_ready
+            parts = self._parts if is_ready else self._last
+            if name in self._unusable:
+                raise PartError(self._unusable[name][1])
+            reading = name in self._newest or time.monotonic() - self._last_arrival < QUIET_PERIOD
+            if name in parts or not reading:
+                return dict(parts)
+            await sleep_for(self._node, CHECK_PERIOD)
+
+
+def requested_part(parts: Mapping[str, Part], name: str) -> Part:
+    """Return a part by name; raises UnknownPartError, which lists the known parts."""
+    if name in parts:
+        return parts[name]
+    raise unknown_part(name, parts)
+
+
+# Maximum number of kept matrices.
+MAX_KNOWN = 1000
+
+
+class TransitionStore:
+    """Subscribes to transitions/*, and keeps the newest matrix of each part and action.
+
+    The simulator publishes the matrices of its runs. While no node publishes those of a part, the
+    store does, so that late subscribers receive what was known before the simulator was restarted.
+    """
+
+    def __init__(self, node: Node, parts: PartRegistry) -> None:
+        self._node = node
+        self._parts = parts
+        self._known: dict[tuple[str, str, str], TransitionMatrix] = {}
+        self._published: dict[str, tuple[Publisher, str]] = {}  # by part, with the run id
+        self._discovery = TopicDiscovery(
+            node, TRANSITIONS, TransitionMatrix, self._receive, gone=self.publish
+        )
+
+    def __len__(self) -> int:
+        """Return the number of known matrices."""
+        return len(self._known)
+
+    def add(self, message: TransitionMatrix) -> None:
+        """Add a valid matrix."""
+        key = (message.run.part, message.run.part_sha256, message.action.name)
+        candidates = [message, self._known.pop(key, message)]
+        self._known[key] = max(candidates, key=_order)
+        while len(self._known) > MAX_KNOWN:
+            self._known.pop(next(iter(self._known)))
+
+    def find(self, part: str, part_sha256: str, action: str) -> TransitionMatrix | None:
+        """Return the newest matrix of an action on a version of a part, or None."""
+        return self._known.get((part, part_sha256, action))
+
+    def publish(self, part: str) -> None:
+        """Publish the newest matrix of a part, unless another node publishes its matrices."""
+        known = [each for each in self._of(part) if each.ended]
+        topic = self._discovery.topic(part)
+        if not known or part in self._published or self._node.count_publishers(topic):
+            return
+        newest = max(known, key=_order)
+        publisher = advertise(self._node, TransitionMatrix, topic, LATCHED)
+        publisher.publish(newest)
+        self._published[part] = (publisher, newest.run.run_id)
+
+    async def answer(
+        self, request: GetTransitions.Request, simulator_is_ready: Callable[[], bool]
+    ) -> TransitionMatrix:
+        """Return the requested matrix; raises RestingAspectsError."""
+        name, action = request.part, request.action
+        offered = await self._parts.usable(name, simulator_is_ready)
+        of_part = self._of(name, offered[name].part_sha256 if name in offered else '')
+        if name not in offered and (simulator_is_ready() or (offered and not of_part)):
+            raise unknown_part(name, offered)
+        known = [each for each in of_part if action in ('', each.action.name)]
+        if known:
+            return max(known, key=_order)
+        actions = ', '.join(sorted(each.action.name for each in of_part))
+        asked = f' by action {shown(action)}' if action else ''
+        others = f'; known actions: {actions}' if actions else ''
+        raise NotAvailableError(
+            f'no transitions of {shown(name)}{asked} are known, request reorient_part{others}'
+        )
+
+    def _of(self, part: str, part_sha256: str = '') -> list[TransitionMatrix]:
+        """Return the matrices of a version of a part; by default the offered one, else of all."""
+        if not part_sha256 and (described := self._parts.get(part)) is not None:
+            part_sha256 = described.part_sha256
+        return [
+            each
+            for (name, sha, _), each in self._known.items()
+            if name == part and part_sha256 in ('', sha)
+        ]
+
+    def _receive(self, part: str, message: TransitionMatrix) -> None:
+        check_transitions(message, part)
+        check_numbering(message)
+        self.add(message)
+        if part in self._published and message.run.run_id != self._published[part][1]:
+            self._node.destroy_publisher(self._published.pop(part)[0])  # another node publishes
+
+
+def _order(message: TransitionMatrix) -> tuple[object, ...]:
+    """Sort key: complete matrices first, then by start, and within a run by progress."""
+    started = message.run.started
+    made = sum(message.actions)
+    return (
+        message.complete,
+        started.sec,
+        started.nanosec,
+        message.run.run_id,
+        made,
+        message.ended,
+    )
+
+
+# Limits for reading: number of logs (1000 take about 10 s), and total time, s.
+MAX_LOGS = 1000
+MAX_SECONDS = 120.0
+# Maximum number of unusable logs that are listed with the reason.
+MAX_LISTED = 10
+# <part>_<start>_<run id>, see logs.writer.run_folder_name; _<number> may follow.
+_STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
+
+LoggedRun = tuple[RunDescription, Distribution]
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the folders of logs: the newest of each part, then the second newest, and so on.
+
+    Runs in a FileWorker. The result is empty if the folder does not exist or cannot be read.
+    """
+    try:
+        found = [p for p in folder.iterdir() if _STARTED.search(p.name) and is_folder(p)]
+    except OSError:
+        return []  # no log has been written yet
+
+    def started(path: Path) -> str:
+        return str(_STARTED.findall(path.name)[-1])
+
+    newer: Counter[str] = Counter()  # by part: number of newer logs
+    rank: dict[Path, int] = {}
+    for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
+        part = path.name[: path.name.rindex(f'_{started(path)}_')]
+        rank[path] = newer[part]
+        newer[part] += 1
+    # Sorting is stable: of logs with the same rank, the newest is first.
+    return sorted(rank, key=lambda path: rank[path])
+
+
+def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
+    """Return a run and its distribution, or a matrix, or None if the log is being written.
+
+    Runs in a FileWorker. The result is the distribution in the log if it counts all drops of the
+    run and uses the current aspect numbering; otherwise the consecutive drops from the first one
+    on are counted. From a log of actions, it is the last matrix, which is that of an unfinished
+    run if the log was cut off. Raises RestingAspectsError if the log contains none of these.
+    """
+    with open_log(log) as file:
+        if file.being_written:
+            return None
+        if not file.closed:
+            raise LogError('it is not closed: repair it with "resting_aspects recover"')
+        if not file.has_index:
+            return _count_first_drops(log)
+        outcome = file.outcome
+        last = file.last(DISTRIBUTION_TYPE)
+        matrix = None if last is not None else file.last(TRANSITIONS_TYPE)
+    if matrix is not None:
+        return serialized_transitions(matrix)
+    if outcome is not None and outcome.whole and last is not None:
+        message = deserialize_message(last, AspectDistribution)
+        if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
+            return run_from(message.run), distribution_from(message)
+    return _count_first_drops(log)
+
+
+def _count_first_drops(log: Path) -> LoggedRun:
+    """Return a run and the distribution of its drops up to the first missing one.
+
+    They are a run that ended there. Raises RestingAspectsError if the log lacks the first drop or
+    the part.
+    """
+    batches = [serialized_poses(data)[:2] for data in messages(log, POSES_TYPE)]
+    if not batches:
+        raise LogError('it contains no drops')
+    run = batches[0][0]
+    parts = (serialized_part(data) for data in messages(log, PART_TYPE))
+    part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
+    if part is None:
+        raise LogError('it does not describe its part')
+    sequence = run.sequence()
+    for poses in RestingPoses.blocks(each for of, each in batches if of.sequence() == sequence):
+        if poses.first_drop <= run.first_drop < poses.end:
+            tally = Tally(run, waiting=[poses.between(run.first_drop, run.end)])
+            tally.count(part, find_aspects(part))
+            return run, tally.counted
+    raise LogError('it does not contain the first drops of its run')
+
+
+class LogLoader:
+    """Reads the logs in a folder, up to MAX_LOGS: the newest of each part first.
+
+    ready : whether all logs have been read
+    state : text describing the progress
+
+    Parameters
+    ----------
+    folder : folder of the logs; None: read nothing
+    files : reads the logs, so that a file cannot block the node
+    known : receives the distributions
+    transitions : receives the transition matrices
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        folder: Path | None,
+        files: FileWorker,
+        known: Tallies,
+        transitions: TransitionStore,
+    ) -> None:
+        self._node = node
+        self._folder = folder
+        self._files = files
+        self._known = known
+        self._transitions = transitions
+        self._unused: dict[str, str] = {}  # reasons by name
+        self._used = 0
+        self.ready = False
+        self.state = 'the logs of earlier runs are still being read'
+
+    async def load(self, done: Callable[[], None]) -> None:
+        """Read all logs, skipping unreadable ones, then call ``done``."""
+        await guarded_task(self._node, 'the logs of earlier runs were not read', self._load)()
+        self.ready = True
+        done()
+
+    async def _load(self) -> None:
+        if self._folder is None:
+            return
+        start = time.monotonic()
+        try:
+            logs: list[Path] = await self._files.run(logs_in, self._folder)
+        except RestingAspectsError as error:
+            self._node.get_logger().warning(f'log_folder {str(self._folder)!r}: {error}')
+            return
+        skipped = len(logs[MAX_LOGS:])
+        for k, log in enumerate(logs[:MAX_LOGS]):
+            if time.monotonic() - start > MAX_SECONDS:
+                skipped += len(logs[k:MAX_LOGS])
+                break
+            self.state = f'{k} of {len(logs)} logs of earlier runs have been read, try again soon'
+            await self._read(log)
+        self._log_summary(len(logs), skipped, time.monotonic() - start)
+
+    async def _read(self, log: Path) -> None:
+        try:
+            logged: LoggedRun | TransitionMatrix | None = await self._files.run(load_log, log)
+            if isinstance(logged, TransitionMatrix):
+                self._transitions.add(logged)
+            elif logged is not None:
+                self._known.add(*logged)
+            self._used += logged is not None
+        except RestingAspectsError as error:
+            self._unused[printable(log.name)] = str(error)
+
+    def _log_summary(self, logs: int, skipped: int, seconds: float) -> None:
+        if not logs:
+            return
+        known = count_text(len(self._known), 'distribution is', 'distributions are')
+        if matrices := len(self._transitions):
+            matrix = count_text(matrices, 'transition matrix', 'transition matrices')
+            known = f'{matrix} and {known}'
+        self._node.get_logger().info(
+            f'{self._used} of {count_text(logs, "log of an earlier run", "logs of earlier runs")} '
+            f'in {self._folder} read in {seconds:.1f} s: {known} known'
+        )
+        if skipped:
+            self._node.get_logger().warning(
+                f'{count_text(skipped, "log", "logs")} in {self._folder} not read: the limit is '
+                f'{MAX_LOGS} logs or {MAX_SECONDS:g} s, newest logs of each part first'
+            )
+        if self._unused:
+            named = list(self._unused.items())[:MAX_LISTED]
+            more = len(self._unused) - len(named)
+            unused = count_text(len(self._unused), 'log', 'logs')
+            self._node.get_logger().warning(
+                f'{unused} in {self._folder} cannot be used: '
+                + '; '.join(f'{name}: {why}' for name, why in named)
+                + (f'; and {more} more' if more else '')
+            )

@@ -1,0 +1,470 @@
+"""The services get_distribution, classify_pose and forecast."""
+
+import math
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.msg import AspectDistribution, Status, TransitionMatrix
+from resting_aspects_interfaces.srv import (
+    ClassifyPose,
+    FeederForecast,
+    GetDistribution,
+    GetTransitions,
+)
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.api.forecast import (
+    cycle_times,
+    forecast_from,
+    pickable_aspects,
+    with_live_counts,
+)
+from resting_aspects_ros.api.forecast_result import ForecastResult
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.aspects.aspect_set import (
+    POSE_ANGLE,
+    AspectSet,
+    nearest_aspect,
+    unit_orientation,
+)
+from resting_aspects_ros.aspects.estimate import RestingShape, estimate
+from resting_aspects_ros.errors import EngineError, InvalidValueError
+from resting_aspects_ros.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
+from resting_aspects_ros.nodes.aspect_classifier.known import (
+    PartRegistry,
+    TransitionStore,
+    requested_part,
+)
+from resting_aspects_ros.nodes.aspect_classifier.live import LiveMonitor
+from resting_aspects_ros.nodes.drop_client import DropClient, drop_goal
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.callbacks import serve, wait_for
+from resting_aspects_ros.ros.conversions import run_from, status
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import FORECAST
+from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
+from resting_aspects_ros.ros.requested_conditions import (
+    DefaultConditionsSubscriber,
+    RequestedSurroundings,
+)
+from resting_aspects_ros.ros.status import (
+    BusyError,
+    NotAvailableError,
+    requested_estimator,
+    status_from_errors,
+)
+from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
+from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
+from resting_aspects_ros.simulation.job import (
+    DEFAULT_SEED,
+    MAX_DROPS,
+    RunDescription,
+    check_drops,
+)
+from resting_aspects_ros.statistics.counted_parts import LiveCounts
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.intervals import max_drops
+
+# Maximum number of known distributions that an error lists.
+MAX_LISTED = 5
+# Number of cached messages: creating a message takes as long as sending it, and the same one is
+# often requested again.
+MAX_MESSAGES = 100
+# Interval at which a request checks the drops that another one has requested, s.
+CHECK_PERIOD = 0.05
+# Timeouts for messages with drops to arrive after the result of their goal, and for the part to be
+# read that they need, s.
+ARRIVAL_TIMEOUT = 5.0
+COUNT_TIMEOUT = 120.0
+
+
+class DistributionService:
+    """Finds the distribution for a request."""
+
+    def __init__(
+        self,
+        node: Node,
+        surfaces: Surfaces,
+        surroundings: RequestedSurroundings,
+        default: DefaultConditionsSubscriber,
+        tallies: Tallies,
+        client: DropClient,
+        parts: PartRegistry,
+    ) -> None:
+        self._node = node
+        self._surfaces = surfaces
+        self._surroundings = surroundings
+        self._default = default
+        self._tallies = tallies
+        self._client = client
+        self._parts = parts
+        self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
+        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+
+    async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
+        """Return the requested distribution; raises RestingAspectsError."""
+        method = requested_estimator(request.method)
+        if method is None:
+            return await self._find_or_drop(request)
+        offered = await self._usable(request.part)
+        part, aspects = self._parts.version(requested_part(offered, request.part).part_sha256)
+        prediction = estimate(RestingShape(part, aspects), method)
+        return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
+
+    async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
+        drops = max_drops(request.drops, request.precision, MAX_DROPS)
+        check_drops(drops)
+        seed = request.seed[0] if request.seed else None
+        parts = await self._usable(request.part)
+        sha = self._version(parts, request.part)
+        conditions = await self._conditions(request, sha)
+        found = self._tallies.find(sha, conditions, drops, request.precision, seed)
+        if found is None and request.only_known:
+            if parts and not sha:
+                requested_part(parts, request.part)
+            raise self._not_known(request, sha)
+        if found is None:
+            await self._wait_for_simulator(request, sha)
+            found = await self._extended(request, sha, conditions, drops)
+        return self._message(found)
+
+    async def _extended(
+        self, request: GetDistribution.Request, sha: str, conditions: DropConditions, drops: int
+    ) -> Tally:
+        """Return a tally that matches a request, after the missing drops have been made.
+
+        Only one goal of a part, conditions and seed is active: what another request has made
+        meanwhile is extended.
+        """
+        seed = request.seed[0] if request.seed else DEFAULT_SEED
+        key = request.part, conditions.key(), seed
+        while (active := self._active.get(key)) is not None:
+            await wait_for(self._node, active, CHECK_PERIOD)
+            known = self._tallies.find(sha, conditions, drops, request.precision, seed)
+            if known is not None:
+                return known
+        self._active[key] = finished = Future(executor=self._node.executor)
+        try:
+            known = None
+            if not request.precision:
+                known = self._tallies.longest(sha, conditions, seed, __version__)
+            found = await self._drop(request, conditions, seed, drops, known.end if known else 0)
+            if not (request.precision or found.reaches(drops, 0.0)):
+                # The simulator has another version, whose drops do not continue those known.
+                found = await self._drop(request, conditions, seed, drops, 0)
+            return found
+        finally:
+            del self._active[key]
+            finished.set_result(None)
+
+    async def _drop(
+        self,
+        request: GetDistribution.Request,
+        conditions: DropConditions,
+        seed: int,
+        drops: int,
+        first: int,
+    ) -> Tally:
+        """Return the tally with new drops, from the index ``first`` on, after they are counted."""
+        goal = drop_goal(
+            request.part,
+            conditions,
+            seed,
+            first_drop=first,
+            drops=drops - first,
+            precision=request.precision,
+        )
+        result = await self._client.drop(goal)
+        goal.run_id, end = result.run_id, first + result.drops
+
+        def missing() -> list[tuple[int, int]]:
+            tally = self._tallies.by_run(result.run_id)
+            return [(first, end)] if tally is None else tally.seen.missing(first, end)
+
+        if not await self._client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
+            await self._client.request_again(goal, missing)
+        tally = self._tallies.by_run(result.run_id)
+        if tally is not None and await self._client.arrived(
+            lambda: tally.distribution is not None and tally.end >= end, COUNT_TIMEOUT
+        ):
+            return tally
+        reason = tally and self._parts.why_not(tally.run.part_sha256)
+        raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
+
+    async def _usable(self, name: str) -> dict[str, Part]:
+        return await self._parts.usable(name, self._client.is_ready)
+
+    async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
+        try:
+            await self._client.wait_until_ready()
+        except NotAvailableError as error:
+            raise NotAvailableError(f'{error}{self._known_text(request, sha)}') from None
+
+    async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
+        if request.surface or request.conditions:
+            default = self._surfaces.get()  # not used
+        else:
+            if not self._default.is_received:
+                await self._wait_for_simulator(request, sha)
+            default = await self._default.conditions()
+        return await self._surroundings.conditions(self._surfaces, request, default)
+
+    def _version(self, parts: Mapping[str, Part], name: str) -> str:
+        """Return the part_sha256 that is offered, else the one dropped last; empty if none."""
+        if name in parts:
+            return parts[name].part_sha256
+        if self._client.is_ready():
+            return ''
+        return self._tallies.sha_of(name) or ''
+
+    def _message(self, tally: Tally) -> AspectDistribution:
+        message = _message(tally.run, tally.counted, tally.complete, self._frame)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        return message
+
+    def _not_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
+        seed = request.seed[0] if request.seed else None
+        with_seed = '' if seed is None else f' with seed {seed}'
+        text = (
+            f'no known distribution of {request.part} under these conditions{with_seed} has at '
+            f'least {request.drops} drops'
+        )
+        return NotAvailableError(text + self._known_text(request, sha))
+
+    def _known_text(self, request: GetDistribution.Request, sha: str) -> str:
+        """Return the end of an error that lists the known distributions; empty without any."""
+        seed = request.seed[0] if request.seed else None
+        known = self._tallies.describe(request.part, sha, seed)
+        if not known:
+            return ''
+        more = ', ...' if len(known) > MAX_LISTED else ''
+        return f'; known distributions: {", ".join(known[:MAX_LISTED])}{more}'
+
+
+@lru_cache(MAX_MESSAGES)
+def _message(
+    run: RunDescription, distribution: Distribution, complete: bool, frame: str
+) -> AspectDistribution:
+    return distribution_msg(distribution, run, Time(), complete, frame)
+
+
+def answer_pose(
+    request: ClassifyPose.Request,
+    response: ClassifyPose.Response,
+    aspects: AspectSet,
+    newest: Distribution | None,
+) -> None:
+    """Fill in the response; unknown values stay NaN.
+
+    Parameters
+    ----------
+    aspects : AspectSet
+        Aspects of the requested part.
+    newest : Distribution, optional
+        Distribution that provides the probability.
+
+    Raises
+    ------
+    InvalidValueError
+        The orientation is not a unit quaternion.
+    NotAvailableError
+        No aspect matches; the response contains the angle to the nearest aspect.
+    """
+    quaternion = request.orientation
+    orientation = unit_orientation([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
+    nearest = nearest_aspect(aspects, orientation)
+    if nearest is None:
+        response.angle = math.inf
+        raise NotAvailableError(f'part {request.part!r} has no aspect')
+    response.angle = nearest.angle
+    if not nearest.fits:
+        raise NotAvailableError(
+            f'no aspect of {request.part} matches the orientation: the nearest is aspect '
+            f'{nearest.aspect.id} at {np.degrees(nearest.angle):.6g} degrees, expected at most '
+            f'{np.degrees(POSE_ANGLE):g}'
+        )
+    response.aspect = nearest.aspect.id
+    response.symmetry_class = nearest.aspect.symmetry_class
+    if newest is not None:
+        response.probability = newest.intervals()[nearest.aspect.id - 1].probability
+    response.status = status(Status.OK)
+
+
+# Maximum number of requests that wait; each takes about a second.
+MAX_WAITING = 20
+
+Live = tuple[LiveCounts, Counts | None]
+
+
+class ForecastService:
+    """Serves forecast.
+
+    Parameters
+    ----------
+    monitor : the parts counted on the machine
+    worker : computes, so that a forecast does not block the node
+    check_ready : raises NotAvailableError while the node is not ready
+    simulator_is_ready : returns whether a simulator offers parts
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parts: PartRegistry,
+        transitions: TransitionStore,
+        monitor: LiveMonitor,
+        worker: FileWorker,
+        check_ready: Callable[[], None],
+        simulator_is_ready: Callable[[], bool],
+    ) -> None:
+        self._node = node
+        self._parts = parts
+        self._transitions = transitions
+        self._monitor = monitor
+        self._worker = worker
+        self._check_ready = check_ready
+        self._simulator_is_ready = simulator_is_ready
+        self._waiting = 0
+        serve(node, FeederForecast, FORECAST, self._forecast)
+
+    async def _forecast(
+        self, request: FeederForecast.Request, response: FeederForecast.Response
+    ) -> FeederForecast.Response:
+        for name, kind in response.get_fields_and_field_types().items():
+            if kind == 'double':
+                setattr(response, name, math.nan)
+        with status_from_errors(FORECAST, response, self._node.get_logger().error):
+            self._check_ready()
+            if self._waiting >= MAX_WAITING:
+                raise BusyError(f'{MAX_WAITING} forecasts are being computed, try again soon')
+            self._waiting += 1
+            try:
+                fields = await self._answer(request)
+            finally:
+                self._waiting -= 1
+            for name, value in fields.items():
+                setattr(response, name, value)
+            response.status = status(Status.OK)
+        return response
+
+    async def _answer(self, request: FeederForecast.Request) -> dict[str, Any]:
+        """Return the fields of the response; raises RestingAspectsError."""
+        asked = GetTransitions.Request(part=request.part, action=request.action)
+        matrix = await self._transitions.answer(asked, self._simulator_is_ready)
+        part_sha256 = matrix.run.part_sha256
+        if self._parts.aspects(part_sha256) is None:
+            raise NotAvailableError(
+                f'the version of {request.part} whose transitions are known is not offered'
+            )
+        part, _ = self._parts.version(part_sha256)
+        live = self._live(request, part_sha256, matrix) if request.use_counts else None
+        found = await self._worker.run(response_fields, request, part, matrix, live)
+        return {**found, 'counted_parts': live[0].parts if live else 0}
+
+    def _live(
+        self, request: FeederForecast.Request, part_sha256: str, matrix: TransitionMatrix
+    ) -> Live:
+        """Return the parts counted on the machine; raises NotAvailableError without any."""
+        found = self._monitor.counts(request.part, part_sha256)
+        if found is None:
+            raise NotAvailableError(f'no counts of {request.part} have arrived')
+        return found[0], found[1].get(matrix.action.name)
+
+
+def response_fields(
+    request: FeederForecast.Request, part: Part, matrix: TransitionMatrix, live: Live | None
+) -> dict[str, Any]:
+    """Return the fields of the response to a request; runs in a FileWorker.
+
+    Raises InvalidValueError if a value of the request is invalid.
+    """
+    result = reorientation_from(matrix, part)
+    ids, classes = list(request.aspects), list(request.classes)
+    if bool(ids) == bool(classes):
+        raise InvalidValueError('invalid pickable aspects: expected either aspects or classes')
+    pickable = pickable_aspects(result.drop.aspects, ids or None, classes or None)
+    if live is not None:
+        for members in result.drop.aspects.classes():
+            if 0 < len({each.id for each in members} & set(pickable)) < len(members):
+                raise InvalidValueError(
+                    f'invalid aspects {ids}: expected whole symmetry classes with use_counts, '
+                    'because parts are counted by class'
+                )
+        result = with_live_counts(result, *live)
+    times = cycle_times(
+        result.action,
+        robot=request.robot_time,
+        vibrate=_given(request.vibrate_time),
+        settle=_given(request.settle_time),
+        image=request.image_time,
+        supply=request.supply_time,
+        overlap=request.overlap,
+        place=_given(request.place_time),
+    )
+    width, depth = (float(side) for side in request.tray)
+    found = forecast_from(
+        result,
+        pickable,
+        Tray((width, depth), request.clearance, _gripper(list(request.gripper))),
+        times,
+        parts_on_tray=request.parts_on_tray or None,
+        max_picks=request.max_picks or None,
+        minutes=request.minutes,
+    )
+    return {**_fields(found), 'drops': matrix.drops, 'actions': sum(matrix.actions)}
+
+
+def reorientation_from(message: TransitionMatrix, part: Part) -> ReorientResult:
+    """Return the result in a message on transitions/<part>; raises InvalidValueError."""
+    matrix = transition_matrix_from(message)
+    counts = np.array([each.count for each in message.aspects], dtype=np.int64)
+    others = message.drops - int(counts.sum())
+    drop = Distribution(matrix.aspects, counts, others, 0, 0)
+    action, run = action_from(message.action), run_from(message.run)
+    return ReorientResult(matrix, action, run, part, drop, complete=message.complete)
+
+
+def _fields(result: ForecastResult) -> dict[str, Any]:
+    found, document = result.named.forecast, result.document()
+    times = list(found.sensitivity)
+    lower, upper = found.prediction
+    same = (
+        *('sentence', 'parts_per_minute', 'lower', 'upper', 'parts_on_tray', 'empty_cycles'),
+        *('best_number_is_limit', 'picks_per_cycle', 'supplied_per_cycle', 'cycle_time'),
+        'coverage',
+    )
+    return {
+        **{name: document[name] for name in same},
+        'prediction_lower': lower,
+        'prediction_upper': upper,
+        'best_number': found.best_number or 0,
+        'flips_per_part': found.flips_per_part,
+        'limited_by': found.limited_by or '',
+        'times': times,
+        'shorter': [found.sensitivity[name][0] for name in times],
+        'longer': [found.sensitivity[name][1] for name in times],
+        'run_id': result.reorientation.run.run_id,
+    }
+
+
+def _given(seconds: float) -> float | None:
+    return None if seconds < 0 else seconds
+
+
+def _gripper(sides: list[float]) -> Footprint | None:
+    """Return the footprint of a gripper; raises InvalidValueError."""
+    if not sides:
+        return None
+    if len(sides) > 2 or not all(0 < side < math.inf for side in sides):
+        raise InvalidValueError(
+            f'invalid gripper {sides}: expected length and width, or a diameter, m'
+        )
+    return Footprint(0.0, 0.0, sides[0] / 2) if len(sides) == 1 else Footprint(sides[0], sides[1])
