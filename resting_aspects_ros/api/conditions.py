@@ -44,7 +44,6 @@ from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Sce
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,
-    surroundings_names,
 )
 from resting_aspects_ros.simulation.surroundings_kinds import (
     NO_CONTACT,
@@ -261,17 +260,6 @@ def without_drops(
     scene = scene_of(part, conditions)
     aspects = aspects_in(scene, aspects)
     return aspects, contacts_in(scene, part, aspects)
-
-
-def surroundings_name(surroundings: Surroundings) -> str:
-    """Return the name of surroundings of the suite, or the kind of others."""
-    return _shipped_names().get(surroundings) or surroundings.shape.kind
-
-
-@functools.cache
-def _shipped_names() -> dict[Surroundings, str]:
-    """Return the names of the surroundings in config/surroundings."""
-    return {named_surroundings(name): name for name in surroundings_names()}
 
 
 def surroundings_text(surroundings: Surroundings) -> str:

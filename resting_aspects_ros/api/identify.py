@@ -23,7 +23,6 @@ from resting_aspects_ros.errors import InvalidValueError, located, shown, warn
 from resting_aspects_ros.input_files import file_text, parse_json, read_input
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
-from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Telecentric
 from resting_aspects_ros.vision.fitting import OutlineNoise
@@ -219,11 +218,6 @@ def identification_document(found: Identification) -> dict[str, Any]:
         ],
         'candidates': [plain(dataclasses.asdict(each)) for each in found.candidates],
     }
-
-
-def identification_json(found: Identification) -> str:
-    """Return the JSON document that `resting_aspects identify --json` prints."""
-    return json_text(identification_document(found))
 
 
 def _given(shares: Shares, aspects: AspectSet) -> npt.NDArray[np.float64]:

@@ -105,11 +105,6 @@ def write_reorientation_report(
     return write_page(page, folder)
 
 
-def write_retention_report(result: 'RetentionResult', folder: Path) -> Path:
-    """Write a report on retention curves, and return the path of the page. Raises OutputError."""
-    return write_page(retention_page(result), folder)
-
-
 def reorientation_page(
     results: Sequence['ReorientResult'],
     *,

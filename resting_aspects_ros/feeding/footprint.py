@@ -248,7 +248,7 @@ class Placing:
     """Parts on many trays, placed one after the other on all of them.
 
     separated : bool
-        Whether parts never overlap; otherwise each lies anywhere, whatever is there.
+        Whether parts never overlap; otherwise each lies anywhere, also on others.
     """
 
     def __init__(

@@ -170,7 +170,7 @@ class WorkTimer:
         self._timer.cancel()
 
     def start(self) -> None:
-        """Begin a period, unless one has begun."""
+        """Begin a period, unless one runs."""
         if self._timer.is_canceled():
             self._timer.reset()
 

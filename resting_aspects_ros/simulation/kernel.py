@@ -172,23 +172,6 @@ def _torque_free(moments, inverse, w):
 
 
 @jit
-def _turning(q, w):
-    """Return the derivative of a quaternion."""
-    a, b, c, d = q
-    return (
-        -0.5 * (b * w[0] + c * w[1] + d * w[2]),
-        0.5 * (a * w[0] + c * w[2] - d * w[1]),
-        0.5 * (a * w[1] + d * w[0] - b * w[2]),
-        0.5 * (a * w[2] + b * w[1] - c * w[0]),
-    )
-
-
-@jit
-def _plus4(a, s, b):
-    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3]
-
-
-@jit
 def _unit4(q):
     s = 1 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s

@@ -10,6 +10,9 @@ from resting_aspects_ros.api.conditions import surface_entry, surface_text
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.api.result import poses_file
+from resting_aspects_ros.report.drops import distribution_table
+from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.report.table_files import save_csv, save_xlsx
 from resting_aspects_ros.studio.recipe import OWN_SURFACE, SURFACES_FILE
 from resting_aspects_ros.studio.settings import counts_csv
 from resting_aspects_ros.studio.work import Work, drop_options
@@ -30,6 +33,23 @@ def _report(work: Work) -> bytes:
 
 def _document(work: Work) -> bytes:
     return work.drops().to_json().encode()
+
+
+def _table(work: Work) -> Table:
+    drops = work.drops()
+    return distribution_table(drops.distribution, drops.title, drops.part)
+
+
+def _csv(work: Work) -> bytes:
+    path = work.folder / 'aspects.csv'
+    save_csv(_table(work), path)
+    return path.read_bytes()
+
+
+def _workbook(work: Work) -> bytes:
+    path = work.folder / 'aspects.xlsx'
+    save_xlsx([_table(work)], path)
+    return path.read_bytes()
 
 
 def _poses(work: Work) -> bytes:
@@ -73,6 +93,12 @@ def _counts(work: Work) -> bytes:
 FILES = {
     'report.html': File('the report, one page that needs no network', 'text/html', _report),
     'distribution.json': File('all numbers as JSON', 'application/json', _document),
+    'aspects.csv': File('the table of the aspects as CSV', 'text/csv', _csv),
+    'aspects.xlsx': File(
+        'the same as a workbook',
+        'application/vnd.openxmlformats-officedocument.spreadsheetml.sheet',
+        _workbook,
+    ),
     'poses.csv': File('the resting pose of each drop as CSV', 'text/csv', _poses),
     'distribution.png': File('the bars as a picture', 'image/png', _picture),
     SURFACES_FILE: File('the conditions as a surfaces file', 'application/yaml', _surfaces),

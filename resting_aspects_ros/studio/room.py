@@ -119,7 +119,7 @@ class Room:
             self._revise()
 
     def work_now(self) -> None:
-        """Work on the settings, also if they are not live."""
+        """Work on the settings, even if they are not live."""
         with self._changed:
             self._wake()
 
@@ -222,10 +222,10 @@ class Room:
                 self._do(done)
 
     def _do(self, number: int) -> None:
-        begun = self._clock()
+        begin = self._clock()
 
         def stopped() -> bool:
-            newer = self._requested != number and self._clock() - begun >= UNDISTURBED
+            newer = self._requested != number and self._clock() - begin >= UNDISTURBED
             return newer or self._closed
 
         with self._reported('problem') as notes:

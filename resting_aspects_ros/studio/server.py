@@ -123,7 +123,7 @@ class Seat:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def put(self, topic: str, text: str) -> None:
-        """Take a message, unless it is that which the tab shows."""
+        """Take a message, unless the tab shows it already."""
         if self.latest.get(topic) == text and topic not in self.waiting:
             return
         self.latest[topic] = text

@@ -10,12 +10,13 @@ from shapely import affinity
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import (
-    identification_json,
+    identification_document,
     identify_part,
     known_part,
     locate_part,
 )
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.vision.outline import seen_outline
 
 # Classes of l_bracket and t_prism whose outline no other class has.
@@ -133,7 +134,7 @@ def test_unknown_aspect_is_refused(bracket, aspect):
 
 def test_document_is_plain_json(bracket):
     found = identify_part(bracket.outlines[0].polygon, bracket)
-    document = json.loads(identification_json(found))
+    document = json.loads(to_json(identification_document(found)))
     assert document['answer'] == 'part'
     first = document['candidates'][0]
     assert first['aspects'] == [1]

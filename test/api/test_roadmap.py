@@ -330,7 +330,7 @@ def test_other_files_than_text_of_limited_size_are_refused(tmp_path, monkeypatch
     path.write_bytes(b'\xff\xfe{')
     with pytest.raises(InvalidValueError, match='is not text in UTF-8'):
         read_roadmap(path)
-    monkeypatch.setattr(roadmap, 'MAX_BYTES', 1 << 10)
+    monkeypatch.setattr(roadmap, 'MAX_ROADMAP_BYTES', 1 << 10)
     path.write_text(' ' * 1025)
     with pytest.raises(InvalidValueError, match='too large: expected at most 1 KiB'):
         read_roadmap(path)

@@ -55,7 +55,7 @@ PREPARED = {
     'recover': 'drop l_bracket --drops 200 --seed 3 --log logs',
 }
 # Tested with their nodes; calibrate takes a minute, and has tests of its own.
-OTHERS = {'request', 'nodes', 'demo', 'feeder_demo', 'replay', 'calibrate'}
+OTHERS = {'request', 'nodes', 'demo', 'feeder_demo', 'replay', 'calibrate', 'studio'}
 STATES = 'z_com_m,qx,qy,qz,qw,vz\n0.05,0,0,0,1,-0.1\n0.05,0.6,0,0,0.8,0\n'
 COUNTED = 'class,count\n1,27\n2,31\n3,22\n4,15\n5,9\n'
 

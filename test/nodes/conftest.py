@@ -330,7 +330,7 @@ class Client:
         return self.call(self._ask, request, seconds)
 
     def known(self, part='tetrahedron', drops=1, **fields):
-        """Return the distribution of a part once so many drops of it are known."""
+        """Return the distribution of a part once this number of its drops is known."""
 
         def found():
             answer = self.ask(part, drops, only_known=True, **fields)

@@ -11,7 +11,7 @@ from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.ros.conversions import poses_from
+from resting_aspects_ros.ros.conversions import conditions_msg, poses_from
 from resting_aspects_ros.simulation.conditions import parts_folder
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -56,10 +56,12 @@ def classify(suite):
     return asker(suite)
 
 
-def test_classification_agrees_with_the_distribution(suite, classify, counts):
+def test_classification_agrees_with_the_distribution(suite, classify, counts, surfaces):
     name = 'l_bracket'
+    # No other test drops under these conditions.
+    own = conditions_msg(surfaces.get().changed(friction=0.27))
     received = suite.client.poses()
-    distribution = suite.client.ask(name, 150, seed=[3]).distribution
+    distribution = suite.client.ask(name, 150, seed=[3], conditions=[own]).distribution
     suite.client.wait(
         lambda: any(b.last and b.run.run_id == distribution.run.run_id for b in received), 'poses'
     )
@@ -76,14 +78,6 @@ def test_classification_agrees_with_the_distribution(suite, classify, counts):
                 assert found.probability == aspect.probability
                 assert found.angle <= np.radians(3)
     assert (*tally[1:], tally[0]) == counts(distribution)[: len(tally)]
-
-
-def test_aspect_is_returned_before_the_first_drop(classify, part):
-    aspect = find_aspects(part('u_bracket')).aspects[2]
-    found = classify('u_bracket', aspect.orientation)
-    assert found.status.code == Status.OK
-    assert found.aspect == 3
-    assert math.isnan(found.probability)
 
 
 def test_pose_between_aspects(classify, box):

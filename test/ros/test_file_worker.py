@@ -23,6 +23,14 @@ from resting_aspects_ros.ros.file_worker import ATTEMPTS, FileLimitError, FileWo
 
 MEGABYTE = 1024**2
 
+# That of the tests of nodes runs in a thread of this process.
+CALL = FileWorker._call
+
+
+@pytest.fixture(autouse=True)
+def own_process(monkeypatch):
+    monkeypatch.setattr(FileWorker, '_call', CALL)
+
 
 @pytest.fixture(scope='module')
 def node():

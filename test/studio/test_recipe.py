@@ -93,6 +93,6 @@ def test_file_name_is_quoted(bracket):
 def test_each_file_can_be_made(bracket, name):
     bracket.change('count.1', '3')
     data = FILES[name].make(bracket.work())
-    starts = {'pdf': b'%PDF', 'zip': b'PK', 'png': b'\x89PNG', 'html': b'<!DOCTYPE'}
+    starts = {'pdf': b'%PDF', 'zip': b'PK', 'xlsx': b'PK', 'png': b'\x89PNG', 'html': b'<!DOCTYPE'}
     assert data.startswith(starts.get(name.rpartition('.')[2], data[:1]))
     assert len(data) > 20

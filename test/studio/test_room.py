@@ -151,9 +151,9 @@ def test_other_part_forgets_what_was_pickable(bracket, shown):
     bracket.change('pickable.5', True)
     before = shown.count
     bracket.open(Source('tetrahedron'))
-    shown.wait('bars', complete, before)
+    part = shown.wait('part', lambda m: m['name'] == 'tetrahedron', before)
+    assert part
     assert bracket.settings.pickable == frozenset()
-    assert shown.wait('part', after=before)['name'] == 'tetrahedron'
 
 
 def test_second_part_is_compared_by_shape(bracket, shown):

@@ -9,7 +9,7 @@ ROS = 'ROS 2: nodes and their logs'
 # imported.
 GROUPS = {
     'in the browser': {
-        'studio': 'open a page in the browser: drop a CAD file, see how the part lies',
+        'studio': 'open a page in the browser: drop a CAD file, see how it lies',
     },
     'how a part comes to rest': {
         'drop': 'drop a part and show how it comes to rest',

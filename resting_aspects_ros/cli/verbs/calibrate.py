@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--drops',
         metavar='N',
         type=parse_integer,
-        help='number of drops of each part at each point (half of the counted ones, but 50 to '
+        help='number of drops of each part at each point (as many as were counted, but 100 to '
         '300)',
     )
     parser.add_argument(

@@ -81,11 +81,6 @@ class ReplayedTopic:
         """Whether the topic is parts/<part> or surroundings/<part>."""
         return self.type in (_SUITE[PARTS][0], _SUITE[SURROUNDINGS][0])
 
-    @property
-    def holds_poses(self) -> bool:
-        """Whether the topic is resting_poses."""
-        return self.type == _SUITE[RESTING_POSES][0]
-
 
 def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str]]:
     """Return the topics that can be replayed, and for each other topic its name and the reason.

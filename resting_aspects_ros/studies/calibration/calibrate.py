@@ -43,9 +43,9 @@ from resting_aspects_ros.studies.points import Task, point_seed, reasons, run_ta
 
 # Points of the first round for each fitted condition, and bounds of their number.
 POINTS_PER_FACTOR, MIN_POINTS, MAX_POINTS = 32, 8, 1024
-# Simulated drops of a part at each point for each counted one, within bounds. All points together
-# determine the shares, so that they add little to the variance of the counts.
-PER_COUNTED, MIN_DROPS, MAX_DROPS = 0.5, 50, 300
+# Simulated drops of a part at each point: as many as were counted, within bounds. All points
+# together determine the shares, so that they add little to the variance of the counts.
+MIN_DROPS, MAX_DROPS = 100, 300
 # Points whose time is measured first, for the estimate of the whole time.
 PILOT = 4
 
@@ -75,7 +75,7 @@ def calibrate(
         Number of points of the first round, and twice that of each of two further ones; 32 for
         each fitted condition.
     drops : int, optional
-        Number of drops of each part at each point; half of the counted ones, but 50 to 300.
+        Number of drops of each part at each point; as many as were counted, but 100 to 300.
     discrepancy : bool
         Whether real parts may deviate from the simulation beyond sampling. False only for counts
         that were simulated.
@@ -174,7 +174,7 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
 
 def drops_per_point(part: CountedPart) -> int:
     """Return the number of simulated drops of a part at each point, if none is given."""
-    return min(max(round(PER_COUNTED * part.drops), MIN_DROPS), MAX_DROPS)
+    return min(max(part.drops, MIN_DROPS), MAX_DROPS)
 
 
 def _check_number(name: str, value: Any, low: int, high: int) -> None:

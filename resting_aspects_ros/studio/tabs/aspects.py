@@ -13,7 +13,7 @@ from resting_aspects_ros.studio.rows import Opened, changing_texts, pickable_tex
 from resting_aspects_ros.studio.settings import Settings
 from resting_aspects_ros.studio.work import Work, drop_options
 
-# The bars are shown again when there are so many times as many drops.
+# The bars are shown again when the number of drops has grown by this factor.
 GROWTH = 1.1
 
 

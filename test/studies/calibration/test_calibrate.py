@@ -33,7 +33,7 @@ def test_drops_are_counted_by_group_and_follow_from_the_seed(here):
 
 def test_parts_are_dropped_in_proportion_to_their_counts_within_bounds():
     given = surface_counts([(3, 5), (50, 100), (500, 5000)])
-    assert [drops_per_point(part) for part in given.parts] == [50, 50, 300]
+    assert [drops_per_point(part) for part in given.parts] == [100, 100, 300]
 
 
 def test_point_at_which_a_part_cannot_be_dropped_is_refused(here):
