@@ -107,10 +107,11 @@ def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch)
     assert differ == f'{changed.mean():.4f}'
     moved = (after == int(aspect)).mean() - (before == int(aspect)).mean()
     assert shift == f'{moved:+.4f}'
-    # Two standard errors of a difference of shares of the same drops.
-    c = (changed & ((before == int(aspect)) | (after == int(aspect)))).mean()
+    # Standard error of a difference of shares of the same drops, with half a count in each cell.
+    c = (changed & ((before == int(aspect)) | (after == int(aspect)))).sum() + 1
     low, high = map(float, interval.split(' to '))
-    assert (high - low) / 2 == pytest.approx(1.96 * np.sqrt((c - moved**2) / n), rel=0.1)
+    error = np.sqrt((c / (n + 2) - moved**2) / (n + 2))
+    assert (high - low) / 2 == pytest.approx(1.96 * error, abs=1e-4)
 
 
 def test_decision_adds_up_to_all_drops(dropper, monkeypatch):

@@ -1,7 +1,7 @@
 """The range of a probability on a real surface, which is wider than its sampling interval.
 
 The sampling interval states how exact the simulation of these conditions is. The model range
-states where the probability on a real surface is, if nobody counted parts on it. On the log odds,
+states where the probability on a real surface is, if no parts were counted on it. On the log odds,
 three variances add up: that of the sampling; that between draws of the conditions that are not
 known exactly; and the discrepancy of the model, by which shares that were measured by hand and by
 machines differ from simulated ones beyond sampling.

@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from bench.case import Trial, contacts_of, ended, released
 from resting_aspects_ros.arrays import Array
@@ -67,20 +68,21 @@ def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
 def _model(mujoco: Any, job: DropJob) -> Any:
     """Return the hull of the part and the planes of the job.
 
-    A contact is a spring whose damping corresponds to the restitution, and whose half-period is
-    the time in which the suite corrects penetration in Bullet. Friction cones are elliptic,
-    because with pyramidal cones, MuJoCo's default, a fifth of the drops never come to rest. There
-    is no rolling friction, because a part with flat sides does not need it and a step is faster
-    without. Because of their priority, the values of a plane are those of the pair.
+    A contact is a damped spring, whose half-period is the time in which the suite corrects
+    penetration in Bullet, divided by the refinement of the job. MuJoCo states spring and damping
+    as accelerations, so that each contact has its restitution for any mass at its corner. Friction
+    cones are elliptic, because with pyramidal cones, MuJoCo's default, a fifth of the drops never
+    come to rest. There is no rolling friction, because a part with flat sides does not need it and
+    a step is faster without. Because of their priority, the values of a plane are those of the
+    pair.
     """
-    planes = ''
+    planes, period = '', PENETRATION_TIME / job.refinement
     for normal, offset, friction, restitution in contacts_of(job):
-        loss = -math.log(max(restitution, 1e-3))
-        ratio = loss / math.hypot(math.pi, loss)
+        ratio = _damping_ratio(restitution)
         planes += (
             f'<geom type="plane" size="0 0 1" zaxis="{_numbers(normal)}" '
             f'pos="{_numbers(offset * normal)}" priority="1" condim="3" '
-            f'solref="{PENETRATION_TIME / (math.pi * ratio)} {ratio}" friction="{friction} 0 0"/>'
+            f'solref="{period / (math.pi * ratio)} {ratio}" friction="{friction} 0 0"/>'
         )
     return mujoco.MjModel.from_xml_string(f"""
         <mujoco>
@@ -96,6 +98,18 @@ def _model(mujoco: Any, job: DropJob) -> Any:
             </body>
           </worldbody>
         </mujoco>""")
+
+
+def _damping_ratio(restitution: float) -> float:
+    """Return the damping ratio cos(a) of a spring that pushes only, at least exp(-2).
+
+    It lets go at an acceleration of 0, with exp(-2 a / tan(a)) of the speed (Schwager and
+    Poeschel, Granular Matter 9, 2007).
+    """
+    loss = min(-math.log(restitution), 2.0) / 2 if restitution > 0 else 1.0
+    if loss == 1:
+        return 1.0
+    return math.cos(brentq(lambda a: a / math.tan(a) - loss, 1e-6, math.pi / 2))
 
 
 def _numbers(array: Array) -> str:
