@@ -233,5 +233,5 @@ def test_posteriors_beside_the_foot_point_are_calibrated(known):
 @pytest.mark.slow
 @pytest.mark.parametrize('name', MESHES)
 def test_posteriors_of_many_images_of_a_part_are_calibrated(known, name):
-    found = calibration(known, [name], 100, np.random.default_rng(8))
+    found = calibration(known, [name], 30, np.random.default_rng(8))
     found.check()

@@ -34,8 +34,8 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
     yield '## An independent simulation: MuJoCo'
     yield ''
     yield (
-        f'{DROPS} drops of each part in MuJoCo, and ten times as many in the kernel; they share no '
-        'code. In MuJoCo, corners touch the plane with damped springs that have the restitution '
+        f'{DROPS} drops of each part in MuJoCo, and ten times as many in the kernel; no code is '
+        'shared. In MuJoCo, corners touch the plane with damped springs that have the restitution '
         'of the surface. *p*: probability of at least this chi-square of the counts by symmetry '
         'class if both engines have the same probabilities. *Difference*: the largest one of a '
         'share of a class, MuJoCo minus kernel, with its 95 % interval.'
