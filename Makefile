@@ -115,7 +115,7 @@ $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
 $(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py \
         resting_aspects_ros/simulation/kernel_data.py requirements.txt $(VENV)/.package
 	@echo "set-up: compiling the kernel"
-	@$(BIN)/resting_aspects drop tetrahedron --drops 1 > /dev/null
+	@$(BIN)/python -c "import resting_aspects_ros as ra; ra.drop(ra.load_part('tetrahedron'), drops=1)"
 	@touch $@
 
 $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements

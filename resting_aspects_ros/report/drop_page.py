@@ -411,7 +411,7 @@ def outcome_rows(
                 interval=share.interval,
                 bar=share.bar,
                 model=share.model,
-                model_text='' if row.model is None else interval_text(row.model),
+                model_text=share.model_text,
                 facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
                 members=_members(distribution, row) if len(row.aspects) > 1 else None,
                 oblique=oblique,
@@ -430,13 +430,19 @@ class ShareFields:
     interval: str
     bar: tuple[float, float, float]
     model: tuple[float, float] | None
+    model_text: str
 
 
 def share_fields(row: Row, drops: int, longest: float) -> ShareFields:
     """Return the texts and the bar of a row; a bar has the full width at the longest share."""
     model = None if row.model is None else _bar(row.model, longest)[1:]
-    bar = _bar(row.interval, longest)
-    return ShareFields(_probability(row, drops), interval_text(row.interval), bar, model)
+    return ShareFields(
+        _probability(row, drops),
+        interval_text(row.interval),
+        _bar(row.interval, longest),
+        model,
+        '' if row.model is None else f'model range {interval_text(row.model)}',
+    )
 
 
 def _upper(row: Row) -> float:

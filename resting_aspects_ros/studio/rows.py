@@ -139,6 +139,7 @@ def changing_texts(distribution: Distribution) -> list[dict[str, Any]]:
                 'count': f'{row.count:,} of {drops:,}',
                 'bar': fields.bar,
                 'model': fields.model,
+                'range': fields.model_text,
                 'hidden': not row.aspects and row.name not in ALWAYS and not row.count,
                 'unseen': not row.count,
             }

@@ -221,10 +221,10 @@ function showRow(texts, number) {
   if (!row) return;
   row.hidden = texts.hidden;
   row.classList.toggle('unseen', texts.unseen);
-  const [share, interval, count] = find('.number', row).children;
-  share.textContent = texts.probability;
-  interval.textContent = texts.interval;
-  count.textContent = texts.count;
+  find('.number b', row).textContent = texts.probability;
+  for (const name of ['interval', 'range', 'count']) {
+    find(`.number .${name}`, row).textContent = texts[name];
+  }
   const [fill_, left, width] = texts.bar;
   find('.fill', row).style.width = `${fill_}%`;
   Object.assign(find('.whisker', row).style, { left: `${left}%`, width: `${width}%` });

@@ -3,6 +3,7 @@
 from resting_aspects_ros.api.conditions import has_level_floor, outcome_hints
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.runner import DropTally
 from resting_aspects_ros.report.drop_page import NOT_LEVEL
 from resting_aspects_ros.report.page import Item, Text
@@ -36,6 +37,8 @@ def show(work: Work) -> None:
     hints = outcome_hints(result.distribution, work.settings.conditions, radius)
     items += [Text(hint, 'note') for hint in hints]
     work.show('hints', items)
+    about = model_range_text(result.distribution, result.no_model_range)
+    work.show('range', [Text(about, 'plain')])
 
 
 def _key(work: Work) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ def show(work: Work) -> None:
         items.append(Text(ON_A_PLANE, 'note'))
     if not found.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
-    items += [Text(sentence, 'note') for sentence in found.sentences]
+    items += [Text(sentence, 'plain') for sentence in found.sentences]
     page = found.best.page()
     for section in reversed(page.sections):  # the traps first
         items += [Text(section.heading, 'part'), *section.items]
