@@ -91,7 +91,7 @@ def submit_drops(
     chunks = chunk_bounds(job, first_drop, first_drop + drops, cuts)
     try:
         while True:
-            for chunk in islice(chunks, max(1, workers.lookahead()) - len(pending)):
+            for chunk in islice(chunks, max(0, max(1, workers.lookahead()) - len(pending))):
                 pending.append(workers.submit(job, *chunk))
             if not pending:
                 return

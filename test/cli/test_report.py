@@ -145,7 +145,7 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     )
     _, page = page_of(ended, folder)
     mean = 100 * abs(share - 0.6)
-    said = float(re.search(r'<dt>mean absolute deviation</dt><dd>([\d.]+) points', page)[1])
+    said = float(re.search(r'<dt>mean absolute deviation</dt><dd>([\d.]+) %', page)[1])
     assert said == pytest.approx(mean, rel=0.05)
     assert (folder / 'beside' / 'comparison.png').exists()
     # Any file name is accepted.

@@ -139,7 +139,8 @@ def check_all(sample, content):
         except LogError:
             assert (folder / 'run_0.mcap').read_bytes() == content
             continue
-        if name == 'index' and found == sample.by_index:
+        # Metadata has no checksum of its own: an outcome that is not readable is unknown.
+        if name == 'index' and found in (sample.by_index, [*sample.by_index[:2], None]):
             continue
         assert found == whole[: len(found)]
         assert len(found) == len(whole) or not content.endswith(MAGIC)

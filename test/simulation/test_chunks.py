@@ -181,6 +181,12 @@ def test_at_most_lookahead_chunks_are_pending(job, lookahead):
     assert len(workers.futures) == 10
 
 
+def test_all_chunks_are_made_when_workers_are_lost(job):
+    left = iter([5, 5, 1, 0])
+    workers = Recorder(lambda: next(left, 1))
+    assert len(list(submit_drops(job, 0, 10 * CHUNK, workers))) == 10
+
+
 def test_closing_cancels_only_chunks_not_started(job):
     workers = Recorder(lambda: 4)
     chunks = submit_drops(job, 0, 10 * CHUNK, workers)
