@@ -23,7 +23,6 @@ from resting_aspects_ros.api.runner import (
     Runner,
     Tally,
     TransitionTally,
-    given_workers,
 )
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -33,13 +32,10 @@ from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line,
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspects_text
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import (
     DEFAULT_DROPS,
     DropJob,
     RunDescription,
-    check_drops,
-    check_seed,
     plan_run,
 )
 from resting_aspects_ros.simulation.scene import Scene
@@ -303,83 +299,10 @@ def reasons(found: Sequence[Counts | str | None]) -> dict[int, str]:
     return {k: each for k, each in enumerate(found) if isinstance(each, str)}
 
 
-@dataclass(frozen=True, eq=False)
-class PointCounts:
-    """Counts of the drops at m points.
-
-    aspects : AspectSet
-        Of the part on a level plane.
-    counts : (m, k) int
-        Drops at rest in each aspect, by id from 1.
-    other : (m, 5) int
-        Drops that ended otherwise; columns as in OUTSIDE.
-    skipped : dict of int to str
-        Why a point is impossible; its counts are 0.
-    """
-
-    aspects: AspectSet
-    counts: Counts
-    other: Counts
-    skipped: dict[int, str] = field(default_factory=dict)
-
-    @property
-    def drops(self) -> Counts:
-        """(m,) number of drops at each point."""
-        return np.asarray(self.counts.sum(axis=1) + self.other.sum(axis=1))
-
-    def by_class(self) -> Counts:
-        """Return the counts (m, c) by symmetry class, in the order of the classes."""
-        return counts_by_class(self.aspects, self.counts)
-
-
 def counts_by_class(aspects: AspectSet, counts: Counts) -> Counts:
     """Return counts (..., k) by aspect as counts (..., c) by symmetry class."""
     classes = [[a.id - 1 for a in members] for members in aspects.classes()]
     return np.stack([counts[..., ids].sum(axis=-1) for ids in classes], axis=-1)
-
-
-def drop_points(
-    part: Part,
-    points: Sequence[DropConditions | Setting],
-    drops: int,
-    seed: int,
-    *,
-    workers: int | Workers | None = None,
-    progress: Callable[[int], None] = lambda _: None,
-    stopped: Callable[[], bool] = lambda: False,
-    landscape: Landscape | None = None,
-) -> PointCounts:
-    """Drop a part at each point, and count the aspects; impossible points are skipped.
-
-    The counts of a point follow from the part, its conditions and the seed, bit for bit, and not
-    from the other points, which have independent random numbers. Equal points are repetitions,
-    which are independent, too.
-
-    Parameters
-    ----------
-    drops : int
-        Number of drops at each point. With more drops, the first ones are the same.
-    progress : callable
-        Called often, with the number of drops made at all points together.
-    stopped : callable
-        Ends early if it returns True: unfinished points then have no drops.
-    landscape : Landscape, optional
-        Of the part, if it was already computed.
-    """
-    check_drops(drops)
-    check_seed(seed)
-    settings = [p if isinstance(p, Setting) else Setting(p) for p in points]
-    with given_workers(workers) as pool:
-        simulation = Simulation.of(part, pool, landscape)
-        tasks = []
-        for index, each in enumerate(settings):
-            before = settings[:index].count(each)
-            own = point_seed(seed, part, each, f'repetition {before}' if before else '')
-            tasks.append(partial(simulation.dropped, each, drops, own))
-        found = run_tasks(tasks, pool, progress, stopped)
-    k = len(simulation.aspects)
-    counts = counted(found, k + len(OUTSIDE))
-    return PointCounts(simulation.aspects, counts[:, :k], counts[:, k:], reasons(found))
 
 
 @dataclass(frozen=True, eq=False)
