@@ -1,5 +1,6 @@
 """Drop a part, or repeat the drops of a log: the Python interface, which the commands call."""
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -8,13 +9,14 @@ from typing import Any
 
 from resting_aspects_ros.api.conditions import (
     given_conditions,
+    shipped_surfaces,
     warn_of_surroundings,
     with_surroundings,
 )
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
-from resting_aspects_ros.api.model_range import add_model_range, missing_reason
+from resting_aspects_ros.api.model_range import add_model_range, missing_in
 from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
 from resting_aspects_ros.api.runner import (
     Consumer,
@@ -254,9 +256,10 @@ def repeat_log(
     logged = log if isinstance(log, LoggedDrops) else logged_drops(log)
     part, run = logged.part, logged.run
     repeats = drops is None and not precision
+    known = shipped_surfaces().recorded_uncertainty(run.conditions)
     planned = plan_drops(
         part,
-        run.conditions,
+        dataclasses.replace(run.conditions, uncertainty=known or ()),
         drops=logged.end - logged.first if repeats else drops or 0,
         seed=run.seed,
         first_drop=logged.first if repeats else run.first_drop,
@@ -270,15 +273,18 @@ def repeat_log(
     for warning in part.warnings:
         warn(warning)
     with make_runner(workers, progress, stopped) as runner:
-        return make_drops(
+        result = make_drops(
             runner,
             planned,
             part,
             check=check_convergence,
-            model_range=model_range,
+            model_range=model_range and known is not None,
             keep_poses=keep_poses,
             consumers=consumers,
         )
+    if model_range and not result.no_model_range:
+        result = dataclasses.replace(result, no_model_range=missing_in(run))
+    return result
 
 
 def logged_drops(log: str | Path) -> LoggedDrops:
@@ -335,7 +341,7 @@ def make_drops(
     counts = [each.add for each in (planned.contacts, by_state) if each is not None]
     folder: Path | None = None
     convergence: Convergence | None = None
-    reason = missing_reason(planned.job) if model_range else ''
+    reason = ''
 
     def result() -> DropResult:
         return DropResult(
@@ -359,8 +365,8 @@ def make_drops(
         with recorded(log, part, planned, tally) as (folder, to_log):
             everything = [*counts, *kept, *to_log, *consumers]
             runner.count(planned.job, planned.run, tally, everything)
-            if model_range and not runner.stopped():
-                tally.distribution = add_model_range(
+            if model_range:
+                tally.distribution, reason = add_model_range(
                     tally.distribution, part, planned.job, runner.workers, runner.stopped
                 )
         if check and not runner.stopped():

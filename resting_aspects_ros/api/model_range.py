@@ -1,7 +1,7 @@
 """Drops over the uncertainty of a surface, from which the model range follows."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
 
 import numpy as np
@@ -11,7 +11,7 @@ from resting_aspects_ros.api.runner import PROGRESS_PERIOD, never
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import list_text
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, Samples
+from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces
 from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids
@@ -20,27 +20,27 @@ from resting_aspects_ros.statistics.model_range import Draws, with_model_range
 # Number of draws of the uncertain conditions, and of drops at each. On two cores they take 0.1 to
 # 0.3 s; the standard error of the standard deviation between 16 draws is 18 % of it.
 DRAWS, DROPS = 16, 500
-# Number of counted parts that narrows the ranges; see docs/explanation/trust.md.
+MIN_DRAWS = 8
+# Number of counted parts whose interval is half as wide as the range; see
+# docs/explanation/trust.md.
 ENOUGH_COUNTED = 200
 
 # Why there is no model range.
-OF_STATES = (
-    'it is known for random releases, and these drops start from given states; give them noise '
-    'instead'
-)
+OF_STATES = 'it is known for random releases, and these drops start from given states'
 OF_SURROUNDINGS = (
     'the error of the model was measured on level surfaces only, and these surroundings are not'
 )
+OF_STOPPED = 'the run was stopped'
+OF_IMPOSSIBLE = 'the part cannot be released under most of the conditions that are possible'
+OF_UNKNOWN = 'the uncertainty of this surface is not recorded'
 
 
-def missing_reason(job: DropJob) -> str:
-    """Return why drops have no model range; empty if they have one."""
-    return OF_STATES if job.starts is not None else missing_in(job.conditions)
-
-
-def missing_in(conditions: DropConditions) -> str:
-    """Return why random releases have no model range; empty if they have one."""
-    return '' if conditions.surroundings is None else OF_SURROUNDINGS
+def missing_in(run: RunDescription, surfaces: Surfaces | None = None) -> str:
+    """Return why the drops of a run that was recorded have no model range; can be empty."""
+    if run.conditions.surroundings is not None:
+        return OF_SURROUNDINGS
+    known = shipped_surfaces() if surfaces is None else surfaces
+    return OF_UNKNOWN if known.recorded_uncertainty(run.conditions) is None else ''
 
 
 def model_range_text(distribution: Distribution, missing: str = '') -> str:
@@ -54,7 +54,7 @@ def model_range_text(distribution: Distribution, missing: str = '') -> str:
         'Model range: where the probability on a real surface is with '
         f'{100 * distribution.confidence:g} % confidence, if no parts were counted there. It '
         f'{covers} how far measured bodies deviate from the model. About {ENOUGH_COUNTED} '
-        'counted parts of your own narrow it (calibrate).'
+        'counted parts of your own tell more (calibrate).'
     )
 
 
@@ -64,48 +64,63 @@ def add_model_range(
     job: DropJob,
     workers: Workers,
     stopped: Callable[[], bool] = never,
-) -> Distribution:
-    """Return the distribution of a job with its model range, for which further drops are made.
+) -> tuple[Distribution, str]:
+    """Return the distribution of a job with its model range, or without it, and then why.
 
-    The draws are made in the kernel with the random numbers of the job. If the job is simulated in
-    Bullet, the range is about its own shares, and only the width is that of the draws. The
-    distribution is returned without a range if there is none, without drops, or if it was stopped.
+    Drops over the uncertainty of the conditions are made in the kernel with the random numbers of
+    the job. If the job is simulated in Bullet, the range is about its own shares, and only the
+    width is that of these drops. Without drops there is neither a range nor a reason.
     """
-    if missing_reason(job) or not distribution.drops:
-        return distribution
-    uncertainty, draws = shipped_surfaces().uncertainty_of(job.conditions), None
+    if not distribution.drops:
+        return distribution, ''
+    if job.starts is not None:
+        return distribution, OF_STATES
+    if job.conditions.surroundings is not None:
+        return distribution, OF_SURROUNDINGS
+    uncertainty, draws = job.conditions.uncertainty, None
     if uncertainty:
-        draws = _draws(distribution, part, job, uncertainty, workers, stopped)
-        if draws is None:
-            return distribution
-    return with_model_range(distribution, draws, about_draws=job.engine != BULLET)
+        jobs = list(_jobs(part, job))
+        if len(jobs) < min(MIN_DRAWS, len(uncertainty)):
+            return distribution, OF_IMPOSSIBLE
+        draws = _draws(distribution, jobs, job.conditions.uncertain, workers, stopped)
+    if stopped() or (uncertainty and draws is None):
+        return distribution, OF_STOPPED
+    return with_model_range(distribution, draws, about_draws=job.engine != BULLET), ''
 
 
-def model_range_of(distribution: Distribution, part: Part, run: RunDescription) -> Distribution:
-    """Return a distribution of a run that released parts with its model range.
+def model_range_of(
+    distribution: Distribution, part: Part, run: RunDescription, surfaces: Surfaces | None = None
+) -> Distribution:
+    """Return a distribution of a run that released parts with its model range, if it has one.
 
     For programs that count drops that were made elsewhere; the draws are made in one thread.
+
+    surfaces : Surfaces, optional
+        With the uncertainty of their conditions; None: the surfaces of the suite.
     """
-    if missing_in(run.conditions):
+    if missing_in(run, surfaces):
         return distribution
-    job = make_job(part, run.conditions, run.seed, engine=BULLET if run.engine == BULLET else '')
+    known = shipped_surfaces() if surfaces is None else surfaces
+    conditions = dataclasses.replace(
+        run.conditions, uncertainty=known.recorded_uncertainty(run.conditions) or ()
+    )
+    job = make_job(part, conditions, run.seed, engine=BULLET if run.engine == BULLET else '')
     workers = LocalWorkers(1)
     try:
-        return add_model_range(distribution, part, job, workers)
+        return add_model_range(distribution, part, job, workers)[0]
     finally:
         workers.stop()
 
 
 def _draws(
     distribution: Distribution,
-    part: Part,
-    job: DropJob,
-    uncertainty: Samples,
+    jobs: Sequence[DropJob],
+    uncertain: tuple[str, ...],
     workers: Workers,
     stopped: Callable[[], bool],
 ) -> Draws | None:
     """Return the outcomes at each draw; None if it was stopped."""
-    futures = [workers.submit(each, 0, DROPS) for each in _jobs(part, job, uncertainty)]
+    futures = [workers.submit(each, 0, DROPS) for each in jobs]
     waiting = set(futures)
     try:
         while waiting:
@@ -116,11 +131,12 @@ def _draws(
     finally:
         for each in waiting:
             each.cancel()
-    return Draws(np.array(ids).reshape(len(ids), -1), tuple(uncertainty[0]))
+    return Draws(np.array(ids), uncertain)
 
 
-def _jobs(part: Part, job: DropJob, uncertainty: Samples) -> Iterator[DropJob]:
+def _jobs(part: Part, job: DropJob) -> Iterator[DropJob]:
     """Yield a job for each draw; draws that are impossible for the part are left out."""
+    uncertainty = job.conditions.uncertainty
     chosen = np.linspace(0, len(uncertainty) - 1, min(DRAWS, len(uncertainty))).round()
     known = dataclasses.replace(job.conditions, uncertainty=())
     for k in chosen.astype(int).tolist():

@@ -282,7 +282,9 @@ def _model(document: RunDocument, aspects: Sequence[ReportAspect]) -> ModelRange
     by_aspect, by_class = (each.reshape(-1, 2) for each in tables)
     classes = {each.symmetry_class for each in aspects}
     found = np.concatenate([by_aspect, by_class])
-    if len(by_class) != len(classes) or not (found[:, 0] <= found[:, 1]).all():
+    shares = np.array([each.count for each in aspects]) / max(document.drops, 1)
+    outside = (shares < by_aspect[:, 0]) | (shares > by_aspect[:, 1])
+    if len(by_class) != len(classes) or not (found[:, 0] <= found[:, 1]).all() or outside.any():
         raise ValueError('invalid model range: expected bounds of each aspect and class')
     uncertain = document.model_uncertain
     if unknown := set(uncertain) - set(QUANTITIES):

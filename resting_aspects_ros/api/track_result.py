@@ -157,11 +157,13 @@ class TrackResult(Result):
             f'{range_text(100 * low, 100 * high, "%")} of the parts pass in row {wanted}, with '
             f'{range_text(100 * purity[0], 100 * purity[1], "%")} purity.'
         )
-        if low > 0:
-            yield (
-                f'A good part needs {range_text(1 / high, 1 / low, "passes")} of the traps on '
-                f'average; {range_text(*found.returned, "parts per minute")} fall back.'
-            )
+        back = f'{range_text(*found.returned, "parts per minute")} fall back'
+        if purity[0] < 1:
+            others = range_text(*found.other_rows, 'parts per minute')
+            yield f'{others} pass in other rows; {back}.'
+        elif low > 0:
+            passes = range_text(1 / high, 1 / low, 'passes')
+            yield f'A good part needs {passes} of the traps on average; {back}.'
 
     def _blocked(self) -> str:
         """Return which trap stops the wanted row."""
@@ -302,6 +304,7 @@ class TrackResult(Result):
             'arrivals': found.arrivals,
             'passes_per_part': [1 / each if each else None for each in (high, low)],
             'returned_per_minute': list(found.returned),
+            'other_rows_per_minute': list(found.other_rows),
             'jams': found.jams,
             'simulated': self._simulated_fields(),
             'tolerance': {'part': found.tolerance.part, 'trap': found.tolerance.trap},

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -42,8 +42,7 @@ def table_values(table: Table) -> tuple[list[str], list[list[Value]]]:
     """
     headings: list[str] = []
     columns: list[list[Value]] = []
-    for k, heading in enumerate(table.page_headings):
-        cells = [row[k] for row in table.rows]
+    for k, heading, cells in _columns(table):
         if table.headings[k] in table.texts:
             headings.append(heading)
             columns.append([_text(cell) for cell in cells])
@@ -65,6 +64,18 @@ def table_values(table: Table) -> tuple[list[str], list[list[Value]]]:
                 ]
             )
     return headings, [list(row) for row in zip(*columns, strict=True)]
+
+
+def _columns(table: Table) -> Iterator[tuple[int, str, list[str]]]:
+    """Yield index, heading and cells of each column; one of two values per cell becomes two."""
+    for k, heading in enumerate(table.page_headings):
+        cells = [row[k] for row in table.rows]
+        names = table.headings[k].split(',\n')
+        if len(names) == 1:
+            yield k, heading, cells
+            continue
+        for j, name in enumerate(names):
+            yield k, name, [[*each.split('\n'), ''][j] for each in cells]
 
 
 def _without_unit(heading: str) -> tuple[str, str]:

@@ -300,7 +300,7 @@ def _counted(logged: LoggedRun) -> tuple[DropResult, list[RestingPoses]]:
         logged.outcome.whole and logged.finished,
         history=history.points(),
         contacts=contacts,
-        no_model_range=missing_in(run.conditions),
+        no_model_range=missing_in(run),
     )
     return result, blocks
 

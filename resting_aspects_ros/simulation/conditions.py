@@ -284,14 +284,14 @@ class DropConditions:
     def changed(self, **changes: Any) -> 'DropConditions':
         """Return conditions with other values; the surface's name is removed if they differ.
 
-        If one of the uncertain values is changed, all of them are taken as known: they were
-        fitted or assumed together.
+        If one of the uncertain values is stated, all of them are taken as known: they were fitted
+        or assumed together.
         """
         new = dataclasses.replace(self, **changes)
-        if new.key() == self.key():
-            return self
-        if any(getattr(new, name) != getattr(self, name) for name in self.uncertain):
+        if not set(changes).isdisjoint(self.uncertain):
             new = dataclasses.replace(new, uncertainty=())
+        elif new.key() == self.key():
+            return self
         return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
@@ -408,15 +408,15 @@ class Surfaces:
         """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
         return self.get(name).uncertainty
 
-    def uncertainty_of(self, conditions: DropConditions) -> Samples:
+    def recorded_uncertainty(self, conditions: DropConditions) -> Samples | None:
         """Return equally probable values of what is not known exactly; empty if all is.
 
-        Conditions that were read from a log, a message or a document have none of their own.
-        Theirs are those of the surface with the same name, or with equal values of the conditions
-        that are uncertain there, such as a surface with another height.
+        For conditions that were read from a log or a message, which do not have them. They are
+        those of the surface with the same name, or with equal values of the conditions that are
+        uncertain there, such as a surface with another height. None: the surface is another one.
         """
-        if conditions.uncertainty:
-            return conditions.uncertainty
+        if conditions.surface and conditions.surface not in self._sets:
+            return None
         named = [each for each in self._sets.values() if each.surface == conditions.surface]
         for known in (*named, *self._sets.values()):
             same = all(

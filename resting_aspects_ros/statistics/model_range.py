@@ -19,8 +19,9 @@ from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import bounds
 
 # Standard deviation of the discrepancy on the log odds at a share of 1/2, and the power of
-# 4 p (1 - p) with which it grows for rare and for frequent outcomes. They are estimated on the
-# measured bodies of config/counts; see docs/explanation/validation.md, "Measured shares".
+# 4 p (1 - p) with which it grows for rare and for frequent outcomes. The first is estimated on the
+# measured bodies of config/counts, which do not determine the second; see
+# docs/explanation/validation.md, "Measured shares".
 DISCREPANCY, POWER = 0.3, 0.25
 # Odds are not computed of shares that are nearer to 0 or 1.
 _MIN_SHARE = 1e-9
@@ -31,7 +32,7 @@ class ModelRange:
     """Ranges of the probabilities on a real surface.
 
     by_aspect : (k, 2) float
-        Lower and upper bounds by aspect; NaN if they are not known.
+        Lower and upper bounds by aspect.
     by_class : (c, 2) float
         The same by symmetry class.
     uncertain : tuple of str
@@ -76,9 +77,22 @@ def between_variance(hits: npt.NDArray[np.bool_]) -> float:
     return max(0.0, float(of_draws.var(ddof=1) - noise / m))
 
 
+def independent_drops(hits: npt.NDArray[np.bool_]) -> int:
+    """Return the number of independent drops whose share is as exact as that of all draws.
+
+    It is between m, if drops with the same random numbers end alike in all draws, and s m.
+
+    hits : (s, m) bool
+        Whether drop i of draw j ended in the outcome.
+    """
+    s, m = (int(each) for each in hits.shape)
+    share, variance = float(hits.mean()), float(hits.mean(axis=0).var()) / m
+    return min(max(m, round(share * (1 - share) / variance)), s * m) if variance else m
+
+
 def model_bounds(
     counts: npt.ArrayLike,
-    drops: int,
+    drops: npt.ArrayLike,
     between: Array,
     confidence: float,
     scale: float = DISCREPANCY,
@@ -92,8 +106,8 @@ def model_bounds(
     ----------
     counts : (k,) int
         Drops in each outcome, over all draws of the conditions.
-    drops : int
-        Number of these drops.
+    drops : int or (k,) int
+        Number of these drops, as independent ones.
     between : (k,) float
         Variance of each probability between draws of the conditions.
     confidence : float
@@ -101,12 +115,14 @@ def model_bounds(
     scale : float
         Discrepancy of the model at a share of 1/2.
     """
-    c, n = np.asarray(counts, dtype=np.int64), max(drops, 1)
+    c = np.asarray(counts, dtype=np.int64)
+    n = np.broadcast_to(np.maximum(drops, 1), c.shape)
     z = float(ndtri((1 + confidence) / 2))
     share = (c + 0.5) / (n + 1)
     spread = z * np.sqrt(discrepancy(share, scale) ** 2 + between / (share * (1 - share)) ** 2)
     centre, found = logit(share), []
-    for bound, sign in zip(bounds(c, drops, confidence=confidence), (-1, 1), strict=True):
+    sampling = bounds(c[:, np.newaxis], n, confidence=confidence)
+    for (bound,), sign in zip((each.T for each in sampling), (-1, 1), strict=True):
         away = sign * (logit(np.clip(bound, _MIN_SHARE, 1 - _MIN_SHARE)) - centre)
         wider = expit(centre + sign * np.hypot(np.maximum(away, 0), spread))
         # What was never seen can be impossible, and what always occurred certain.
@@ -146,31 +162,38 @@ def with_model_range(
         Whether the ranges are about the shares of the draws; otherwise about those of the
         distribution, for drops that were simulated in another way than the draws.
     """
-    classes = distribution.by_class()
     members = [[each.id for each in alike] for alike in distribution.aspects.classes()]
-    alone = [[each.id] for each in distribution.aspects.aspects]
-    rows = [
-        _ranges(given, groups, draws, about_draws=about_draws)
-        for given, groups in ((distribution, alone), (classes, members))
-    ]
+    by_class = _ranges(distribution.by_class(), members, draws, about_draws=about_draws)
+    by_aspect = np.zeros((len(distribution.aspects), 2))
+    for ids, (lower, upper) in zip(members, by_class, strict=True):
+        # Aspects that a symmetry exchanges have equal probabilities on any surface.
+        by_aspect[np.array(ids) - 1] = lower / len(ids), upper / len(ids)
     uncertain = () if draws is None else draws.uncertain
-    return dataclasses.replace(distribution, model=ModelRange(rows[0], rows[1], uncertain))
+    model = ModelRange(_containing(distribution, by_aspect), by_class, uncertain)
+    return dataclasses.replace(distribution, model=model)
 
 
 def _ranges(
     given: Distribution, groups: list[list[int]], draws: Draws | None, *, about_draws: bool
 ) -> Array:
     """Return the ranges (g, 2) of groups of aspects, whose counts are those of ``given``."""
-    counts, drops = given.counts, given.drops
+    counts: Counts = given.counts
+    drops: npt.ArrayLike = given.drops
     between = np.zeros(len(groups))
     if draws is not None:
         hits = [np.isin(draws.ids, ids) for ids in groups]
         between = np.array([between_variance(each) for each in hits])
         if about_draws:
-            counts = np.array([each.sum() for each in hits], dtype=np.int64)
-            drops = draws.ids.size
+            sizes = [independent_drops(each) for each in hits]
+            shares = [each.mean() for each in hits]
+            counts = np.array([round(n * p) for n, p in zip(sizes, shares, strict=True)])
+            drops = np.array(sizes)
     found = model_bounds(counts.reshape(-1), drops, between, given.confidence)
-    sampling = given.intervals()
-    lower, upper = ([getattr(each, name) for each in sampling] for name in ('lower', 'upper'))
-    low = np.minimum(found[:, 0], lower)
-    return np.stack([low, np.maximum(found[:, 1], upper)], axis=1)
+    return _containing(given, found)
+
+
+def _containing(given: Distribution, ranges: Array) -> Array:
+    """Return ranges (k, 2) that contain the sampling intervals, too."""
+    sampling = np.array([(each.lower, each.upper) for each in given.intervals()]).reshape(-1, 2)
+    low = np.minimum(ranges[:, 0], sampling[:, 0])
+    return np.stack([low, np.maximum(ranges[:, 1], sampling[:, 1])], axis=1)

@@ -155,10 +155,18 @@ class Passage:
         return self.arrivals * low, self.arrivals * high
 
     @property
+    def other_rows(self) -> tuple[float, float]:
+        """Parts per minute that pass in rows that are not wanted, at least and at most."""
+        mask = np.array([row.id not in self.wanted for row in self.rows])
+        low, high = (float((self.probability * each)[mask].sum()) for each in self.passing)
+        return self.arrivals * low, self.arrivals * high
+
+    @property
     def returned(self) -> tuple[float, float]:
-        """Parts per minute that do not leave in a wanted row, at least and at most."""
-        low, high = self.rate
-        return self.arrivals - high, self.arrivals - low
+        """Parts per minute that fall back, at least and at most; the others pass or jam."""
+        low, high = (float((self.probability * each).sum()) for each in self.passing)
+        rest = 1 - self.jams
+        return self.arrivals * max(0.0, rest - high), self.arrivals * max(0.0, rest - low)
 
     @property
     def ends(self) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.result_json import document_result
+from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.starts import GivenStates
 
 
@@ -37,11 +38,29 @@ def test_another_height_keeps_the_uncertainty_and_a_stated_friction_does_not(dro
     assert exact.uncertain == ()
 
 
-def test_conditions_without_their_uncertainty_have_that_of_the_shipped_surface(dropped):
-    known = shipped_surfaces().get('steel')
-    bare = type(known)(**known.document() | {'height_of': known.height_of, 'surroundings': None})
-    assert not bare.uncertainty
-    assert dropped(surface=bare).distribution.model.uncertain == known.uncertain
+def test_conditions_that_are_stated_are_exact(dropped):
+    mat = shipped_surfaces().get()
+    for known in (dropped(restitution=mat.restitution), dropped(surface='steel', friction=0.25)):
+        assert known.distribution.model.uncertain == ()
+
+
+def test_uncertainty_that_part_and_conditions_exclude_costs_no_drop(dropped):
+    low = tuple({'height': height} for height in np.geomspace(1e-4, 1e-3, 8))
+    on_mat = shipped_surfaces().get().changed(height_of=HeightOf.CENTRE_OF_MASS)
+    result = dropped(surface=dataclasses.replace(on_mat, uncertainty=low))
+    assert result.distribution.drops == 60
+    assert result.distribution.model is None
+    assert 'released' in result.no_model_range
+
+
+def test_symmetric_aspects_share_the_range_of_their_class(workers):
+    cylinder = ra.load_part('cylinder_d20_h20')
+    found = ra.drop(cylinder, 4000, workers=workers).distribution
+    for number, members in enumerate(found.aspects.classes()):
+        for each in members:
+            low, high = found.model.by_aspect[each.id - 1] * len(members)
+            assert low <= found.model.by_class[number, 0] + 1e-12
+            assert high >= found.model.by_class[number, 1] - 1e-12
 
 
 def test_range_does_not_depend_on_the_workers(dropped, part):

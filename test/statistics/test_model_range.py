@@ -104,10 +104,10 @@ def test_range_is_about_the_draws_or_about_the_distribution(aspects):
     draws = Draws(np.tile([1, 1, 1, 2, 3], (8, 100)), ('friction',))
     about, alone = (with_model_range(given, draws, about_draws=both) for both in (True, False))
     assert about.model.uncertain == ('friction',)
-    assert about.model.by_aspect[0, 1] > alone.model.by_aspect[0, 1]
+    assert about.model.by_class[0, 0] < alone.model.by_class[0, 0]
     # Never seen: what was not observed can be impossible, and the draws have it.
     assert alone.model.by_aspect[2, 0] == 0
-    assert about.model.by_aspect[2, 1] > 0.2
+    assert about.model.by_class[1, 1] > 0.2
 
 
 def test_sum_of_distributions_has_no_range(aspects):

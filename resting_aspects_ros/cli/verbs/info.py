@@ -12,6 +12,7 @@ from resting_aspects_ros.api.conditions import (
     surroundings_text,
     when_text,
 )
+from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.cli.console import make_console, print_table, show_table
 from resting_aspects_ros.cli.options import (
     add_output,
@@ -72,7 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
         print()
         of = '' if complete else ' of an unfinished run'
         title = f'Distribution of {distribution.drops} drops{of}'
-        print_table(distribution, title, _part(found, distribution), each=arguments.each)
+        run = found.known_run
+        missing = '' if run is None or distribution.model else missing_in(run)
+        part = _part(found, distribution)
+        print_table(distribution, title, part, each=arguments.each, no_model_range=missing)
         if distribution.contacts is not None:
             show_table(make_console(), contact_table(distribution.contacts, distribution))
     return 0

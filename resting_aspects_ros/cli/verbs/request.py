@@ -175,6 +175,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
 def result_from(message: Any, part: 'Part | None') -> 'DropResult':
     """Convert an AspectDistribution into a result."""
     from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.model_range import missing_in
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from
 
@@ -186,4 +187,5 @@ def result_from(message: Any, part: 'Part | None') -> 'DropResult':
         message.method,
         message.complete,
         contacts=distribution.contacts,
+        no_model_range='' if distribution.model else missing_in(run),
     )

@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--want',
         metavar='ROW',
         type=parse_integer,
-        help='the orientation that the feeder shall deliver (1, the most probable one)',
+        help='row of the table (not an aspect) that the feeder shall deliver (1)',
     )
     parser.add_argument(
         '--design', action='store_true', help='propose traps that pass only the wanted orientation'

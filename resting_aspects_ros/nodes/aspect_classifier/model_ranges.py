@@ -5,7 +5,7 @@ import dataclasses
 from rclpy.node import Node
 from rclpy.task import Future
 
-from resting_aspects_ros.api.model_range import model_range_of
+from resting_aspects_ros.api.model_range import missing_in, model_range_of
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
@@ -34,7 +34,7 @@ class ModelRanges:
     async def add(self, tally: Tally) -> None:
         """Add the range of the drops that are counted now, unless it is known."""
         given, run = tally.counted, tally.run
-        missing = given.model is None and given.drops and run.conditions.surroundings is None
+        missing = given.model is None and given.drops and not missing_in(run, self._surfaces)
         if not missing or self._parts.aspects(run.part_sha256) is None:
             return
         if (active := self._active.get(id(given))) is not None:
@@ -43,11 +43,7 @@ class ModelRanges:
         finished = self._active[id(given)] = Future(executor=self._node.executor)
         try:
             part, _ = self._parts.version(run.part_sha256)
-            conditions = dataclasses.replace(
-                run.conditions, uncertainty=self._surfaces.uncertainty_of(run.conditions)
-            )
-            known = dataclasses.replace(run, conditions=conditions)
-            found = await self._worker.run(model_range_of, given, part, known)
+            found = await self._worker.run(model_range_of, given, part, run, self._surfaces)
         except RestingAspectsError as error:
             self._node.get_logger().warning(
                 f'the model range of run {run.run_id} is missing: {error}'

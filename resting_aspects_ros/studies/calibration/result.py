@@ -89,9 +89,12 @@ class CalibrationResult(Result):
 
     @property
     def conditions(self) -> DropConditions:
-        """The most probable conditions."""
+        """The most probable conditions, with SAMPLES draws as their uncertainty."""
         best = {each.factor.name: float(f'{each.best:.3g}') for each in self.estimates}
-        return dataclasses.replace(self.fit.given.base.changed(**best), surface=self.surface)
+        fitted = self.fit.given.base.changed(**best)
+        return dataclasses.replace(
+            fitted, surface=self.surface, uncertainty=tuple(self.draws(SAMPLES))
+        )
 
     @property
     def left_out_deviation(self) -> float:
