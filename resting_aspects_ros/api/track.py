@@ -335,7 +335,7 @@ def _advice(
         yield (
             f'No set of traps passes only row {want}'
             + (
-                f': no trap that passes it rejects row {numbers_text(found.remaining)}.'
+                f': no trap that passes it also rejects row {numbers_text(found.remaining)}.'
                 if found.remaining
                 else ' with a margin of 0.1 mm.'
             )

@@ -257,7 +257,8 @@ class TrackResult(Result):
             'jams': f'{share_text(found.jams)} % of the parts jam in a trap: row {{}}.',
             'margin_below_tolerance': 'The margin of row {} is less than the tolerances of part '
             f'and trap together, {margin_text(found.tolerance.both)}.',
-            'alike': 'Rows {} are alike to these traps, as mirror images are.',
+            'alike': 'Rows {} are alike to these traps, as mirror images are; purity counts all '
+            'of them as wanted.',
         }
         for flag in self.flags:
             ids: Any = flag['orientations']

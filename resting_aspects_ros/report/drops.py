@@ -126,7 +126,7 @@ def merged_text(aspects: AspectSet) -> str:
     having = tuple(aspect for aspect in aspects.aspects if aspect.merged > 0)
     if not having:
         return ''
-    highest = 1000 * max(aspect.merged for aspect in having)
+    highest = max(1e-3, 1000 * max(aspect.merged for aspect in having))
     return (
         f'Ignored in {aspects_text(having)}: barriers of up to {highest:.2g} mm, which the mesh '
         'or noise explains.'

@@ -302,6 +302,8 @@ def full_type(kind, name):
 def test_types_are_those_of_the_running_nodes(suite, dropped):
     assert dropped.drops
     node = suite.client.node
+    outlines = node.resolve_topic_name('outlines/l_bracket')  # computed after the drops
+    suite.client.wait(lambda: outlines in dict(node.get_topic_names_and_types()), 'outlines')
     types = dict(node.get_topic_names_and_types()) | dict(node.get_service_names_and_types())
     for name, kind, type_name, _ in interface_rows():
         if name.startswith('log_replayer/') or name in FEEDER:

@@ -132,7 +132,7 @@ def calibrate(
             seconds = _pilot_time(Simulation(given, per_point, seed, pool, stopped=stopped))
             seconds *= total / sum(per_point)
             print(
-                f'{given.surface}: {total} drops of {len(given.parts)} parts in the simulation, '
+                f'{given.surface}: {total} drops in the simulation, '
                 f'about {max(1.0, seconds):.0f} s',
                 file=sys.stderr,
             )
