@@ -52,7 +52,6 @@ DESIGNS = (
     ('hex_nut', 1, 'flat'),
     ('hex_nut', 2, 'standing, hexagon at the wall'),
     ('u_bracket', 1, 'on its side, back at the wall'),
-    ('l_bracket', 3, 'flat, hypotenuse at the wall'),
 )
 DESIGN_PARTS, DESIGN_SPEED = 200, 0.1
 
