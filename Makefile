@@ -61,7 +61,7 @@ lint: dev  ## set up and run ruff, mypy and import-linter
 bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/bench.md
 	PYTHONPATH=tools $(BIN)/python -m bench
 
-validate: setup  ## validate the simulation and write docs/explanation/validation.md
+validate: dev  ## validate the simulation and write docs/explanation/validation.md
 	PYTHONPATH=tools $(BIN)/python -m validation
 
 parts: setup  ## generate the example parts in config/parts

@@ -20,6 +20,7 @@ from resting_aspects_ros.statistics.model_range import Draws, with_model_range
 # Number of draws of the uncertain conditions, and of drops at each. On two cores they take 0.1 to
 # 0.3 s; the standard error of the standard deviation between 16 draws is 18 % of it.
 DRAWS, DROPS = 16, 500
+# Fewer draws at which the part can be released leave no range.
 MIN_DRAWS = 8
 # Number of counted parts whose interval is half as wide as the range; see
 # docs/explanation/trust.md.
@@ -98,12 +99,11 @@ def model_range_of(
     surfaces : Surfaces, optional
         With the uncertainty of their conditions; None: the surfaces of the suite.
     """
-    if missing_in(run, surfaces):
-        return distribution
     known = shipped_surfaces() if surfaces is None else surfaces
-    conditions = dataclasses.replace(
-        run.conditions, uncertainty=known.recorded_uncertainty(run.conditions) or ()
-    )
+    uncertainty = known.recorded_uncertainty(run.conditions)
+    if uncertainty is None:
+        return distribution
+    conditions = dataclasses.replace(run.conditions, uncertainty=uncertainty)
     job = make_job(part, conditions, run.seed, engine=BULLET if run.engine == BULLET else '')
     workers = LocalWorkers(1)
     try:

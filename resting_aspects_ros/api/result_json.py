@@ -102,6 +102,7 @@ class ReportAspect(CountedAspect):
 class RangedClass(BaseModel):
     """The model range of a symmetry class."""
 
+    symmetry_class: Count
     model_lower: Share | None = None
     model_upper: Share | None = None
 
@@ -277,14 +278,15 @@ def _model(document: RunDocument, aspects: Sequence[ReportAspect]) -> ModelRange
         return None
     tables = [
         np.array([(each.model_lower, each.model_upper) for each in rows], dtype=np.float64)
-        for rows in (aspects, document.classes)
+        for rows in (aspects, sorted(document.classes, key=lambda each: each.symmetry_class))
     ]
     by_aspect, by_class = (each.reshape(-1, 2) for each in tables)
-    classes = {each.symmetry_class for each in aspects}
+    classes = sorted({each.symmetry_class for each in aspects})
+    numbers = sorted(each.symmetry_class for each in document.classes)
     found = np.concatenate([by_aspect, by_class])
     shares = np.array([each.count for each in aspects]) / max(document.drops, 1)
     outside = (shares < by_aspect[:, 0]) | (shares > by_aspect[:, 1])
-    if len(by_class) != len(classes) or not (found[:, 0] <= found[:, 1]).all() or outside.any():
+    if numbers != classes or not (found[:, 0] <= found[:, 1]).all() or outside.any():
         raise ValueError('invalid model range: expected bounds of each aspect and class')
     uncertain = document.model_uncertain
     if unknown := set(uncertain) - set(QUANTITIES):

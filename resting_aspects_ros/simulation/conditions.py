@@ -404,26 +404,24 @@ class Surfaces:
             )
         return self._sets[name]
 
-    def samples(self, name: str = '') -> Samples:
-        """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
-        return self.get(name).uncertainty
-
     def recorded_uncertainty(self, conditions: DropConditions) -> Samples | None:
         """Return equally probable values of what is not known exactly; empty if all is.
 
         For conditions that were read from a log or a message, which do not have them. They are
-        those of the surface with the same name, or with equal values of the conditions that are
-        uncertain there, such as a surface with another height. None: the surface is another one.
+        those of the surface with this name. Without a name they are those of a surface with equal
+        values of the conditions that are uncertain there, such as one with another height.
+
+        None: there is no surface with this name and these values.
         """
-        if conditions.surface and conditions.surface not in self._sets:
-            return None
-        named = [each for each in self._sets.values() if each.surface == conditions.surface]
-        for known in (*named, *self._sets.values()):
-            same = all(
-                getattr(known, name) == getattr(conditions, name) for name in known.uncertain
-            )
-            if known.uncertain and same:
-                return known.uncertainty
+        if conditions.surface:
+            named = self._sets.get(conditions.surface)
+            if named is None or named.values() != conditions.values():
+                return None
+            return named.uncertainty
+        for each in self._sets.values():
+            same = all(getattr(each, x) == getattr(conditions, x) for x in each.uncertain)
+            if each.uncertain and same:
+                return each.uncertainty
         return ()
 
     def source(self, name: str = '') -> str:

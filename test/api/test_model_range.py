@@ -8,7 +8,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.conditions import HeightOf, Surfaces
 from resting_aspects_ros.simulation.starts import GivenStates
 
 
@@ -122,3 +122,12 @@ def test_document_is_read_back_with_its_range(dropped, tmp_path):
     np.testing.assert_array_equal(read.by_aspect, result.distribution.model.by_aspect)
     np.testing.assert_array_equal(read.by_class, result.distribution.model.by_class)
     assert read.uncertain == result.distribution.model.uncertain
+
+
+def test_recorded_conditions_have_the_uncertainty_of_their_own_surface_only():
+    mat = shipped_surfaces().get()
+    own = Surfaces({'mine': dataclasses.replace(mat, surface='mine', uncertainty=()), 'mat': mat})
+    assert own.recorded_uncertainty(own.get('mine')) == ()
+    assert own.recorded_uncertainty(dataclasses.replace(mat, surface='other')) is None
+    higher = dataclasses.replace(mat.changed(height=0.1), uncertainty=())
+    assert shipped_surfaces().recorded_uncertainty(higher) == mat.uncertainty

@@ -45,7 +45,7 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
     # The entry is that of a surfaces file, whose reader checks all values.
     both = surfaces_file().read_text('utf-8') + (out / 'surface.yaml').read_text('utf-8')
     (tmp_path / 'surfaces.yaml').write_text(both, encoding='utf-8')
-    read = Surfaces.read(tmp_path / 'surfaces.yaml').samples('oak_table')
+    read = Surfaces.read(tmp_path / 'surfaces.yaml').get('oak_table').uncertainty
     assert [dict(each) for each in read] == [
         dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)
     ]

@@ -14,6 +14,7 @@ from resting_aspects_ros.statistics.model_range import (
     Draws,
     between_variance,
     discrepancy,
+    independent_drops,
     model_bounds,
     with_model_range,
 )
@@ -41,6 +42,15 @@ def test_variance_between_draws_is_unbiased_also_with_common_numbers(common):
     error = np.std(found) / np.sqrt(runs)
     # Negative estimates, which are 0, do not occur with this spread.
     assert abs(np.mean(found) - spread**2) < 4 * error
+
+
+@pytest.mark.parametrize(('common', 'worth'), [(0.0, 16), (1.0, 1)])
+def test_draws_are_worth_all_drops_only_with_numbers_of_their_own(common, worth):
+    """The variance of m means, which scatters by sqrt(2 / m), is that of independent drops."""
+    m = 2000
+    found = independent_drops(drawn(np.random.default_rng(5), np.full(16, 0.3), m, common))
+    assert worth * m * (1 - 4 * np.sqrt(2 / m)) <= found <= 16 * m
+    assert found <= worth * m * (1 + 4 * np.sqrt(2 / m))
 
 
 def test_variance_between_draws_of_one_drop_or_draw_is_zero():
@@ -81,7 +91,8 @@ def test_range_covers_one_more_surface_with_its_discrepancy(middle):
         p = expit(middle + effect * rng.standard_normal())
         truth = expit(logit(p) + discrepancy(p) * rng.standard_normal())
         inside += low <= truth <= high
-    assert 0.84 < inside / runs < 0.96
+    # Five standard errors of a frequency of 0.9; the range is approximate.
+    assert abs(inside / runs - 0.9) < 5 * np.sqrt(0.9 * 0.1 / runs)
 
 
 def test_ranges_contain_the_intervals_and_add_the_aspects_of_a_class(aspects):

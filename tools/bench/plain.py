@@ -8,8 +8,8 @@ import time
 from operator import mul
 
 import numpy as np
+from validation.trial import Trial, contacts_of, ended, released
 
-from bench.case import Trial, contacts_of, ended, released
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation.bullet_world import RESIDUAL, empty_client, pybullet
 from resting_aspects_ros.simulation.job import DropJob

@@ -11,10 +11,11 @@ import numpy as np
 import trimesh
 from rich.progress import track
 from validation.dropper import SEED
+from validation.mujoco_drops import mujoco_loop
+from validation.trial import Trial
 
 import resting_aspects_ros as ra
-from bench.case import COST_DROPS, Trial, cost, example_part
-from bench.mujoco import mujoco_loop
+from bench.case import COST_DROPS, cost, example_part
 from bench.plain import plain_loop
 from bench.report import Section, Table
 from resting_aspects_ros.api.conditions import shipped_surfaces, with_surroundings

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 from numba import cuda
 from rich.progress import track
+from validation.mujoco_drops import MOTION, mujoco_loop
 
 from bench.case import EXAMPLE, Trial, example_part, job_of, suite
-from bench.mujoco import MOTION, mujoco_loop
 from bench.plain import plain_loop
 from bench.report import Section, Table
 from resting_aspects_ros.arrays import Array

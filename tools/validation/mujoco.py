@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
-from bench.mujoco import mujoco_loop
 from rich.progress import track
 
 from resting_aspects_ros.arrays import Array
@@ -14,11 +13,14 @@ from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
 from resting_aspects_ros.simulation.workers import default_workers
 from validation.dropper import SEED, Dropper
 from validation.engines import difference
+from validation.mujoco_drops import ball_after_impact, mujoco_loop
 from validation.paired import Counts, class_indices
 
 DROPS = 2000
 # MuJoCo's contacts last PENETRATION_TIME / FINER, with as many more time steps.
 FINER = 8
+# Friction and restitution of a ball, and the slips with which it strikes the plane.
+BALL, SLIPS = (0.3, 0.25), (0.3, 3.0)
 # Parts with flat sides only, which need no rolling friction.
 CASES = (
     ('t_prism', 'steel'),
@@ -41,13 +43,16 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
         'share of a class, MuJoCo minus kernel, with its 95 % interval.'
     )
     yield ''
+    friction, restitution = BALL
+    sticks, slips = (ball_after_impact(slip, friction, restitution, FINER) for slip in SLIPS)
     yield (
         'The engines do not have the same law. MuJoCo solves a convex problem in place of '
-        "Coulomb's friction, so that a contact that slips also bounces more: a ball that strikes "
-        'the plane at 1 and slips at 3, with restitution 0.25 and friction 0.3, leaves with 0.44; '
-        'by the closed form, and in the kernel, with 0.25. A ball that sticks leaves with 0.26. A '
-        'finer time step does not change this. The differences below are therefore a bound of the '
-        'effect of another law of contact, not an error of the kernel.'
+        "Coulomb's friction, so that a contact that slips also bounces more. With restitution "
+        f'{restitution:g} and friction {friction:g}, a ball that strikes the plane with a speed of '
+        f'1 leaves with {sticks:.2f} if its slip of {SLIPS[0]:g} ends in the impact, and with '
+        f'{slips:.2f} if it slips at {SLIPS[1]:g}; in the kernel, as by the closed form, with '
+        f'{restitution:g} in both cases. The differences below therefore show what another law of '
+        'contact changes.'
     )
     yield ''
     yield '| part | surface | chi-square | p | difference | interval | not at rest |'

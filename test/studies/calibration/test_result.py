@@ -73,7 +73,7 @@ def test_entry_is_a_surface_with_its_samples(result, tmp_path):
     found = Surfaces.read(path)
     assert found.get('a_table') == result.conditions
     assert found.get('a_table').restitution == pytest.approx(result.estimates[0].best, rel=0.01)
-    drawn = np.array([each['restitution'] for each in found.samples('a_table')])
+    drawn = np.array([each['restitution'] for each in found.get('a_table').uncertainty])
     assert len(drawn) == 64
     estimate = result.estimates[0]
     assert drawn.mean() == pytest.approx(estimate.mean, abs=4 * estimate.deviation / np.sqrt(64))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from bench.case import Trial, contacts_of, ended, released
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import rotate, wxyz_from_xyzw, xyzw_from_wxyz
 from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
@@ -21,6 +20,7 @@ from resting_aspects_ros.simulation.settling import (
     REST_MOTION,
     REST_WINDOW,
 )
+from validation.trial import Trial, contacts_of, ended, released
 
 # MuJoCo's soft contacts creep: with the suite's REST_MOTION, most drops would never be still.
 MOTION = 10 * REST_MOTION
@@ -78,11 +78,9 @@ def _model(mujoco: Any, job: DropJob) -> Any:
     """
     planes, period = '', PENETRATION_TIME / job.refinement
     for normal, offset, friction, restitution in contacts_of(job):
-        ratio = _damping_ratio(restitution)
         planes += (
             f'<geom type="plane" size="0 0 1" zaxis="{_numbers(normal)}" '
-            f'pos="{_numbers(offset * normal)}" priority="1" condim="3" '
-            f'solref="{period / (math.pi * ratio)} {ratio}" friction="{friction} 0 0"/>'
+            f'pos="{_numbers(offset * normal)}" {_contact(friction, restitution, period)}/>'
         )
     return mujoco.MjModel.from_xml_string(f"""
         <mujoco>
@@ -98,6 +96,42 @@ def _model(mujoco: Any, job: DropJob) -> Any:
             </body>
           </worldbody>
         </mujoco>""")
+
+
+def ball_after_impact(slip: float, friction: float, restitution: float, refinement: int) -> float:
+    """Return the normal speed of a ball in MuJoCo that struck a plane at speed 1, with a slip.
+
+    Without gravity; the radius is 1, and lengths and times are those of `mujoco_loop`.
+    """
+    import mujoco
+
+    period = PENETRATION_TIME / refinement
+    model = mujoco.MjModel.from_xml_string(f"""
+        <mujoco>
+          <option timestep="{period / 30}" gravity="0 0 0" cone="elliptic"/>
+          <worldbody>
+            <geom type="plane" size="0 0 1" {_contact(friction, restitution, period)}/>
+            <body pos="0 0 1.05">
+              <freejoint/>
+              <inertial pos="0 0 0" mass="1" diaginertia="0.4 0.4 0.4"/>
+              <geom type="sphere" size="1"/>
+            </body>
+          </worldbody>
+        </mujoco>""")
+    data = mujoco.MjData(model)
+    data.qvel[:3] = slip, 0, -1
+    while data.time < 1:
+        mujoco.mj_step(model, data)
+    return float(data.qvel[2])
+
+
+def _contact(friction: float, restitution: float, period: float) -> str:
+    """Return the attributes of a plane whose contacts are damped springs with a half-period."""
+    ratio = _damping_ratio(restitution)
+    return (
+        f'priority="1" condim="3" solref="{period / (math.pi * ratio)} {ratio}" '
+        f'friction="{friction} 0 0"'
+    )
 
 
 def _damping_ratio(restitution: float) -> float:
