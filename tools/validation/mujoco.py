@@ -48,7 +48,7 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
     yield (
         'The engines do not have the same law. MuJoCo solves a convex problem in place of '
         "Coulomb's friction, so that a contact that slips also bounces more. With restitution "
-        f'{restitution:g} and friction {friction:g}, a ball that strikes the plane with a speed of '
+        f'{restitution:g} and friction {friction:g}, a ball that strikes the plane at speed '
         f'1 leaves with {sticks:.2f} if its slip of {SLIPS[0]:g} ends in the impact, and with '
         f'{slips:.2f} if it slips at {SLIPS[1]:g}; in the kernel, as by the closed form, with '
         f'{restitution:g} in both cases. The differences below therefore show what another law of '
