@@ -315,7 +315,8 @@ def test_stopped_simulator_is_reported(suite, begin, diagnostics_of, number):
             node, lambda _, __, values: values['drop_simulators'] == '0', f'{node} misses it'
         )
         assert level == DiagnosticStatus.WARN
-        assert message.startswith('no drop_simulator')
+        # A killed recorder that is still known can be named before.
+        assert 'no drop_simulator' in message
         assert suite.nodes[node].running
     refused = client.ask(drops=MANY, seed=[99]).status
     assert refused.code == Status.NOT_AVAILABLE
