@@ -252,8 +252,9 @@ def test_killed_recorder_is_replaced_by_one_that_writes_a_whole_log(
     def logs():
         return sorted(tmp_path.glob(f'*{run_id}*'))
 
+    drops = 5000  # by far more than are made before the workers are stopped
     first = recorder()
-    drop, run_id = begin(suite.client.dropping_in_bullet, 10, 700)
+    drop, run_id = begin(suite.client.dropping_in_bullet, 10, drops)
     simulator = suite.nodes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)
     suite.client.wait(logs, 'log')
@@ -266,8 +267,8 @@ def test_killed_recorder_is_replaced_by_one_that_writes_a_whole_log(
     interrupted, whole = logs()
     assert whole.name == f'{interrupted.name}_2'
     assert not (interrupted / 'metadata.yaml').exists()
-    assert recorded(whole) == list(range(700))
-    assert recorded_outcome(whole) == LogOutcome(700, whole=True)
+    assert recorded(whole) == list(range(drops))
+    assert recorded_outcome(whole) == LogOutcome(drops, whole=True)
     assert second.end() == 0
     third = recorder()
     suite.client.wait(lambda: f'is already in {whole}' in third.output, 'word of it')
