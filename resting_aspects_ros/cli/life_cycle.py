@@ -159,7 +159,7 @@ def tables_written(path: Path | None) -> Iterator[None]:
         return
     # These imports are slow, and only needed for files.
     from resting_aspects_ros.api.result import check_output, whole_file
-    from resting_aspects_ros.report.table_files import check_ending, save_csv, save_xlsx
+    from resting_aspects_ros.report.table import check_ending, save_csv, save_xlsx
 
     check_ending('--table', path)
     check_output('--table', path)

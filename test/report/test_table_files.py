@@ -7,8 +7,8 @@ import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.format import interval_text, probability_text, share_text
-from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.report.table_files import (
+from resting_aspects_ros.report.table import (
+    Table,
     check_ending,
     save_csv,
     save_xlsx,

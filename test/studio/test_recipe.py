@@ -8,8 +8,7 @@ import shlex
 import pytest
 
 from resting_aspects_ros.cli import main
-from resting_aspects_ros.studio.files import FILES
-from resting_aspects_ros.studio.tabs.export import recipes
+from resting_aspects_ros.studio.export import FILES, recipes
 
 CHANGES = [
     {},
@@ -39,7 +38,7 @@ def test_drops_of_command_and_python_are_those_of_the_page(bracket, changes):
     for name, value in changes.items():
         bracket.change(name, value)
     work = bracket.work()
-    recipe = recipes(work)['Aspects']
+    recipe = recipes(work.opened, work.settings)['Aspects']
     counts = work.drops().distribution.counts.tolist()
     for document in (printed(recipe.line), run_python(recipe.python)):
         assert [aspect['count'] for aspect in document['aspects']] == counts
@@ -63,7 +62,7 @@ def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):
         bracket.change(name, value)
     work = bracket.work()
     (tmp_path / 'surfaces.yaml').write_bytes(FILES['surfaces.yaml'].make(work))
-    recipe = recipes(work)[verb]
+    recipe = recipes(work.opened, work.settings)[verb]
     one, other = printed(recipe.line), run_python(recipe.python)
     for document in (one, other):
         for name in ('run_id', 'started', 'conditions'):
@@ -74,7 +73,7 @@ def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):
 def test_file_name_is_quoted(bracket):
     from dataclasses import replace
 
-    from resting_aspects_ros.studio.recipe import drop_recipe
+    from resting_aspects_ros.studio.export import drop_recipe
     from resting_aspects_ros.studio.rows import Source
 
     work = bracket.work()
