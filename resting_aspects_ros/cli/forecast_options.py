@@ -93,10 +93,7 @@ def add_cell(
         help='maximum number of picks after one image (all free parts)',
     )
     group.add_argument(
-        '--minutes',
-        metavar='MIN',
-        default=minutes,
-        help=f'duration of {duration} ({minutes})',
+        '--minutes', metavar='MIN', default=minutes, help=f'duration of {duration} ({minutes})'
     )
 
 

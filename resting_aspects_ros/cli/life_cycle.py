@@ -14,13 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from resting_aspects_ros.errors import (
-    EngineError,
-    LogError,
-    RestingAspectsError,
-    analysis,
-    warn,
-)
+from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 
 if TYPE_CHECKING:
@@ -41,11 +35,7 @@ class Session:
     @property
     def options(self) -> dict[str, Any]:
         """The options of the functions that simulate."""
-        return {
-            'workers': self.workers,
-            'progress': True,
-            'stopped': lambda: self.stop.asked,
-        }
+        return {'workers': self.workers, 'progress': True, 'stopped': lambda: self.stop.asked}
 
 
 @contextmanager

@@ -28,11 +28,7 @@ from resting_aspects_ros.cli.life_cycle import (
     partial_result,
     result_folder,
 )
-from resting_aspects_ros.cli.options import (
-    parse_numbers,
-    parse_share,
-    requested_conditions,
-)
+from resting_aspects_ros.cli.options import parse_numbers, parse_share, requested_conditions
 from resting_aspects_ros.cli.reorient_show import (
     DOCUMENT,
     ROADMAP,

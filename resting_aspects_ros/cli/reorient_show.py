@@ -13,11 +13,7 @@ from rich.console import Console
 
 from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
-from resting_aspects_ros.api.reorient_result import (
-    PlanResult,
-    ReorientResult,
-    plan_reorientation,
-)
+from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, plan_reorientation
 from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.roadmap import MeasuredComparison, roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError

@@ -71,10 +71,7 @@ def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[lis
 
 
 def convergence_figure(
-    rows: Sequence[Row],
-    drops: Counts,
-    bands: Sequence[Sequence[Interval]],
-    width: float = WIDE,
+    rows: Sequence[Row], drops: Counts, bands: Sequence[Sequence[Interval]], width: float = WIDE
 ) -> 'Figure':
     """Plot the share of each row against the number of drops, with its interval as a band.
 
@@ -341,15 +338,7 @@ def spread(angles: Array, min_gap: float) -> Array:
 
 def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:
     axes.text(
-        x,
-        y,
-        text,
-        ha='center',
-        va='center',
-        size=9,
-        weight='bold',
-        color=colour,
-        linespacing=1.25,
+        x, y, text, ha='center', va='center', size=9, weight='bold', color=colour, linespacing=1.25
     )
 
 

@@ -357,9 +357,7 @@ def legend(methods: Sequence[str]) -> list[str]:
 
 
 def estimate_document(
-    part: Part,
-    estimates: Mapping[str, Estimate],
-    reasons: Mapping[str, str],
+    part: Part, estimates: Mapping[str, Estimate], reasons: Mapping[str, str]
 ) -> dict[str, object]:
     """Return each method with its source and the probabilities of aspects and classes, by id.
 

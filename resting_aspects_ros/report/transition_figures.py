@@ -464,10 +464,7 @@ def _write_label(canvas: 'Axes', line: Line, image: Image | None, end: float, y:
     right = WIDTH - RIGHT
     x = right + 40
     canvas.plot(
-        [right + 4, right + 14, x - 6, x],
-        [end, end, y, y],
-        color=line.group.colour,
-        linewidth=1.2,
+        [right + 4, right + 14, x - 6, x], [end, end, y, y], color=line.group.colour, linewidth=1.2
     )
     if image is not None:
         draw_image(canvas, image, x + 6 + PICTURE / 2, y)

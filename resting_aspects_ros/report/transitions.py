@@ -310,11 +310,7 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
 
 
 def wanted_table(
-    rows: Rows,
-    wanted: npt.NDArray[np.bool_],
-    probability: Array,
-    actions: Array,
-    title: str,
+    rows: Rows, wanted: npt.NDArray[np.bool_], probability: Array, actions: Array, title: str
 ) -> Table:
     """Return a table of the way to the wanted aspects from each row.
 

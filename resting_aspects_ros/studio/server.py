@@ -162,10 +162,7 @@ class Studio:
     """
 
     def __init__(
-        self,
-        examples: list[str],
-        first: str = '',
-        clock: Callable[[], float] = time.monotonic,
+        self, examples: list[str], first: str = '', clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.port = 0
@@ -480,10 +477,7 @@ def _side(message: dict[str, Any]) -> str:
 
 
 async def serve(
-    studio: Studio,
-    port: int,
-    ready: Callable[[str], None],
-    stopped: Callable[[], bool],
+    studio: Studio, port: int, ready: Callable[[str], None], stopped: Callable[[], bool]
 ) -> None:
     """Serve the page until ``stopped`` returns True; raises OSError if the port is taken.
 

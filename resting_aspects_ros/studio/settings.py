@@ -269,10 +269,7 @@ def _set_condition(settings: Settings, key: str, value: Any) -> Changes:
 def _set_surroundings(settings: Settings, _key: str, value: Any) -> Changes:
     name = _choice('surroundings', value, ['', *surroundings_choices()])
     around = named_surroundings(name) if name else None
-    return {
-        'conditions': settings.conditions.changed(surroundings=around),
-        'surroundings': name,
-    }
+    return {'conditions': settings.conditions.changed(surroundings=around), 'surroundings': name}
 
 
 def _set_dimension(settings: Settings, key: str, value: Any) -> Changes:

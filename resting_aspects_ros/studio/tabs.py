@@ -31,12 +31,7 @@ from resting_aspects_ros.api.reorientation_files import reorientation_page
 from resting_aspects_ros.api.runner import DropTally
 from resting_aspects_ros.api.track import design_track
 from resting_aspects_ros.report.drop_page import NOT_LEVEL, comparison_items
-from resting_aspects_ros.report.format import (
-    aspect_colour,
-    aspects_text,
-    class_rows,
-    size_text,
-)
+from resting_aspects_ros.report.format import aspect_colour, aspects_text, class_rows, size_text
 from resting_aspects_ros.report.outlines import (
     confused_class_texts,
     family_texts,

@@ -58,11 +58,7 @@ class Work:
 
     def options(self, what: str) -> dict[str, Any]:
         """Return the options of a function that simulates; ``what`` is named in its progress."""
-        return {
-            'workers': self.workers,
-            'stopped': self.stopped,
-            'progress': self.progress(what),
-        }
+        return {'workers': self.workers, 'stopped': self.stopped, 'progress': self.progress(what)}
 
     def made(
         self,

@@ -300,10 +300,7 @@ def test_error_names_line_and_value_of_a_wrong_count(refusal, row, says):
 @pytest.mark.parametrize(
     ('text', 'says'),
     [
-        (
-            '',
-            "invalid column names '' in f line 1: expected a column aspect or class and",
-        ),
+        ('', "invalid column names '' in f line 1: expected a column aspect or class and"),
         ('1,5\n', "invalid column names '1, 5' in f line 1: expected"),
         ('aspect,counts\n1,5\n', "column names 'aspect, counts' in f line 1: expected"),
         ('aspect,count,Count\n1,5,5\n', "names 'aspect, count, Count' in f line 1: expected"),

@@ -23,8 +23,7 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(run, part, surfac
     assert found['time_step'] == pytest.approx(document['time_step'] / 2, rel=1e-12)
     aspects = find_aspects(part('l_bracket'))
     fine = count_poses(
-        aspects,
-        drop_range(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS),
+        aspects, drop_range(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS)
     )
     before = np.array([aspect['count'] for aspect in document['aspects']])
     shift = fine.counts / fine.counts.sum() - before / before.sum()

@@ -24,12 +24,7 @@ BOX = [0.005, 0.005, 0.01, 0.01, 0.015, 0.015]
 
 @pytest.mark.parametrize(
     ('file', 'mesh_format'),
-    [
-        ('binary.stl', 'stl'),
-        ('ascii.stl', 'stl_ascii'),
-        ('Box.OBJ', 'obj'),
-        ('my-box.ply', 'ply'),
-    ],
+    [('binary.stl', 'stl'), ('ascii.stl', 'stl_ascii'), ('Box.OBJ', 'obj'), ('my-box.ply', 'ply')],
 )
 def test_a_mesh_file(heights, box, tmp_path, file, mesh_format):
     box.export(tmp_path / file, file_type=mesh_format)

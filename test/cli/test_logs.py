@@ -13,13 +13,7 @@ from rclpy.serialization import serialize_message
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_file import McapFile
-from resting_aspects_ros.logs.topics import (
-    DISTRIBUTION_TYPE,
-    PART_TYPE,
-    POSES_TYPE,
-    Qos,
-    Topic,
-)
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -95,14 +89,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
 
 
 @pytest.mark.parametrize(
-    'words',
-    [
-        'info LOG',
-        'report LOG',
-        'replay LOG',
-        'compare LOG LOG',
-        'drop --from-log LOG',
-    ],
+    'words', ['info LOG', 'report LOG', 'replay LOG', 'compare LOG LOG', 'drop --from-log LOG']
 )
 def test_log_of_another_version_is_refused_with_one_line(run, log, monkeypatch, words):
     run_log = importlib.import_module('resting_aspects_ros.logs.writer')

@@ -43,10 +43,7 @@ def nut_track(**values):
 
 
 DOCUMENTS = {
-    'drop': (
-        'drop l_bracket --drops 100 --seed 3',
-        lambda: ra.drop('l_bracket', 100, seed=3),
-    ),
+    'drop': ('drop l_bracket --drops 100 --seed 3', lambda: ra.drop('l_bracket', 100, seed=3)),
     'drop, precision that is not reached': (
         'drop l_bracket --drops 100 --precision 0.02',
         lambda: ra.drop('l_bracket', 100, precision=0.02),
@@ -54,10 +51,7 @@ DOCUMENTS = {
     'drop, parts wedge': (
         'drop hex_nut --drops 20 --surroundings v_groove --set opening=20deg --friction 0.6',
         lambda: ra.drop(
-            'hex_nut',
-            20,
-            surroundings=ra.surroundings('v_groove', opening='20deg'),
-            friction=0.6,
+            'hex_nut', 20, surroundings=ra.surroundings('v_groove', opening='20deg'), friction=0.6
         ),
     ),
     'drop, convergence': (
@@ -76,10 +70,7 @@ DOCUMENTS = {
         'reorient l_bracket --per-aspect 5 --drops 50 --surroundings l_chute',
         lambda: ra.reorient('l_bracket', 'tap', 5, drops=50, surroundings='l_chute'),
     ),
-    'retention': (
-        'retention l_bracket --per-height 5',
-        lambda: ra.retention('l_bracket', 5),
-    ),
+    'retention': ('retention l_bracket --per-height 5', lambda: ra.retention('l_bracket', 5)),
     'forecast, aspects that look the same': (
         'forecast hex_nut --pickable 1 --per-aspect 10 --drops 50',
         lambda: ra.forecast('hex_nut', [1], per_aspect=10, drops=50),
@@ -128,14 +119,8 @@ REFUSED = {
         'drop l_bracket --height 60',
         lambda: ra.drop('l_bracket', height=60.0),
     ),
-    'precision': (
-        'drop l_bracket --precision 0.9',
-        lambda: ra.drop('l_bracket', precision=0.9),
-    ),
-    'actions': (
-        'reorient l_bracket --per-aspect 0',
-        lambda: ra.reorient('l_bracket', 'tap', 0),
-    ),
+    'precision': ('drop l_bracket --precision 0.9', lambda: ra.drop('l_bracket', precision=0.9)),
+    'actions': ('reorient l_bracket --per-aspect 0', lambda: ra.reorient('l_bracket', 'tap', 0)),
     'step in a groove': (
         'reorient l_bracket --action step_down --surroundings v_groove',
         lambda: ra.reorient('l_bracket', 'step_down', surroundings='v_groove'),
@@ -151,10 +136,7 @@ REFUSED = {
             budget=2000,
         ),
     ),
-    'disturbances': (
-        'retention l_bracket --per-height 0',
-        lambda: ra.retention('l_bracket', 0),
-    ),
+    'disturbances': ('retention l_bracket --per-height 0', lambda: ra.retention('l_bracket', 0)),
     'an aspect that is not known': (
         'forecast l_bracket --pickable 99',
         lambda: ra.forecast('l_bracket', [99]),

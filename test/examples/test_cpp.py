@@ -15,12 +15,7 @@ import pytest
 from catkin_pkg.package import parse_package
 from doc_pages import code
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import (
-    Aspect,
-    AspectDistribution,
-    FeederAdvice,
-    PickResult,
-)
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution, FeederAdvice, PickResult
 from resting_aspects_interfaces.srv import GetDistribution
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest

@@ -37,14 +37,7 @@ def make_report():
     """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
 
     def make(
-        part,
-        *,
-        drops=1000,
-        unseen=(),
-        measured=False,
-        interval='wilson',
-        confidence=0.95,
-        **more,
+        part, *, drops=1000, unseen=(), measured=False, interval='wilson', confidence=0.95, **more
     ):
         aspects = find_aspects(part)
         weights = np.array([a.basin_share for a in aspects.aspects])

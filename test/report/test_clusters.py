@@ -14,11 +14,7 @@ from resting_aspects_ros.aspects.clusters import (
     find_differences,
 )
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.comparison import (
-    agreement_line,
-    cluster_table,
-    differences_table,
-)
+from resting_aspects_ros.report.comparison import agreement_line, cluster_table, differences_table
 from resting_aspects_ros.statistics.distribution import Distribution
 
 MAX_RUN_DROPS = 2_000_000  # drops of a run

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.report.drift import (
-    MAX_CLASSES,
-    MAX_ROWS,
-    drift_figure,
-    window_table,
-)
+from resting_aspects_ros.report.drift import MAX_CLASSES, MAX_ROWS, drift_figure, window_table
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import find_drift
 

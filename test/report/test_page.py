@@ -15,12 +15,7 @@ import trimesh
 from PIL import Image
 
 from resting_aspects_ros.report.drop_figures import bands
-from resting_aspects_ros.report.drop_page import (
-    FIGURES,
-    MAX_PICTURED_ROWS,
-    PIXELS,
-    drop_page,
-)
+from resting_aspects_ros.report.drop_page import FIGURES, MAX_PICTURED_ROWS, PIXELS, drop_page
 from resting_aspects_ros.report.format import aspect_colour
 from resting_aspects_ros.report.page import ENDINGS, OutcomeRow, OutcomeRows, items_html
 from resting_aspects_ros.report.picture import MAX_PICTURE_TRIANGLES

@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.transitions import (
-    long_run_fields,
-    matrix_fields,
-    retention_fields,
-)
+from resting_aspects_ros.report.transitions import long_run_fields, matrix_fields, retention_fields
 from resting_aspects_ros.statistics.markov import long_run
-from resting_aspects_ros.statistics.transitions import (
-    RetentionCurve,
-    TransitionMatrix,
-)
+from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 OUTCOMES = ['unclassified', 'unsettled', 'failed', 'lost']
 ROWS = ('counts', 'probability', 'lower', 'upper')

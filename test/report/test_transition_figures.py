@@ -10,14 +10,8 @@ from matplotlib.text import Text
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.format import aspect_colour
-from resting_aspects_ros.report.transition_figures import (
-    retention_figure,
-    transition_figure,
-)
-from resting_aspects_ros.statistics.transitions import (
-    RetentionCurve,
-    TransitionMatrix,
-)
+from resting_aspects_ros.report.transition_figures import retention_figure, transition_figure
+from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 PARTS = pytest.mark.parametrize('name', ['l_bracket', 'box_10x20x30'])
 

@@ -9,10 +9,7 @@ from rich.console import Console
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.transitions import transition_table
-from resting_aspects_ros.statistics.transitions import (
-    TransitionMatrix,
-    no_actions,
-)
+from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
 
 
 @pytest.fixture(scope='module')

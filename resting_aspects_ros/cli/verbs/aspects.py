@@ -6,10 +6,7 @@ import sys
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part,
-)
+from resting_aspects_ros.cli.options import add_output, add_part
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.drops import aspect_table, merged_text, symmetry_text

@@ -9,11 +9,7 @@ from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part_place,
-    add_surroundings,
-)
+from resting_aspects_ros.cli.options import add_output, add_part_place, add_surroundings
 from resting_aspects_ros.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part

@@ -6,11 +6,7 @@ from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import (
-    add_confidence,
-    add_output,
-    parse_share,
-)
+from resting_aspects_ros.cli.options import add_confidence, add_output, parse_share
 from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether

@@ -65,10 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
     )
     states.add_argument(
-        '--replicates',
-        metavar='N',
-        type=parse_integer,
-        help='number of drops from each state (1)',
+        '--replicates', metavar='N', type=parse_integer, help='number of drops from each state (1)'
     )
     for name, quantity in quantities_of(Noise).items():
         states.add_argument(

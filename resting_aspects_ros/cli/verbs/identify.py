@@ -5,10 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part_place,
-)
+from resting_aspects_ros.cli.options import add_output, add_part_place
 from resting_aspects_ros.errors import InvalidValueError, located, shown
 from resting_aspects_ros.input_files import parse_quantity
 

@@ -14,17 +14,11 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.cli.console import make_console, print_table, show_table
-from resting_aspects_ros.cli.options import (
-    add_output,
-)
+from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag import log_files
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import (
-    SCHEMA_VERSION,
-    distribution_document,
-    to_json,
-)
+from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.transition_conversions import action_from

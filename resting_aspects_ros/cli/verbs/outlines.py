@@ -5,10 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part,
-)
+from resting_aspects_ros.cli.options import add_output, add_part
 from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:

@@ -8,9 +8,7 @@ from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.cli.options import (
-    add_part_place,
-)
+from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import is_log
 
