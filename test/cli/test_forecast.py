@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from resting_aspects_ros.cli.forecast_options import parse_gripper, parse_tray
+from resting_aspects_ros.cli.verbs.forecast import parse_gripper, parse_tray
 from resting_aspects_ros.errors import InvalidValueError
 
 WORDS = ('forecast', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)

@@ -8,6 +8,7 @@ from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
     add_engine,
+    add_out,
     add_output,
     add_part_place,
     add_run,
@@ -82,18 +83,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_confidence(parser)
     add_engine(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write distribution.json, distribution.png and, of a single part, poses.csv into '
+    add_out(
+        parser,
+        'write distribution.json, distribution.png and, of a single part, poses.csv into '
         'this folder',
-    )
-    parser.add_argument(
-        '--report',
-        action='store_true',
-        help='also write report.html, a page with pictures and charts, into the folder of --out '
-        '(out/ and the part)',
+        'report.html, a page with pictures and charts',
     )
     parser.add_argument(
         '--log',

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_out,
     add_surroundings,
     add_workers,
     parse_integer,
@@ -87,11 +88,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='C',
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
+    add_out(
+        parser,
+        'folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
         'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
     )
     add_workers(parser)
