@@ -55,32 +55,3 @@ def test_tolerance_changes_the_clusters(sorted_by, tmp_path):
     write(tmp_path / 'p.csv', np.stack([np.sin(angles), 0 * angles, 0 * angles, np.cos(angles)]).T)
     assert len(sorted_by('p.csv')['clusters']) == 2
     assert len(sorted_by('p.csv', '--tolerance', 6.1)['clusters']) == 1
-
-
-@pytest.mark.parametrize(
-    ('words', 'says'),
-    [
-        (['p.csv'], "invalid number of poses 1 in 'p.csv': expected at least 2"),
-        (['q.csv'], "pose file 'q.csv' does not exist"),
-        (['p.csv', '--tolerance', '0'], 'invalid tolerance 0 degrees: expected 1 to 30 degrees'),
-        (['p.csv', '--tolerance', '-3'], 'invalid tolerance -3 degrees: expected 1 to 30 degrees'),
-        (['p.csv', '--tolerance', 'wide'], "invalid --tolerance 'wide': expected a number"),
-        (['p.csv', '--unit', 'mm'], "invalid --unit 'mm': expected only with --part"),
-        (['p.csv', '--parts', '.'], "invalid --parts '.': expected only with --part"),
-        (['p.csv', '--part', 'l_bracket', '--unit', 'mm'], "invalid unit 'mm'"),
-        (['p.csv', '--part', 'spoon'], "part 'spoon' is not known"),
-        (['p.csv', '--part', 'spoon.stl'], "'spoon.stl' does not exist"),
-        ([], 'POSES.csv'),
-    ],
-)
-def test_wrong_input_is_refused(refused, tmp_path, words, says):
-    write(tmp_path / 'p.csv', np.array([[0, 0, 0, 1.0]]))
-    assert says in refused('classify', *words)
-
-
-def test_wrong_pose_is_refused_with_one_line(refused, tmp_path):
-    write(tmp_path / 'p.csv', np.array([[0, 0, 0, 1.0], [0, 0, 0, 0.99]]))
-    assert refused('classify', 'p.csv') == (
-        "error: invalid qx, qy, qz, qw 0, 0, 0, 0.99 in 'p.csv' line 3: expected a quaternion of "
-        'length 1 within 0.001, and its length is 0.99'
-    )

@@ -46,25 +46,3 @@ def test_against_drops(run, document, tmp_path):
     solid_angle = found['against']['methods']['solid_angle']
     assert float(mean[2]) == pytest.approx(100 * solid_angle['mean_deviation'], abs=0.05)
     assert float(largest[1]) == pytest.approx(100 * solid_angle['largest_deviation'], abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ('words', 'said'),
-    [
-        (
-            ['l_bracket', '--method', 'guess'],
-            "invalid --method 'guess': expected all, or some of solid_angle, csa",
-        ),
-        (['cylinder_d20_h20', '--method', 'crsa'], 'crsa is not defined for cylinder_d20_h20'),
-        (['washer', '--method', 'crsa,stability'], '; stability is not defined for washer'),
-        (['no_such_part'], "part 'no_such_part' is not known; known parts:"),
-        (['l_bracket', '--against', 'no.csv'], "'no.csv'"),
-    ],
-)
-def test_wrong_input_is_refused(run, words, said):
-    ended = run('estimate', *words)
-    assert ended.returncode == 2
-    assert ended.stdout == ''
-    assert ended.stderr.startswith('error: ')
-    assert said in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
