@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.report.drop_figures import (
-    comparison_figure,
-    convergence_figure,
-    labels_apart,
-)
-from resting_aspects_ros.report.figure import NARROW, WIDE
+from resting_aspects_ros.report.drop_figures import comparison_figure, convergence_figure
+from resting_aspects_ros.report.figure import NARROW, WIDE, labels_apart
 from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.statistics.intervals import Interval
 
