@@ -55,12 +55,12 @@ _SINGLE = (
 )
 
 
-def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]:
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options that the drops of a part and of a batch have."""
     return {
         'precision': requested_precision(arguments),
         'interval': arguments.interval,
-        'confidence': confidence,
+        'confidence': arguments.confidence,
         'model_range': not arguments.no_model_range,
     }
 
@@ -68,13 +68,13 @@ def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]
 # -- One part or one log --------------------------------------------------------------------------
 
 
-def drop_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def drop_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Drop, count and show; returns the exit code.
 
     Raises RestingAspectsError before the first drop for wrong input, and after saving the partial
     result if something failed.
     """
-    simulate, part = _requested(arguments, confidence)
+    simulate, part = _requested(arguments)
     check_output('--poses', arguments.poses)
     out = result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), PAGE)
     result, failure = _result(partial(simulate, **session.options), arguments, out)
@@ -90,11 +90,11 @@ def drop_and_show(arguments: argparse.Namespace, session: Session, confidence: f
 
 
 def _requested(
-    arguments: argparse.Namespace, confidence: float
+    arguments: argparse.Namespace,
 ) -> tuple[Callable[..., DropResult], str]:
     """Return what makes the requested drops, and the name of the part."""
     options = {
-        **_options(arguments, confidence),
+        **_options(arguments),
         'check_convergence': arguments.check_convergence,
         'engine': arguments.engine,
         'keep_poses': False,
@@ -188,7 +188,7 @@ def _show(result: DropResult, arguments: argparse.Namespace, out: Path | None) -
 # -- A batch of parts -----------------------------------------------------------------------------
 
 
-def drop_batch_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def drop_batch_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Drop each part, and write its report and the index; returns the exit code.
 
     Raises RestingAspectsError for wrong input that concerns all parts.
@@ -205,7 +205,7 @@ def drop_batch_and_show(arguments: argparse.Namespace, session: Session, confide
         unit=arguments.unit,
         force=arguments.force,
         out=arguments.out or BATCH_FOLDER,
-        **_options(arguments, confidence),
+        **_options(arguments),
         **session.options,
     )
     for entry in batch.entries:

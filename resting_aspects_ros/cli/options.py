@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,6 +77,7 @@ def add_confidence(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--confidence',
         metavar='C',
+        type=partial(parse_share, '--confidence'),
         default='0.95',
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
@@ -304,6 +306,7 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     parser.add_argument(
         '--precision',
         metavar='P',
+        type=partial(parse_share, '--precision'),
         help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%, also those '
         'of aspects that were never seen',
     )
@@ -332,9 +335,8 @@ def requested_precision(arguments: argparse.Namespace) -> float:
     # This import is slow, and --help does not need it.
     from resting_aspects_ros.statistics.intervals import check_precision
 
-    precision = parse_share('--precision', arguments.precision)
-    check_precision(precision)
-    return precision
+    check_precision(arguments.precision)
+    return float(arguments.precision)
 
 
 def refuse(

@@ -68,7 +68,7 @@ DOCUMENT, ROADMAP, PAGE = 'transitions.json', 'roadmap.json', 'reorientation.htm
 MIN_TRIALS = 50
 
 
-def reorient_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def reorient_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     actions = requested_actions(arguments)
     conditions, precision = requested_conditions(arguments), requested_precision(arguments)
@@ -85,7 +85,7 @@ def reorient_and_show(arguments: argparse.Namespace, session: Session, confidenc
         precision=precision,
         drops=arguments.drops,
         seed=arguments.seed,
-        confidence=confidence,
+        confidence=arguments.confidence,
         check_convergence=arguments.check_convergence,
         engine=arguments.engine,
         **session.options,

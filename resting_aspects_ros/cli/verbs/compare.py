@@ -6,7 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_confidence, add_output, parse_share
+from resting_aspects_ros.cli.options import add_confidence, add_output
 from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, compare and show; returns the exit code. Raises RestingAspectsError."""
-    confidence = parse_share('--confidence', arguments.confidence)
-    result = compare(arguments.a, arguments.b, confidence=confidence)
+    result = compare(arguments.a, arguments.b, confidence=arguments.confidence)
 
     def show() -> None:
         title = f'A: {result.a.title}\nB: {result.b.title}'

@@ -92,11 +92,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--shift',
         metavar='D',
+        type=partial(parse_share, '--shift'),
         help='deviation of the share of a class that a window should find (0.05, which is 5 '
         'points)',
     )
     parser.add_argument(
-        '--level', metavar='A', help='probability of a false alarm in each window (0.01)'
+        '--level',
+        metavar='A',
+        type=partial(parse_share, '--level'),
+        help='probability of a false alarm in each window (0.01)',
     )
     parser.add_argument(
         '--prior-weight',
@@ -127,13 +131,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, test and show; returns the exit code. Raises RestingAspectsError."""
     options: dict[str, Any] = {
-        name: parse_share(f'--{name}', text)
-        for name in ('confidence', 'shift', 'level')
-        if (text := getattr(arguments, name)) is not None
+        name: value
+        for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
+        if (value := getattr(arguments, name)) is not None
     }
-    for name in ('window', 'prior_weight'):
-        if (value := getattr(arguments, name)) is not None:
-            options[name] = value
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.count_files import read_observed

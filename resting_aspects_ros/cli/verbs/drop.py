@@ -15,7 +15,6 @@ from resting_aspects_ros.cli.options import (
     add_surroundings,
     add_workers,
     parse_integer,
-    parse_share,
 )
 from resting_aspects_ros.simulation.conditions import Noise, quantities_of
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
@@ -126,13 +125,12 @@ def _is_folder(given: list[str]) -> bool:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli import drop_run
 
         # With --parts, one part is a name in that folder, even if there is a folder of this name.
         if len(arguments.part) > 1 or (arguments.parts is None and _is_folder(arguments.part)):
-            return drop_run.drop_batch_and_show(arguments, started, confidence)
+            return drop_run.drop_batch_and_show(arguments, started)
         arguments.part = arguments.part[0] if arguments.part else None
-        return drop_run.drop_and_show(arguments, started, confidence)
+        return drop_run.drop_and_show(arguments, started)

@@ -20,7 +20,6 @@ from resting_aspects_ros.cli.options import (
     add_workers,
     parse_integer,
     parse_numbers,
-    parse_share,
     requested_conditions,
     requested_part,
 )
@@ -121,7 +120,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy and shapely.
         from resting_aspects_ros.api.forecast import forecast_each
@@ -135,7 +133,9 @@ def run(arguments: argparse.Namespace) -> int:
         parts = [requested_part(arguments, given) for given in arguments.part]
         out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), PAGE)
         requests = list(zip(parts, sets, strict=True))
-        results = forecast_each(requests, confidence=confidence, **options, **started.options)
+        results = forecast_each(
+            requests, confidence=arguments.confidence, **options, **started.options
+        )
         first, *others = results
         picture = partial(save_forecast_picture, results)
         finish(

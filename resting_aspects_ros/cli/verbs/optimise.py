@@ -18,7 +18,6 @@ from resting_aspects_ros.cli.options import (
     changed_conditions,
     parse_integer,
     parse_numbers,
-    parse_share,
     refuse,
     requested_part,
 )
@@ -100,7 +99,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.conditions import requested_surroundings
@@ -124,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
             action=_action(arguments),
             budget=arguments.budget,
             seed=arguments.seed,
-            confidence=confidence,
+            confidence=arguments.confidence,
             **started.options,
         )
         document = DOCUMENT, result.to_json

@@ -1,6 +1,7 @@
 """`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from resting_aspects_ros.cli.action_options import add_action_values
@@ -57,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--precision',
         metavar='P',
+        type=partial(parse_share, '--precision'),
         help='stop as soon as every interval of the matrix is at most +-P wide, such as 0.05',
     )
     parser.add_argument(
@@ -106,9 +108,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.reorient_run import reorient_and_show
 
-        return reorient_and_show(arguments, started, confidence)
+        return reorient_and_show(arguments, started)

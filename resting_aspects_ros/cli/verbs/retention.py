@@ -21,7 +21,6 @@ from resting_aspects_ros.cli.options import (
     add_seed,
     add_workers,
     parse_integer,
-    parse_share,
     requested_conditions,
     requested_part,
 )
@@ -56,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--max-lift',
         metavar='M',
+        type=lambda text: parse_quantity('--max-lift', text, 'm'),
         help='maximum lift height, such as 20mm (20 times the barrier of the aspect, at most '
         'twice the radius of the part)',
     )
@@ -74,8 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
-    lift = arguments.max_lift
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.retention import retention
@@ -87,9 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
             part,
             arguments.per_height,
             surface=requested_conditions(arguments),
-            max_lift=None if lift is None else parse_quantity('--max-lift', lift, 'm'),
+            max_lift=arguments.max_lift,
             seed=arguments.seed,
-            confidence=confidence,
+            confidence=arguments.confidence,
             engine=arguments.engine,
             **started.options,
         )

@@ -2,6 +2,7 @@
 
 import argparse
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,12 +81,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--tolerance',
         metavar='P',
+        type=partial(parse_share, '--tolerance'),
         help='change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
         'measuring a condition is worth while (0.05)',
     )
     parser.add_argument(
         '--confidence',
         metavar='C',
+        type=partial(parse_share, '--confidence'),
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
     add_out(
@@ -115,12 +118,9 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 
     changes: dict[str, Any] = {
         name: value
-        for name in ('design', 'points', 'drops', 'seed')
+        for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
         if (value := getattr(arguments, name)) is not None
     }
-    for name in ('tolerance', 'confidence'):
-        if getattr(arguments, name) is not None:
-            changes[name] = parse_share(f'--{name}', getattr(arguments, name))
     surfaces = all_surfaces(arguments.surfaces)
     first = Path(arguments.parts[0])
     if first.is_dir() and (first / SPEC).exists():
