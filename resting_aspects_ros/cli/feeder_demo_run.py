@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,6 @@ from resting_aspects_ros.cli.feeder_display import (
 )
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.cli.options import parse_numbers
-from resting_aspects_ros.cli.verbs.forecast import parse_tray, requested_times
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
@@ -146,13 +145,29 @@ class PlannedDemo:
         }
 
 
-def planned_demo(arguments: argparse.Namespace, drops: int, per_aspect: int) -> PlannedDemo:
-    """Return what the flags request; raises RestingAspectsError for wrong input."""
+def planned_demo(
+    arguments: argparse.Namespace,
+    size: tuple[float, float],
+    given_times: Mapping[str, Any],
+    drops: int,
+    per_aspect: int,
+) -> PlannedDemo:
+    """Return what the flags request; raises RestingAspectsError for wrong input.
+
+    Parameters
+    ----------
+    size : (float, float)
+        Width and depth of the tray, m.
+    given_times : mapping
+        Options of `cycle_times`.
+    drops, per_aspect : int
+        Number of drops, and of flips from each aspect.
+    """
     known = known_part(load_part(arguments.part, None, arguments.parts, None))
     classes, default = _pickable(arguments, known)
-    times = cycle_times(named_action(DEFAULT_ACTION), **requested_times(arguments))
+    times = cycle_times(named_action(DEFAULT_ACTION), **given_times)
     clearance = parse_quantity('--clearance', arguments.clearance, 'm')
-    tray = Tray(parse_tray(arguments.tray), clearance)
+    tray = Tray(size, clearance)
     minutes = parse_quantity('--minutes', arguments.minutes, '')
     if not 0 < minutes <= MAX_MINUTES:
         raise InvalidValueError(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from resting_aspects_ros.api.result import check_files
 from resting_aspects_ros.cli.options import add_seed
-from resting_aspects_ros.cli.verbs.forecast import add_cell
+from resting_aspects_ros.cli.verbs.forecast import add_cell, parse_tray, requested_times
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 
@@ -70,7 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
         # These imports take a second, and --help does not need them.
         from resting_aspects_ros.cli.feeder_demo_run import FeederDemo, planned_demo
 
-        demo = FeederDemo(planned_demo(arguments, DROPS, PER_ASPECT), out, stop.check)
+        size, times = parse_tray(arguments.tray), requested_times(arguments)
+        plan = planned_demo(arguments, size, times, DROPS, PER_ASPECT)
+        demo = FeederDemo(plan, out, stop.check)
         try:
             demo.run(out / LAYOUT)
         except KeyboardInterrupt:
