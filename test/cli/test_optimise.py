@@ -14,9 +14,9 @@ WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
     def full(*_):
-        raise OutputError('optimum.json cannot be written: No space left on device')
+        raise OutputError('points.csv cannot be written: No space left on device')
 
-    monkeypatch.setattr(OptimiseResult, 'save_json', full)
+    monkeypatch.setattr(OptimiseResult, 'save_csv', full)
     ended = run(*WORDS, '--wanted', '1', '--out', 'o', '--json')
     assert ended.returncode == 1
     assert 'No space left on device' in ended.stderr

@@ -57,7 +57,6 @@ CASES = {
     'drop missing.stl': ["'missing.stl'"],
     'drop box': ["'box'", "'box.obj'"],
     'drop text.mcap': ["'text.mcap'"],
-    'drop .': ["'.'"],
     'drop': ['part', '--from-log'],
     # Output files are checked before the drops.
     'drop l_bracket --out text.mcap': ['--out', "'text.mcap'"],
