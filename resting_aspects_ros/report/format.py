@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +30,8 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
 
 def with_counts(distribution: Distribution, counts: Counts, unclassified: int = 0) -> Distribution:
     """Return a distribution with other counts, and with no drop in another outcome."""
-    none = dict.fromkeys(OUTSIDE, 0)
-    return dataclasses.replace(
-        distribution, counts=counts, **{**none, 'unclassified': unclassified}
-    )
+    others: dict[str, Any] = {**dict.fromkeys(OUTSIDE, 0), 'unclassified': unclassified}
+    return dataclasses.replace(distribution, counts=counts, **others)
 
 
 def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
