@@ -1,4 +1,4 @@
-"""`resting_aspects track`: its output, files, exit codes and refusals."""
+"""`resting_aspects track`: its output, files and exit codes."""
 
 import csv
 import json
@@ -21,8 +21,6 @@ def done(run):
 @pytest.mark.parametrize(
     'words',
     [
-        ('hex_nut',),
-        ('hex_nut', '--on', 'wiper_and_balcony'),
         ('l_bracket', '--design'),
         ('hex_nut', '--trap', 'wiper:height=12.7mm', '--speed', '0.3', '--simulate', '1'),
     ],
@@ -42,10 +40,6 @@ def test_files_are_written(done, tmp_path):
     assert [trap['kind'] for trap in document['traps']] == ['wiper', 'balcony']
     with (tmp_path / 'orientations.csv').open(encoding='utf-8') as file:
         assert len(list(csv.DictReader(file))) == len(document['orientations'])
-
-
-def test_the_most_probable_row_is_wanted_by_default(done):
-    assert json.loads(done('hex_nut', '--json'))['wanted'] == [1]
 
 
 def test_flags_of_the_track_are_in_the_document(done):
