@@ -77,12 +77,7 @@ DOCUMENTS = {
     'track, simulated parts after an action': (
         'track hex_nut --trap wiper:height=12.7mm --speed 1 --simulate 1 --before tap --drops 50',
         lambda: ra.track(
-            'hex_nut',
-            nut_track(speed=1, width=0.031),
-            drops=50,
-            simulate=1,
-            before=['tap'],
-            seed=3,
+            'hex_nut', nut_track(speed=1, width=0.031), drops=50, simulate=1, before=['tap']
         ),
     ),
     'track, unit in doubt': (
