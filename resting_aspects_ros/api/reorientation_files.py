@@ -14,7 +14,7 @@ from resting_aspects_ros.api.report_files import (
     run_facts,
     warning_notes,
 )
-from resting_aspects_ros.api.result import check_files, write_page
+from resting_aspects_ros.api.result import write_page
 from resting_aspects_ros.api.roadmap import MeasuredComparison
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.format import (
@@ -76,14 +76,6 @@ def reorientation_file_names(actions: Sequence[str]) -> list[str]:
     """Return the names of all files of a page on these actions; without any, on retention."""
     figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
     return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
-
-
-def check_reorientation_report(flag: str, folder: Path, actions: Sequence[str]) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written.
-
-    ``actions`` are the names of the actions; without any, the report is on retention curves.
-    """
-    check_files(flag, folder, reorientation_file_names(actions))
 
 
 def write_reorientation_report(

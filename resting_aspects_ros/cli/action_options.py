@@ -4,10 +4,7 @@ import argparse
 import dataclasses
 
 from resting_aspects_ros.api.conditions import shipped_actions
-from resting_aspects_ros.cli.options import (
-    add_quantities,
-    flag_of,
-)
+from resting_aspects_ros.cli.options import add_quantities, flag_of
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.actions import (

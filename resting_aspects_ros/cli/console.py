@@ -1,6 +1,5 @@
-"""Output of the commands on standard output: tables, or one JSON document."""
+"""Tables and texts on standard output, and the progress of a replay."""
 
-import sys
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -40,14 +39,23 @@ def make_console() -> Console:
     return console
 
 
-def show_table(console: Console, table: Table) -> None:
+def show_table(table: Table) -> None:
     """Print a table without cutting off digits, even if it is wider than the terminal."""
     note_table(table)
-    before = console.width
+    console = make_console()
     options = console.options.update(width=MAX_WIDTH)
-    console.width = max(before, Measurement.get(console, options, table).maximum)
+    console.width = max(console.width, Measurement.get(console, options, table).maximum)
     console.print(table)
-    console.width = before
+
+
+def show_texts(*texts: str, soft_wrap: bool = False) -> None:
+    """Print texts in lines of the width of the terminal, except empty ones.
+
+    With ``soft_wrap`` the terminal wraps them.
+    """
+    console = make_console()
+    for text in filter(None, texts):
+        console.print(text, markup=False, highlight=False, soft_wrap=soft_wrap)
 
 
 def print_table(
@@ -59,25 +67,19 @@ def print_table(
     no_model_range: str = '',
 ) -> None:
     """Print the table of a distribution, with bounds for aspects that were never seen."""
-    console = make_console()
-    show_table(console, distribution_table(distribution, title, part, each=each))
-    texts = (
+    show_table(distribution_table(distribution, title, part, each=each))
+    show_texts(
         model_range_text(distribution, no_model_range),
         never_seen_text(distribution, each=each),
         merged_text(distribution.aspects),
     )
-    for text in filter(None, texts):
-        console.print(text, highlight=False)
 
 
-def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> None:
-    """Print a result as one JSON document, or as a table.
+def print_result(result: DropResult, *, each: bool = False) -> None:
+    """Print a result as tables and texts.
 
     With ``each`` the table has a row for each aspect, even where several look the same.
     """
-    if as_json:
-        sys.stdout.write(result.to_json())
-        return
     part = result.part
     # The size shows if the mesh was read in a wrong unit.
     size = f', {size_text(part)}' if part else ''
@@ -85,13 +87,11 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     missing = result.no_model_range
     print_table(result.distribution, title, part, each=each, no_model_range=missing)
     if result.contacts is not None and result.contacts.placements:
-        show_table(make_console(), contact_table(result.contacts, result.distribution))
+        show_table(contact_table(result.contacts, result.distribution))
     if shapes := simulated_shapes(part, result.run.conditions):
-        for sentence in shapes.sentences():
-            make_console().print(sentence, highlight=False)
+        show_texts(*shapes.sentences())
     radius = part.hull_radius if part else None
-    for hint in outcome_hints(result.distribution, result.run.conditions, radius):
-        make_console().print(hint, highlight=False)
+    show_texts(*outcome_hints(result.distribution, result.run.conditions, radius))
     if result.convergence is not None:
         print(result.convergence.text())
 

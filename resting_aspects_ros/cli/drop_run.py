@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.api.drop import drop, logged_drops, repeat_log
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
-from resting_aspects_ros.api.load_part import load_part, mesh_file
+from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.life_cycle import (
@@ -24,17 +24,22 @@ from resting_aspects_ros.cli.life_cycle import (
     result_folder,
     say,
 )
-from resting_aspects_ros.cli.options import flag_of, parse_share, requested_conditions
+from resting_aspects_ros.cli.options import (
+    refuse,
+    requested_conditions,
+    requested_part,
+    requested_precision,
+)
 from resting_aspects_ros.errors import InvalidValueError, OutputError, RestingAspectsError
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.conditions import QUANTITIES, Noise, quantities_of
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
-from resting_aspects_ros.statistics.intervals import check_precision
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.batch import BatchEntry
 
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
+PAGE = 'report.html'
 BATCH_FOLDER = Path('out') / 'batch'
 NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # Flags without an effect or a meaning: with a log, which has these values; without given states;
@@ -50,26 +55,12 @@ _SINGLE = (
 )
 
 
-def refuse(arguments: argparse.Namespace, names: tuple[str, ...], expected: str) -> None:
-    """Raise InvalidValueError if a flag is given that is expected only in another case."""
-    for name in names:
-        given = getattr(arguments, name)
-        if given not in (None, '', False):
-            flag = 'PART_OR_MESH' if name == 'part' else flag_of(name)
-            text = '' if given is True else f' {str(given)!r}'
-            raise InvalidValueError(f'invalid {flag}{text}: expected only {expected}')
-
-
-def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]:
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options that the drops of a part and of a batch have."""
-    precision = 0.0
-    if arguments.precision is not None:
-        precision = parse_share('--precision', arguments.precision)
-        check_precision(precision)
     return {
-        'precision': precision,
+        'precision': requested_precision(arguments),
         'interval': arguments.interval,
-        'confidence': confidence,
+        'confidence': arguments.confidence,
         'model_range': not arguments.no_model_range,
     }
 
@@ -77,32 +68,33 @@ def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]
 # -- One part or one log --------------------------------------------------------------------------
 
 
-def drop_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def drop_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Drop, count and show; returns the exit code.
 
     Raises RestingAspectsError before the first drop for wrong input, and after saving the partial
     result if something failed.
     """
-    simulate, part = _requested(arguments, confidence)
-    out = _folder(arguments, part)
+    simulate, part = _requested(arguments)
+    check_output('--poses', arguments.poses)
+    out = result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), PAGE)
     result, failure = _result(partial(simulate, **session.options), arguments, out)
     result = dataclasses.replace(result, mesh_file=mesh_file(arguments.part))
     _show(result, arguments, out)
-    has = f'{result.distribution.drops} of {result.run.drops} drops'
-    code = exit_code(has, complete=result.complete, failure=failure)
-    checked = result.convergence is not None
-    if not code and arguments.check_convergence and session.stop.asked and not checked:
-        print('interrupted; convergence was not checked', file=sys.stderr)
-        return INTERRUPTED
-    return code
+    unchecked = result.convergence is None and session.stop.asked
+    return exit_code(
+        f'{result.distribution.drops} of {result.run.drops} drops',
+        complete=result.complete,
+        failure=failure,
+        unchecked=arguments.check_convergence and unchecked,
+    )
 
 
 def _requested(
-    arguments: argparse.Namespace, confidence: float
+    arguments: argparse.Namespace,
 ) -> tuple[Callable[..., DropResult], str]:
     """Return what makes the requested drops, and the name of the part."""
     options = {
-        **_options(arguments, confidence),
+        **_options(arguments),
         'check_convergence': arguments.check_convergence,
         'engine': arguments.engine,
         'keep_poses': False,
@@ -110,7 +102,7 @@ def _requested(
     if arguments.initial_states is None:
         refuse(arguments, _OF_STATES, 'with --initial-states')
     if arguments.from_log is not None:
-        refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it')
+        refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it', 'PART_OR_MESH')
         logged = logged_drops(arguments.from_log)
         return partial(repeat_log, logged, arguments.drops, **options), logged.part.name
     if arguments.part is None:
@@ -125,7 +117,7 @@ def _requested(
             else arguments.replicates,
             'noise': _noise(arguments),
         }
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    part = requested_part(arguments)
     if arguments.log is not None:
         make_folder('--log', arguments.log)
     simulate = partial(
@@ -150,19 +142,6 @@ def _noise(arguments: argparse.Namespace) -> Noise:
             if (text := getattr(arguments, f'noise_{name}')) is not None
         }
     )
-
-
-def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
-    """Make the folder of the result, None if it is not saved; raises InvalidValueError."""
-
-    def check_report(flag: str, out: Path) -> None:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.report_files import check_report
-
-        check_report(flag, out)
-
-    check_output('--poses', arguments.poses)
-    return result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), check_report)
 
 
 def _result(
@@ -194,17 +173,14 @@ def _result(
 
 
 def _show(result: DropResult, arguments: argparse.Namespace, out: Path | None) -> None:
-    files: dict[str, Callable[[Path], object]] = {DOCUMENT: result.save_json}
-    if not arguments.report:
-        files[PICTURE] = result.save_picture
-
     def show() -> None:
-        print_result(result, as_json=arguments.json, each=arguments.each)
+        print_result(result, each=arguments.each)
         if result.log is not None:
-            say(arguments, f'Log: {result.log}')
+            print(f'Log: {result.log}')
 
+    files = {} if arguments.report else {PICTURE: result.save_picture}
     written = [] if out is None else [out / POSES]
-    finish(arguments, out, files, show, result.report if arguments.report else None, written)
+    finish(arguments, out, (DOCUMENT, result.to_json), files, show, result.report, written)
     if out is None:
         say(arguments, 'Add --report for pictures of the aspects.')
 
@@ -212,7 +188,7 @@ def _show(result: DropResult, arguments: argparse.Namespace, out: Path | None) -
 # -- A batch of parts -----------------------------------------------------------------------------
 
 
-def drop_batch_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def drop_batch_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Drop each part, and write its report and the index; returns the exit code.
 
     Raises RestingAspectsError for wrong input that concerns all parts.
@@ -229,7 +205,7 @@ def drop_batch_and_show(arguments: argparse.Namespace, session: Session, confide
         unit=arguments.unit,
         force=arguments.force,
         out=arguments.out or BATCH_FOLDER,
-        **_options(arguments, confidence),
+        **_options(arguments),
         **session.options,
     )
     for entry in batch.entries:

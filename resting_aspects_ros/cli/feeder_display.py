@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.live import Live
@@ -22,6 +22,7 @@ from resting_aspects_ros.simulation.conditions import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch
+    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 
 
 # Number of lines for a run if standard error is not a terminal.
@@ -37,42 +38,6 @@ SHARED = (
     'in each flip, and places them without overlap. Agreement shows that images, identification, '
     'decisions and messages work as the forecast assumes. It does not show that a machine does.'
 )
-
-
-class _Advice(Protocol):
-    reason: str
-
-
-class _Watch(Protocol):
-    """What was counted; see client/feeder_watch.py."""
-
-    images: int
-    supplied: int
-    on_tray: int
-    advice: _Advice | None
-
-    @property
-    def picks(self) -> int: ...
-
-    @property
-    def missed(self) -> int: ...
-
-    @property
-    def choices(self) -> dict[str, int]: ...
-
-    @property
-    def minutes(self) -> float: ...
-
-    @property
-    def rate(self) -> float: ...
-
-
-class _Forecast(Protocol):
-    @property
-    def rate(self) -> float: ...
-
-    @property
-    def prediction(self) -> tuple[float, float]: ...
 
 
 @dataclass(frozen=True)
@@ -98,7 +63,7 @@ class FeederView:
     upper: float
 
     @classmethod
-    def of(cls, watch: _Watch, forecast: _Forecast, total: float) -> 'FeederView':
+    def of(cls, watch: 'FeederWatch', forecast: 'ControlledRuns', total: float) -> 'FeederView':
         """Return the view of what was counted beside a forecast."""
         lower, upper = forecast.prediction
         return cls(

@@ -14,13 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from resting_aspects_ros.errors import (
-    EngineError,
-    LogError,
-    RestingAspectsError,
-    analysis,
-    warn,
-)
+from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 
 if TYPE_CHECKING:
@@ -41,11 +35,7 @@ class Session:
     @property
     def options(self) -> dict[str, Any]:
         """The options of the functions that simulate."""
-        return {
-            'workers': self.workers,
-            'progress': True,
-            'stopped': lambda: self.stop.asked,
-        }
+        return {'workers': self.workers, 'progress': True, 'stopped': lambda: self.stop.asked}
 
 
 @contextmanager
@@ -85,17 +75,29 @@ def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | 
         return error.result, error
 
 
-def exit_code(has: str, *, complete: bool, failure: RestingAspectsError | None = None) -> int:
+def exit_code(
+    has: str,
+    *,
+    complete: bool,
+    failure: RestingAspectsError | None = None,
+    unchecked: bool = False,
+) -> int:
     """Return the exit code, after a message if the result is not complete; raises the failure.
 
-    ``has`` tells how much the result has.
+    Parameters
+    ----------
+    has : str
+        How much the result has.
+    unchecked : bool
+        Whether Ctrl-C ended the check of the convergence.
     """
     if failure is not None:
         raise type(failure)(f'{failure}; the result has {has}')
     if not complete:
         print(f'interrupted; the result has {has}', file=sys.stderr)
-        return INTERRUPTED
-    return DONE
+    elif unchecked:
+        print('interrupted; convergence was not checked', file=sys.stderr)
+    return INTERRUPTED if unchecked or not complete else DONE
 
 
 # -- Files ----------------------------------------------------------------------------------------
@@ -112,26 +114,18 @@ def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Pat
 
 
 def result_folder(
-    arguments: argparse.Namespace,
-    part: str,
-    files: Iterable[str],
-    check_report: Callable[[str, Path], None] = lambda *_: None,
+    arguments: argparse.Namespace, part: str, files: Iterable[str], page: str = ''
 ) -> Path | None:
-    """Make the folder of a result with the given files, and with a page if requested.
+    """Make the folder of a result with the given files, and with the page if it is requested.
 
     Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
     cannot be written.
     """
-    from resting_aspects_ros.api.result import check_output, make_folder
+    from resting_aspects_ros.api.result import check_files
 
     flag, out = requested_folder(arguments, part)
-    if out is None:
-        return None
-    make_folder(flag, out)
-    for name in files:
-        check_output(flag, out / name)
-    if getattr(arguments, 'report', False):
-        check_report(flag, out)
+    if out is not None:
+        check_files(flag, out, [*files, page] if page and arguments.report else [*files])
     return out
 
 
@@ -159,7 +153,7 @@ def tables_written(path: Path | None) -> Iterator[None]:
         return
     # These imports are slow, and only needed for files.
     from resting_aspects_ros.api.result import check_output, whole_file
-    from resting_aspects_ros.report.table_files import check_ending, save_csv, save_xlsx
+    from resting_aspects_ros.report.table import check_ending, save_csv, save_xlsx
 
     check_ending('--table', path)
     check_output('--table', path)
@@ -181,21 +175,10 @@ def tables_written(path: Path | None) -> Iterator[None]:
                 save_csv(table, file)
 
 
-def text_file(text: Callable[[], str]) -> Callable[[Path], None]:
-    """Return what writes a text into a file."""
-
-    def save(path: Path) -> None:
-        from resting_aspects_ros.api.result import whole_file
-
-        with whole_file(path) as file:
-            file.write_text(text(), encoding='utf-8')
-
-    return save
-
-
 def finish(
     arguments: argparse.Namespace,
     out: Path | None,
+    document: tuple[str, Callable[[], str]],
     files: Mapping[str, Callable[[Path], object]],
     show: Callable[[], None],
     report: Callable[[Path], Path] | None = None,
@@ -207,29 +190,58 @@ def finish(
     ----------
     out : Path or None
         Folder of the result; None to save nothing.
+    document : (str, callable)
+        Name of the file of the JSON document, and what returns it. --json prints it.
     files : mapping of str to callable
-        What writes each file.
+        What writes each other file.
+    show : callable
+        Prints the result without --json.
     report : callable, optional
-        Writes the report into the folder, and returns its path.
+        Writes the report into the folder, and returns its path. If there is a flag --report, it
+        must be given.
     written : sequence of Path
         Files that are written already.
     """
+
+    def shown() -> None:
+        with analysis('the tables of the result'):
+            show()
+
     saved = []
+    name, text = document
+    saves = {name: lambda path: _save_text(path, text()), **files}
     try:
-        for path, save in [] if out is None else [(out / name, files[name]) for name in files]:
+        for path, save in [] if out is None else [(out / name, saves[name]) for name in saves]:
             with analysis(f'the file {path.name}'):
                 save(path)
                 saved.append(path)
     finally:
-        show()
+        show_result(arguments, text, shown)
     paths = [*saved, *written]
     if paths:
         say(arguments, f'Written: {", ".join(str(path) for path in paths)}')
-    if report is not None and out is not None:
+    if report is not None and getattr(arguments, 'report', True) and out is not None:
         # Everything else is saved, so Ctrl-C may end the report at once.
         catch(signal.default_int_handler)
         with analysis('the report'):
             say(arguments, f'Report: {report(out)}')
+
+
+def _save_text(path: Path, text: str) -> None:
+    from resting_aspects_ros.api.result import whole_file
+
+    with whole_file(path) as file:
+        file.write_text(text, encoding='utf-8')
+
+
+def show_result(
+    arguments: argparse.Namespace, document: Callable[[], str], show: Callable[[], None]
+) -> None:
+    """Print the JSON document if --json requests it, else the tables and texts of a result."""
+    if arguments.json:
+        sys.stdout.write(document())
+    else:
+        show()
 
 
 def say(arguments: argparse.Namespace, line: str) -> None:

@@ -1,9 +1,11 @@
 """Options that several subcommands share, and numbers with a unit."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import NUMBER, parse_quantity
@@ -14,7 +16,17 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
     Quantity,
 )
-from resting_aspects_ros.simulation.limits import BULLET, CUDA, DEFAULT_DROPS, KERNEL, check_drops
+from resting_aspects_ros.simulation.limits import (
+    BULLET,
+    CUDA,
+    DEFAULT_DROPS,
+    DEFAULT_SEED,
+    KERNEL,
+    check_drops,
+)
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.part.part import Part
 
 MAX_DIGITS = 20
 
@@ -48,11 +60,24 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def requested_part(arguments: argparse.Namespace, given: str | None = None) -> 'Part':
+    """Return the part that the flags request, or a ``given`` one with their unit and body.
+
+    Raises RestingAspectsError.
+    """
+    # This import is slow because of NumPy, which --help does not need.
+    from resting_aspects_ros.api.load_part import load_part
+
+    name = arguments.part if given is None else given
+    return load_part(name, arguments.unit, arguments.parts, arguments.body)
+
+
 def add_confidence(parser: argparse.ArgumentParser) -> None:
     """Add --confidence, a share."""
     parser.add_argument(
         '--confidence',
         metavar='C',
+        type=partial(parse_share, '--confidence'),
         default='0.95',
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
@@ -74,6 +99,43 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
         metavar='FILE',
         type=Path,
         help='also write the printed tables as .csv or .xlsx, with numbers as numbers',
+    )
+
+
+def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
+    """Add --out, and --report if the command can write a page.
+
+    Parameters
+    ----------
+    text : str
+        What is written.
+    page : str
+        Name of the page, and what it shows.
+    """
+    parser.add_argument('--out', metavar='DIR', type=Path, help=text)
+    if page:
+        parser.add_argument(
+            '--report',
+            action='store_true',
+            help=f'also write {page}, into the folder of --out (out/ and the part)',
+        )
+
+
+def add_seed(parser: argparse.ArgumentParser, what: str, default: int = DEFAULT_SEED) -> None:
+    """Add --seed; ``what`` is the same for the same seed."""
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=default,
+        help=f'the same seed gives the same {what} ({default})',
+    )
+
+
+def add_actions_file(parser: argparse.ArgumentParser) -> None:
+    """Add --actions, a file of named actions."""
+    parser.add_argument(
+        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
     )
 
 
@@ -244,6 +306,7 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     parser.add_argument(
         '--precision',
         metavar='P',
+        type=partial(parse_share, '--precision'),
         help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%, also those '
         'of aspects that were never seen',
     )
@@ -257,16 +320,39 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
 
 def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
     """Return the number of drops and the precision that the flags request; 0: not given."""
-    if arguments.precision is None:
+    precision = requested_precision(arguments)
+    if not precision:
         return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
-    # This import is slow, and --help does not need it.
-    from resting_aspects_ros.statistics.intervals import check_precision
-
-    precision = parse_share('--precision', arguments.precision)
-    check_precision(precision)
     if arguments.drops is not None:
         check_drops(arguments.drops)
     return arguments.drops or 0, precision
+
+
+def requested_precision(arguments: argparse.Namespace) -> float:
+    """Return the precision that the flags request, 0 without one; raises InvalidValueError."""
+    if arguments.precision is None:
+        return 0.0
+    # This import is slow, and --help does not need it.
+    from resting_aspects_ros.statistics.intervals import check_precision
+
+    check_precision(arguments.precision)
+    return float(arguments.precision)
+
+
+def refuse(
+    arguments: argparse.Namespace, names: Iterable[str], expected: str, part: str = '--part'
+) -> None:
+    """Raise InvalidValueError if a flag is given that is expected only in another case.
+
+    part : how the help names the part
+    """
+    for name in names:
+        given = getattr(arguments, name)
+        if given is None or given is False or given == '':
+            continue
+        flag = part if name == 'part' else flag_of(name)
+        text = '' if given is True else f' {shown(str(given))}'
+        raise InvalidValueError(f'invalid {flag}{text}: expected only {expected}')
 
 
 def flag_of(name: str) -> str:

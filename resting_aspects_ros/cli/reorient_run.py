@@ -3,25 +3,37 @@
 import argparse
 import dataclasses
 import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from resting_aspects_ros.api.load_part import load_part
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.api.conditions import pieces_text
+from resting_aspects_ros.api.estimate import estimate
 from resting_aspects_ros.api.reorient import reorient_each
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient_result import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+)
+from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.roadmap import (
     MeasuredComparison,
     MeasuredTrials,
     compare_measured,
     read_roadmap,
+    roadmap_document,
     with_measured,
 )
 from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.action_options import requested_actions
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import (
-    INTERRUPTED,
     Session,
     exit_code,
     finish,
@@ -30,37 +42,55 @@ from resting_aspects_ros.cli.life_cycle import (
 )
 from resting_aspects_ros.cli.options import (
     parse_numbers,
-    parse_share,
     requested_conditions,
+    requested_part,
+    requested_precision,
 )
-from resting_aspects_ros.cli.reorient_show import (
-    DOCUMENT,
-    ROADMAP,
-    Answer,
-    answer_files,
-    print_answer,
-    write_page,
+from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
+from resting_aspects_ros.report.transitions import (
+    Rows,
+    actions_table,
+    long_run_table,
+    long_run_text,
+    plan_table,
+    suffix_of,
+    table_rows,
+    transition_table,
+    wanted_table,
 )
-from resting_aspects_ros.errors import InvalidValueError, analysis, warn
-from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.statistics.intervals import check_precision
-from resting_aspects_ros.statistics.markov import wanted_mask
+from resting_aspects_ros.statistics.markov import Plan, wanted_mask
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
+DOCUMENT, ROADMAP, PAGE = 'transitions.json', 'roadmap.json', 'reorientation.html'
 # Rows with at least this number of measured trials replace the simulated ones.
 MIN_TRIALS = 50
 
 
-def reorient_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
+def reorient_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     actions = requested_actions(arguments)
-    options = _options(arguments, confidence)
+    conditions, precision = requested_conditions(arguments), requested_precision(arguments)
     measured = None if arguments.measured is None else read_roadmap(arguments.measured)
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    part = requested_part(arguments)
     wanted = _wanted(arguments, find_aspects(part))
-    out = _folder(arguments, part.name, actions)
-    simulated, failure = partial_result(
-        partial(reorient_each, part, actions, arguments.per_aspect, **options, **session.options)
+    out = _folder(arguments, part.name)
+    simulate = partial(
+        reorient_each,
+        part,
+        actions,
+        arguments.per_aspect,
+        surface=conditions,
+        precision=precision,
+        drops=arguments.drops,
+        seed=arguments.seed,
+        confidence=arguments.confidence,
+        check_convergence=arguments.check_convergence,
+        engine=arguments.engine,
+        **session.options,
     )
+    simulated, failure = partial_result(simulate)
     results, checks = _with_trials(measured, simulated)
     replaced = any(
         (one.matrix.counts != other.matrix.counts).any()
@@ -69,45 +99,21 @@ def reorient_and_show(arguments: argparse.Namespace, session: Session, confidenc
     answer = Answer(tuple(results), wanted, tuple(checks))
     # Measured rows are those of single aspects, which a class would mix with simulated ones.
     by_class = not (arguments.each or arguments.wanted is not None or replaced)
-
-    def show() -> None:
-        with analysis('the tables of the result'):
-            print_answer(answer, by_class=by_class, as_json=arguments.json)
-
     finish(
         arguments,
         out,
-        answer_files(answer, simulated, part, pictures=not arguments.report),
-        show,
-        partial(write_page, answer, simulated) if arguments.report else None,
+        (DOCUMENT, answer.to_json),
+        _files(answer, simulated, part, pictures=not arguments.report),
+        partial(_show, answer, by_class=by_class),
+        partial(_write_page, answer, simulated),
     )
-    code = exit_code(
+    checked = all(result.convergence is not None for result in simulated)
+    return exit_code(
         f'{sum(int(result.matrix.actions.sum()) for result in simulated)} actions',
         complete=all(result.complete for result in simulated),
         failure=failure,
+        unchecked=arguments.check_convergence and session.stop.asked and not checked,
     )
-    checked = all(result.convergence is not None for result in simulated)
-    if not code and arguments.check_convergence and session.stop.asked and not checked:
-        print('interrupted; convergence was not checked', file=sys.stderr)
-        return INTERRUPTED
-    return code
-
-
-def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]:
-    """Return the options of the simulation that the flags request; raises InvalidValueError."""
-    precision = 0.0
-    if arguments.precision is not None:
-        precision = parse_share('--precision', arguments.precision)
-        check_precision(precision)
-    return {
-        'surface': requested_conditions(arguments),
-        'precision': precision,
-        'drops': arguments.drops,
-        'seed': arguments.seed,
-        'confidence': confidence,
-        'check_convergence': arguments.check_convergence,
-        'engine': arguments.engine,
-    }
 
 
 def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...]:
@@ -124,20 +130,13 @@ def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...
     return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
 
 
-def _folder(arguments: argparse.Namespace, part: str, actions: list[NamedAction]) -> Path | None:
+def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
     """Return the folder of the result, None if it is not saved.
 
     Raises InvalidValueError if the folder cannot be written, or has the file of measured trials,
     which would be replaced.
     """
-
-    def check_report(flag: str, out: Path) -> None:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
-
-        check_reorientation_report(flag, out, [action.name for action in actions])
-
-    out = result_folder(arguments, part, (DOCUMENT,), check_report)
+    out = result_folder(arguments, part, (DOCUMENT,), PAGE)
     measured: Path | None = arguments.measured
     if out is not None and measured is not None:
         roadmap = out / ROADMAP
@@ -167,3 +166,176 @@ def _with_trials(
         names = ', '.join(result.action.name for result in results)
         warn(f'{measured.source} has no trials of {names}')
     return replaced, checks
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Results of one or several actions, with what was asked of them.
+
+    wanted : tuple of int
+        Ids of the wanted aspects; empty without any.
+    checks : tuple of MeasuredComparison
+        Comparisons with measured trials.
+    """
+
+    results: tuple[ReorientResult, ...]
+    wanted: tuple[int, ...]
+    checks: tuple[MeasuredComparison, ...]
+
+    @property
+    def plan(self) -> PlanResult | None:
+        """The best plan; None without wanted aspects, or if the results are not complete."""
+        if not self.wanted or any(result.long_run is None for result in self.results):
+            return None
+        return plan_reorientation(self.results, self.wanted)
+
+    def to_json(self) -> str:
+        """Return one JSON document; with several actions it has a list of results."""
+        documents = [result.document(self.wanted) for result in self.results]
+        document = documents[0]
+        if len(documents) > 1:
+            document = {'schema_version': SCHEMA_VERSION, 'results': documents}
+        if (plan := self.plan) is not None:
+            document['plan'] = plan.document()
+        if self.checks:
+            document['measured'] = [
+                plain({**dataclasses.asdict(check), 'verdict': check.verdict})
+                for check in self.checks
+            ]
+        return to_json(document)
+
+
+# -- Tables ---------------------------------------------------------------------------------------
+
+
+def _show(answer: Answer, *, by_class: bool) -> None:
+    """Print the results as tables."""
+    for number, result in enumerate(answer.results):
+        if number:
+            print()
+        _show_result(result, answer.wanted, by_class=by_class)
+    if len(answer.results) > 1:
+        _show_comparison(answer, by_class=by_class)
+    show_texts(*map(_check_text, answer.checks))
+
+
+def _show_comparison(answer: Answer, *, by_class: bool) -> None:
+    """Print the long-run shares of all actions side by side, and the best plan."""
+    views = {each.action.name: each.by_class() if by_class else each for each in answer.results}
+    rows = table_rows(answer.results[0].matrix.aspects, by_class=by_class)
+    shares = {name: v.long_run.shares for name, v in views.items() if v.long_run is not None}
+    if shares:
+        drop = next(iter(views.values())).drop_shares
+        mask = _wanted_rows(answer.results[0], answer.wanted, rows)
+        print()
+        title = 'in the long run, by action'
+        show_table(actions_table(rows, drop / drop.sum(), shares, mask, title))
+    if (plan := answer.plan) is not None:
+        first = np.array([row[0].id - 1 for row in rows])
+        shown = Plan(plan.plan.action[first], plan.plan.time[first])
+        print()
+        show_table(plan_table(rows, shown, plan.names, 'best plan'))
+
+
+def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: bool) -> None:
+    title = f'{result.title}\n{result.action.text}'
+    show_table(transition_table(result.matrix, by_class, title))
+    if not result.action.action.has_effect:
+        show_texts('The action has no effect: every part stays where it is.')
+    if result.matrix.sliding:
+        show_texts(f'Of the unsettled parts, {result.matrix.sliding} slide or roll for ever.')
+    if result.pieces is not None:
+        show_texts(pieces_text(result.pieces, 'The edge meets'))
+    view = result.by_class() if by_class else result
+    rows = table_rows(result.matrix.aspects, by_class=by_class)
+    if view.long_run is not None:
+        table = long_run_table(
+            rows,
+            view.long_run,
+            *view.long_run_bounds,
+            view.drop_shares,
+            f'{result.action.name}, repeated',
+            result.matrix.confidence,
+            view.drop_shares / view.drop_shares.sum() @ view.chain,
+        )
+        print()
+        show_table(table)
+        show_texts(long_run_text(rows, view.long_run))
+    if wanted and (view.matrix.actions > 0).all():
+        mask = _wanted_rows(result, wanted, rows)
+        way = view.reach((np.flatnonzero(mask) + 1).tolist())
+        print()
+        show_table(wanted_table(rows, mask, *way, 'the way to wanted aspects'))
+    if result.convergence is not None:
+        classes = result.matrix.aspects.classes()
+        names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
+        show_texts(result.convergence.text([*names, *OUTCOMES]))
+
+
+def _wanted_rows(
+    result: ReorientResult, wanted: Sequence[int], rows: Rows
+) -> npt.NDArray[np.bool_]:
+    """Return which rows have wanted aspects only, (rows,) bool."""
+    mask = wanted_mask(wanted, len(result.matrix.counts)) if wanted else np.zeros(0, dtype=bool)
+    return np.array([bool(wanted) and mask[[a.id - 1 for a in row]].all() for row in rows])
+
+
+def _check_text(check: MeasuredComparison) -> str:
+    pair = check.pair
+    if not check.actions:
+        return f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: not simulated'
+    return (
+        f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: measured {pair.successes} of '
+        f'{pair.trials}, simulated {100 * check.simulated.probability:.1f} %, difference '
+        f'{100 * check.difference:+.1f} points ({100 * check.lower:+.1f} to '
+        f'{100 * check.upper:+.1f}): {check.verdict}'
+    )
+
+
+# -- Files ----------------------------------------------------------------------------------------
+
+
+def _files(
+    answer: Answer, simulated: Sequence[ReorientResult], part: Part, *, pictures: bool
+) -> dict[str, Callable[[Path], object]]:
+    """Return what writes the roadmap and each picture, which take longest.
+
+    The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
+    With a page, which has the same pictures, none are needed here.
+    """
+    saves: dict[str, Callable[[Path], object]] = {
+        ROADMAP: partial(_save_roadmap, answer, simulated, part)
+    }
+    for result in answer.results if pictures else ():
+        suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
+        saves[f'transitions{suffix}.png'] = result.save_picture
+    return saves
+
+
+def _save_roadmap(
+    answer: Answer, simulated: Sequence[ReorientResult], part: Part, path: Path
+) -> None:
+    try:
+        weights = estimate(part, ['csa']).estimates['csa'].probabilities
+    except NotDefinedError:
+        weights = None
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
+    document = roadmap_document(part, answer.results[0].drop, weights, matrices)
+    with whole_file(path) as file:
+        file.write_text(to_json(document), encoding='utf-8')
+
+
+def _write_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
+    """Write the page with its figures and return its path; raises OutputError."""
+    # This import is slow, and only needed for a page.
+    from resting_aspects_ros.api.reorientation_files import write_reorientation_report
+
+    print('writing the report ...', file=sys.stderr)
+    return write_reorientation_report(
+        answer.results,
+        out,
+        wanted=answer.wanted,
+        plan=answer.plan if len(answer.results) > 1 else None,
+        checks=answer.checks,
+        simulated=simulated,
+    )

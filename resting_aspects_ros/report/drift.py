@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.report.document import numbers
-from resting_aspects_ros.report.figure import (
-    FAINT,
-    TEXT,
-    new_figure,
-    percent_axis,
-    plain_axes,
-)
+from resting_aspects_ros.report.figure import FAINT, TEXT, new_figure, percent_axis, plain_axes
 from resting_aspects_ros.report.format import (
     COLOURS,
     decimals_of,

@@ -1,6 +1,5 @@
 """The figures of a distribution: bars, pie, convergence, estimates and a comparison."""
 
-import dataclasses
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -13,14 +12,18 @@ from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import (
     FAINT,
+    MARGIN,
     NARROW,
     PAPER,
-    PIXELS_PER_INCH,
     TEXT,
     WIDE,
+    Header,
     RowAxes,
+    draw_image,
+    labels_apart,
     new_figure,
     percent_axis,
+    pixel_axes,
     plain_axes,
 )
 from resting_aspects_ros.report.format import (
@@ -34,6 +37,7 @@ from resting_aspects_ros.report.format import (
     probability_text,
     rgb,
     short_name,
+    with_counts,
 )
 from resting_aspects_ros.report.picture import Image, draw_parts, pose_parts
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -55,26 +59,13 @@ def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[lis
     Confidence and kind of the intervals are those of the distribution.
     """
     return [
-        dataclasses.replace(
-            distribution,
-            counts=row,
-            unclassified=int(n - row.sum()),
-            unsettled=0,
-            failed=0,
-            lost=0,
-            sliding=0,
-        )
-        .by_class()
-        .intervals()
+        with_counts(distribution, row, int(n - row.sum())).by_class().intervals()
         for n, row in zip(drops, counts, strict=True)
     ]
 
 
 def convergence_figure(
-    rows: Sequence[Row],
-    drops: Counts,
-    bands: Sequence[Sequence[Interval]],
-    width: float = WIDE,
+    rows: Sequence[Row], drops: Counts, bands: Sequence[Sequence[Interval]], width: float = WIDE
 ) -> 'Figure':
     """Plot the share of each row against the number of drops, with its interval as a band.
 
@@ -244,20 +235,6 @@ def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float
         )
 
 
-def labels_apart(values: Array, gap: float) -> Array:
-    """Return ascending values, moved by little to distances of at least ``gap``, none below 0."""
-    # With the gaps subtracted, values that are too close decrease, and their mean is their place.
-    steps = gap * np.arange(len(values))
-    blocks: list[list[float]] = []
-    for value in values - steps:
-        blocks.append([value])
-        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
-            last = blocks.pop()
-            blocks[-1] += last
-    fitted = [max(float(np.mean(block)), 0.0) for block in blocks for _ in block]
-    return np.array(fitted) + steps
-
-
 WIDTH, HEIGHT = 5.0, 4.4  # of the figure, inches
 # Half the width of the figure in pie radii, with pictures around the pie and without.
 REACH, BARE_REACH = 2.0, 1.32
@@ -310,7 +287,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
         inside = shares[k] >= MIN_INSIDE
         if image is not None and pictured[k]:
             at = DISTANCE * np.cos(places[k]), DISTANCE * np.sin(places[k])
-            _draw_image(axes, image, *at, SIDE)
+            _draw_scaled(axes, image, *at, SIDE)
             if not inside:
                 axes.plot([x, 0.8 * at[0]], [y, 0.8 * at[1]], color=FAINT, linewidth=0.7)
                 _write(axes, short_name(row), at[0], at[1] - 0.55 * SIDE, FAINT)
@@ -341,19 +318,11 @@ def spread(angles: Array, min_gap: float) -> Array:
 
 def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:
     axes.text(
-        x,
-        y,
-        text,
-        ha='center',
-        va='center',
-        size=9,
-        weight='bold',
-        color=colour,
-        linespacing=1.25,
+        x, y, text, ha='center', va='center', size=9, weight='bold', color=colour, linespacing=1.25
     )
 
 
-def _draw_image(axes: 'Axes', image: Image, x: float, y: float, side: float) -> None:
+def _draw_scaled(axes: 'Axes', image: Image, x: float, y: float, side: float) -> None:
     axes.imshow(
         image,
         extent=(x - side / 2, x + side / 2, y - side / 2, y + side / 2),
@@ -373,12 +342,11 @@ MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one
 
 # Sizes in pixels. BESIDE_BAR is the room for the text at the end of the longest bar.
 BARS_WIDTH = 1240
-TOP, BOTTOM, MARGIN = 110, 84, 28
+BELOW_HEADER, BOTTOM = 28, 84
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
 ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
 BAR = 42
-MAX_TITLE = 80  # characters
-LABEL, BESIDE_BAR = 200, 190
+LABEL, BESIDE_LABEL, BESIDE_BAR = 200, 18, 190
 
 
 def distribution_figure(
@@ -390,32 +358,27 @@ def distribution_figure(
     numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
     intervals. The subtitle can state the conditions.
     """
-    # A long title, such as one with surroundings, continues below.
-    title, *more = textwrap.wrap(title, MAX_TITLE) or ['']
-    subtitle = ' '.join([*more, subtitle]).strip()
     rows = _rows(distribution)
     side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
     of_aspect = side if part else ROW_WITHOUT_PICTURE
     sides = [of_aspect if row.aspects else ROW_OF_OTHERS for row in rows]
     room = max(sum(sides), ROW_OF_OTHERS)
-    height = TOP + room + BOTTOM
-    figure = new_figure(BARS_WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH)
-    bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
+    header = Header(title, subtitle, BARS_WIDTH)
+    height = header.height + BELOW_HEADER + room + BOTTOM
+    figure, canvas = pixel_axes(BARS_WIDTH, height)
+    header.draw(canvas)
+    middles = [
+        BOTTOM + room - end + each / 2 for end, each in zip(np.cumsum(sides), sides, strict=True)
+    ]
     left = MARGIN + (side if part else 0)
     if part:
-        for bottom, image in zip(bottoms, _images(part, rows, side), strict=False):
-            _write_image(figure, image, MARGIN, bottom, height)
-    _write_header(figure, title, subtitle, height)
-    middles = [bottom + side / 2 for bottom, side in zip(bottoms, sides, strict=True)]
+        for middle, image in zip(middles, _images(part, rows, side), strict=False):
+            draw_image(canvas, image, MARGIN + side / 2, middle)
     for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
-        _write_label(figure, row.name, note, left, middle, height)
+        _write_label(canvas, row.name, note, left + LABEL - BESIDE_LABEL, middle)
+    width = BARS_WIDTH - MARGIN - left - LABEL
     axes = figure.add_axes(
-        (
-            (left + LABEL) / BARS_WIDTH,
-            BOTTOM / height,
-            (BARS_WIDTH - MARGIN - left - LABEL) / BARS_WIDTH,
-            room / height,
-        )
+        ((left + LABEL) / BARS_WIDTH, BOTTOM / height, width / BARS_WIDTH, room / height)
     )
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
     axes.set_ylim(0, room)
@@ -454,49 +417,14 @@ def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
     return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
 
 
-def _write_image(figure: 'Figure', image: Image, left: int, bottom: float, height: int) -> None:
-    """Draw the image without scaling."""
-    side = len(image)
-    axes = figure.add_axes((left / BARS_WIDTH, bottom / height, side / BARS_WIDTH, side / height))
-    axes.imshow(image, interpolation='nearest', aspect='auto')
-    axes.set_axis_off()
-
-
-def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:
-    x = MARGIN / BARS_WIDTH
-    figure.text(
-        x,
-        1 - 36 / height,
-        title,
-        size=14,
-        weight='bold',
-        color=TEXT,
-        va='center',
-        parse_math=False,
-    )
-    figure.text(x, 1 - 72 / height, subtitle, size=9, color=FAINT, va='center', parse_math=False)
-
-
-def _write_label(
-    figure: 'Figure', name: str, note: str, left: int, middle: float, height: int
-) -> None:
-    """Write the name and below it the note, right of ``left`` and centred at ``middle``."""
-    x, y = (left + LABEL - 18) / BARS_WIDTH, middle / height
+def _write_label(canvas: 'Axes', name: str, note: str, x: float, y: float) -> None:
+    """Write the name and below it the note, left of ``x`` and centred at ``y``."""
     lines = note.count('\n') + 1 if note else 0
-    y += 7 * max(lines - 1, 0) / height
-    figure.text(
-        x,
-        y + (2 / height if note else 0),
-        name,
-        size=10,
-        weight='bold',
-        color=TEXT,
-        ha='right',
-        va='bottom' if note else 'center',
-    )
-    figure.text(
-        x, y - 4 / height, note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
-    )
+    y += 7 * max(lines - 1, 0)
+    beside: dict[str, Any] = {'ha': 'right', 'va': 'bottom' if note else 'center'}
+    canvas.text(x, y + 2 * bool(note), name, size=10, weight='bold', color=TEXT, **beside)
+    style: dict[str, Any] = {'ha': 'right', 'va': 'top', 'linespacing': 1.35}
+    canvas.text(x, y - 4, note, size=7.5, color=FAINT, **style)
 
 
 def _draw_bars(

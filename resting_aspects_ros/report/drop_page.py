@@ -30,11 +30,7 @@ from resting_aspects_ros.report.drop_figures import (
     estimates_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import (
-    down_text,
-    estimate_table,
-    never_seen_text,
-)
+from resting_aspects_ros.report.drops import down_text, estimate_table, never_seen_text
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
@@ -375,12 +371,7 @@ def _estimate_section(
 
 
 def outcome_rows(
-    distribution: Distribution,
-    drawn: DrawnRows,
-    part: Part | None,
-    *,
-    level: bool,
-    longest: float,
+    distribution: Distribution, drawn: DrawnRows, part: Part | None, *, level: bool, longest: float
 ) -> list[OutcomeRow]:
     """Return the texts and pictures of each row.
 
@@ -497,12 +488,7 @@ def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:
 
 
 def _facts(
-    row: Row,
-    height: str,
-    part: Part | None,
-    classes: Sequence[tuple[Aspect, ...]],
-    *,
-    level: bool,
+    row: Row, height: str, part: Part | None, classes: Sequence[tuple[Aspect, ...]], *, level: bool
 ) -> tuple[tuple[str, str, str], ...]:
     basin = sum(aspect.basin_share for aspect in row.aspects)
     where = '' if level else ', level plane'

@@ -15,6 +15,7 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, share_f
 from resting_aspects_ros.report.format import (
     Row,
     aspect_rows,
+    aspects_heading,
     aspects_text,
     class_of,
     class_rows,
@@ -165,9 +166,8 @@ def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = Fal
     """Return a table of a part's symmetry classes, or of each aspect, without counts of drops."""
     classes = aspects.classes()
     rows = [(aspect,) for aspect in aspects.aspects] if each else classes
-    several = any(len(row) > 1 for row in rows)
     headings = (
-        'aspects' if several else 'aspect',
+        aspects_heading(rows),
         'class',
         RESTS_ON,
         *([DOWN] if each else []),
@@ -334,8 +334,8 @@ def estimate_table(
         ]
     for method in shares:
         headings.append(method if len(shares) == 1 else METHODS[method].heading)
-    aspect = 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
-    table = Table(title, (aspect, *headings), texts={RESTS_ON: _REST_WIDTH_OF_ESTIMATES})
+    headings = [aspects_heading(rows), *headings]
+    table = Table(title, headings, texts={RESTS_ON: _REST_WIDTH_OF_ESTIMATES})
     for k, cells in enumerate(first):
         predicted = [NOTHING if p is None else share_text(float(p[k])) for p in shares.values()]
         table.add_row(ids_text(rows[k]), *cells, *predicted)
@@ -357,9 +357,7 @@ def legend(methods: Sequence[str]) -> list[str]:
 
 
 def estimate_document(
-    part: Part,
-    estimates: Mapping[str, Estimate],
-    reasons: Mapping[str, str],
+    part: Part, estimates: Mapping[str, Estimate], reasons: Mapping[str, str]
 ) -> dict[str, object]:
     """Return each method with its source and the probabilities of aspects and classes, by id.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.report.picture import Image
 
@@ -99,6 +100,23 @@ WIDE, NARROW = 7.2, 4.1  # widths of a figure, inches; NARROW is for a mobile ph
 _RIGHT = 0.25
 # Height of the line of text above a band in a narrow figure, inches.
 _LINE = 0.24
+
+
+def labels_apart(values: Array, gap: float, low: float = 0.0, high: float = np.inf) -> Array:
+    """Return ascending values, moved by little to distances of at least ``gap``.
+
+    They are from ``low`` to ``high``, between which there is room for all of them.
+    """
+    # With the gaps subtracted, values that are too close decrease, and their mean is their place.
+    steps = gap * np.arange(len(values))
+    blocks: list[list[float]] = []
+    for value in values - steps:
+        blocks.append([value])
+        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    fitted = np.array([float(np.mean(block)) for block in blocks for _ in block])
+    return np.clip(fitted, low, high - steps.max(initial=0.0)) + steps
 
 
 class RowAxes:

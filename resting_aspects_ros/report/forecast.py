@@ -2,13 +2,13 @@
 
 import dataclasses
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.feeding.footprint import MAX_COVERAGE
-from resting_aspects_ros.feeding.forecast import FeederModel, Forecast
+from resting_aspects_ros.feeding.forecast import Curve, FeederModel, Forecast
 from resting_aspects_ros.feeding.steady_state import cycle_time
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.figure import (
@@ -167,13 +167,9 @@ def mix_table(named: NamedForecast) -> Table:
 
 def curve_table(named: NamedForecast) -> Table:
     """Return a table of the rate for each number of parts on the tray."""
-    curve = named.forecast.curve
     headings = ('parts on\nthe tray', 'parts per\nminute', 'interval', 'empty\ncycles', 'free')
     table = Table('', headings)
-    columns = (curve.number, curve.rate, curve.lower, curve.upper, curve.empty_cycles, curve.free)
-    for number, rate, lower, upper, empty, free in zip(
-        *(column.tolist() for column in columns), strict=True
-    ):
+    for number, rate, lower, upper, empty, free in _points(named.forecast.curve):
         table.add_row(
             f'{number}',
             Number(f'{rate:.2f}', rate),
@@ -345,18 +341,7 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
             name: {'shorter': 100 * shorter, 'longer': 100 * longer}
             for name, (shorter, longer) in found.sensitivity.items()
         },
-        'curve': [
-            dict(zip(_POINT, point, strict=True))
-            for point in zip(
-                curve.number.tolist(),
-                curve.rate.tolist(),
-                curve.lower.tolist(),
-                curve.upper.tolist(),
-                curve.empty_cycles.tolist(),
-                curve.free.tolist(),
-                strict=True,
-            )
-        ],
+        'curve': [dict(zip(_CURVE, point, strict=True)) for point in _points(curve)],
         'mix': [
             {
                 'aspects': [aspect.id for aspect in row],
@@ -375,7 +360,20 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
     return {name: plain(value) for name, value in document.items()}
 
 
-_POINT = ('number', 'parts_per_minute', 'lower', 'upper', 'empty_cycles', 'free')
+# Fields of a point of the curve, and their names in the document.
+_CURVE = {
+    'number': 'number',
+    'parts_per_minute': 'rate',
+    'lower': 'lower',
+    'upper': 'upper',
+    'empty_cycles': 'empty_cycles',
+    'free': 'free',
+}
+
+
+def _points(curve: Curve) -> Iterator[tuple[Any, ...]]:
+    """Yield the values of each point of the curve in the order of _CURVE."""
+    return zip(*(getattr(curve, name).tolist() for name in _CURVE.values()), strict=True)
 
 
 # Sizes in pixels.

@@ -5,14 +5,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.table import Number
-from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.distribution import OUTSIDE, Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
 
@@ -23,28 +25,19 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
     together.
     """
     rest = distribution.drops - count
-    counted = dataclasses.replace(
-        distribution,
-        counts=np.array([count, rest]),
-        unclassified=0,
-        unsettled=0,
-        failed=0,
-        lost=0,
-        sliding=0,
-    )
-    return counted.intervals()[0]
+    return with_counts(distribution, np.array([count, rest])).intervals()[0]
+
+
+def with_counts(distribution: Distribution, counts: Counts, unclassified: int = 0) -> Distribution:
+    """Return a distribution with other counts, and with no drop in another outcome."""
+    others: dict[str, Any] = {**dict.fromkeys(OUTSIDE, 0), 'unclassified': unclassified}
+    return dataclasses.replace(distribution, counts=counts, **others)
 
 
 def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
     """Return the name and the count of each outcome in no aspect that occurred."""
-    counts = {
-        'unclassified': distribution.unclassified,
-        'unsettled': distribution.unsettled,
-        'failed': distribution.failed,
-        'lost': distribution.lost,
-        'sliding': distribution.sliding,
-    }
-    return [(name, count) for name, count in counts.items() if count]
+    counts = ((name, int(getattr(distribution, name))) for name in OUTSIDE)
+    return [(name, count) for name, count in counts if count]
 
 
 def decimals_of(interval: Interval) -> int:
@@ -270,6 +263,11 @@ def ids_text(aspects: tuple[Aspect, ...]) -> str:
 def aspects_text(aspects: tuple[Aspect, ...]) -> str:
     """Return the ids with the word 'aspect', as 'aspect 3' or 'aspects 1 and 2'."""
     return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
+
+
+def aspects_heading(rows: Sequence[tuple[Aspect, ...]]) -> str:
+    """Return the heading of the column with the ids of the aspects of each row."""
+    return 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
 
 
 def numbers_text(numbers: Sequence[int]) -> str:

@@ -186,7 +186,9 @@ def _merge_vertices(vertices: Array, faces: Indices, cells: int, kept: Indices) 
     whole = np.flatnonzero(whole)[np.sort(first)]
     merged = merged[whole]
     # A face that was turned over by the merge is flipped back, so that its shading is right.
-    flipped = (_normals(vertices, merged) * _normals(vertices, faces[whole])).sum(axis=1) < 0
+    flipped = (face_normals(vertices, merged) * face_normals(vertices, faces[whole])).sum(
+        axis=1
+    ) < 0
     merged[flipped] = merged[flipped, ::-1]
     return merged
 
@@ -213,7 +215,7 @@ def _representatives(vertices: Array, cell: Indices, kept: Indices) -> Indices:
     return np.asarray(order[np.cumsum(count) - count][number])
 
 
-def _normals(vertices: Array, faces: Indices) -> Array:
+def face_normals(vertices: Array, faces: Indices) -> Array:
     """Return (m, 3) normals, twice as long as the area of the face."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return np.cross(b - a, c - a)
@@ -230,15 +232,20 @@ PREVIEW = 96  # side of the picture with which the side that shows more edges is
 
 # The viewer is in front of the tray, a little to the right, and looks down; tray frame.
 AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(36.0)
-TOWARDS_VIEWER = np.array(
-    [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
-)
-RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
-# Views. Their rows are the directions right, up and towards the viewer; tray frame.
-OBLIQUE = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
+
+
+def view_from(azimuth: float, elevation: float) -> Array:
+    """Return a view (3, 3): the directions right, up and towards the viewer; tray frame."""
+    level = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    towards = np.cos(elevation) * level + [0.0, 0.0, np.sin(elevation)]
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+OBLIQUE = view_from(AZIMUTH, ELEVATION)
 FROM_ABOVE = np.eye(3)  # the view of a camera above the tray
 # The light comes from above, over the viewer's left shoulder.
-LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * RIGHT + 0.3 * TOWARDS_VIEWER
+LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * OBLIQUE[0] + 0.3 * OBLIQUE[2]
 LIGHT /= np.linalg.norm(LIGHT)
 
 MIN_SHADE = 0.5  # brightness of a side that faces away from the light
@@ -316,15 +323,18 @@ def draw_parts(
 
 def _untransformed(part: Part) -> PosedPart:
     """Return the part in the pose of its mesh."""
-    points, faces = np.array(part.vertices), np.array(part.faces)
-    if np.isnan(part.volume):
-        faces = np.concatenate([faces, faces[:, ::-1]])  # an open mesh is visible from inside
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
+    points, faces = np.array(part.vertices), visible_faces(part)
+    normals = face_normals(points, faces)
     twice = np.linalg.norm(normals, axis=1)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     normals /= np.maximum(twice, 1e-300)[:, None]
     return PosedPart(points, faces, normals, twice / 2, upright)
+
+
+def visible_faces(part: Part) -> Indices:
+    """Return the (m, 3) faces of a part; those of an open mesh are visible from inside, too."""
+    faces = np.array(part.faces)
+    return np.concatenate([faces, faces[:, ::-1]]) if np.isnan(part.volume) else faces
 
 
 def _posed(solid: PosedPart, aspect: Aspect) -> PosedPart:
@@ -371,7 +381,7 @@ def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view:
     lit = solid.faces[solid.normals @ LIGHT > 0]  # the shadow of these faces is the whole shadow
     shadow = rasterise(shadow_points @ view.T * scale + centre, lit, size).face != NOTHING
 
-    shade = MIN_SHADE + (1 - MIN_SHADE) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
+    shade = brightness(solid.normals)
     image = np.zeros((size, size, 4))
     soft = shadow.astype(float)
     for _ in range(2):
@@ -386,6 +396,11 @@ def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view:
         image[edge, :3] = EDGE_COLOUR
         image[edge, 3] = 1.0
     return downsample(image, FINE)[::-1]
+
+
+def brightness(normals: Array) -> Array:
+    """Return the (m,) brightness of sides with unit normals (m, 3), tray frame."""
+    return MIN_SHADE + (1 - MIN_SHADE) * (0.5 + 0.5 * normals @ LIGHT) ** 1.5
 
 
 def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:

@@ -19,15 +19,18 @@ from resting_aspects_ros.report.figure import FAINT, PAPER, TEXT, new_figure
 from resting_aspects_ros.report.format import COLOURS, GREY
 from resting_aspects_ros.report.picture import (
     EDGE_COLOUR,
+    ELEVATION,
     FILLED,
     FINE,
-    LIGHT,
-    MIN_SHADE,
     NOTHING,
     Image,
+    brightness,
     downsample,
     edges,
+    face_normals,
     rasterise,
+    view_from,
+    visible_faces,
 )
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.vision.outline import Outline
@@ -47,7 +50,6 @@ PATCH, RIM = 1.6, 0.09
 ABOVE = 0.004
 # Points of the hull that are at most this much further from a plane, R, touch it too.
 TOUCHING = 0.012
-ELEVATION = np.radians(36.0)
 AZIMUTHS = np.radians([-62, 62, 118, -118, -28, 28, -15, 15, 165, -165, 75, -75])
 
 Mesh = tuple[Array, Indices, Array]  # points, faces, colours of the faces
@@ -99,10 +101,8 @@ def _place(corners: Array, planes: Sequence[ContactPlane]) -> Array:
 
 
 def _part_mesh(part: Part, orientation: Array, place: Array, colour: Array) -> Mesh:
-    points, faces = rotate(orientation, part.vertices) + place, np.array(part.faces)
-    if np.isnan(part.volume):
-        faces = np.concatenate([faces, faces[:, ::-1]])  # an open mesh is visible from inside
-    return points, faces, np.tile(colour, (len(faces), 1))
+    faces = visible_faces(part)
+    return rotate(orientation, part.vertices) + place, faces, np.tile(colour, (len(faces), 1))
 
 
 def _axes(normal: Array) -> Array:
@@ -165,17 +165,7 @@ def _fan(polygon: Array, colour: Array) -> Mesh:
 
 def _view(normals: Sequence[Array]) -> Array:
     """Return the view (3, 3), from the side to which the planes face."""
-    views = []
-    for azimuth in AZIMUTHS:
-        towards = np.array(
-            [
-                np.cos(ELEVATION) * np.cos(azimuth),
-                np.cos(ELEVATION) * np.sin(azimuth),
-                np.sin(ELEVATION),
-            ]
-        )
-        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        views.append(np.stack([right, np.cross(towards, right), towards]))
+    views = [view_from(azimuth, ELEVATION) for azimuth in AZIMUTHS]
     faces = [min((float(view[2] @ n) for n in normals), default=0.0) for view in views]
     # The first view, which all other pictures have, unless another one shows clearly more.
     best = int(np.argmax(faces))
@@ -196,11 +186,10 @@ def _drawn(framed: Sequence[Mesh], patches: Sequence[Mesh], view: Array, pixels:
     scale = FILLED * size / float((high - low).max())
     shift = np.append(size / 2 - scale * (low + high) / 2, 0.0)
     seen = rasterise(seen_points * scale + shift, faces, size)
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
+    normals = face_normals(points, faces)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     of_part = len(meshes[0][1])
-    shade = MIN_SHADE + (1 - MIN_SHADE) * (0.5 + 0.5 * normals @ LIGHT) ** 1.5
+    shade = brightness(normals)
     shade[of_part:] = 1.0
     image = np.zeros((size, size, 4))
     drawn = seen.face != NOTHING

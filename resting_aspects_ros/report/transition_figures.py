@@ -17,6 +17,7 @@ from resting_aspects_ros.report.figure import (
     TEXT,
     Header,
     draw_image,
+    labels_apart,
     percent_axis,
     pixel_axes,
     plain_axes,
@@ -357,8 +358,8 @@ def retention_figure(
     """
     lines = retention_lines(curves, aspects)
     basins = [sum(aspect.basin_share for aspect in line.group.aspects) for line in lines]
-    order = sorted(range(len(lines)), key=lambda k: -basins[k])
-    shown = [lines[k] for k in sorted(order[:MAX_LINES])]
+    largest = sorted(range(len(lines)), key=lambda k: -basins[k])[:MAX_LINES]
+    shown = [lines[k] for k in sorted(largest)]
     header = Header(title, retention_note(curves, aspects) if title else '', WIDTH)
     room = max(HEIGHT, LABEL * len(shown))
     height = BOTTOM + room + header.height + 24
@@ -372,7 +373,10 @@ def retention_figure(
     _draw_barriers(axes, shown)
     ends = [BOTTOM + room * float(line.curve.probability[-1]) / top for line in shown]
     images = group_images(part, [line.group for line in shown], PICTURE)
-    for k, y in _apart(ends, BOTTOM + LABEL / 2, BOTTOM + room - LABEL / 2):
+    order = sorted(range(len(ends)), key=lambda k: ends[k])
+    low, high = BOTTOM + LABEL / 2, BOTTOM + room - LABEL / 2
+    places = labels_apart(np.array([ends[k] for k in order]), LABEL, low, high)
+    for k, y in zip(order, places.tolist(), strict=True):
         _write_label(canvas, shown[k], images[k], ends[k], y)
     return figure
 
@@ -446,28 +450,12 @@ def _draw_barriers(axes: 'Axes', shown: Sequence[Line]) -> None:
         )
 
 
-def _apart(ends: Sequence[float], low: float, high: float) -> list[tuple[int, float]]:
-    """Return each index with its place, in ascending order, at least LABEL apart."""
-    order = sorted(range(len(ends)), key=lambda k: ends[k])
-    places: list[float] = []
-    for k in order:
-        places.append(max([ends[k], low, *(place + LABEL for place in places[-1:])]))
-    limit = high
-    for position in reversed(range(len(places))):
-        places[position] = min(places[position], limit)
-        limit = places[position] - LABEL
-    return list(zip(order, places, strict=True))
-
-
 def _write_label(canvas: 'Axes', line: Line, image: Image | None, end: float, y: float) -> None:
     """Write name and barrier at the height ``y``, linked with the end of the line."""
     right = WIDTH - RIGHT
     x = right + 40
     canvas.plot(
-        [right + 4, right + 14, x - 6, x],
-        [end, end, y, y],
-        color=line.group.colour,
-        linewidth=1.2,
+        [right + 4, right + 14, x - 6, x], [end, end, y, y], color=line.group.colour, linewidth=1.2
     )
     if image is not None:
         draw_image(canvas, image, x + 6 + PICTURE / 2, y)

@@ -11,6 +11,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.report.document import numbers, plain
 from resting_aspects_ros.report.format import (
+    aspects_heading,
     aspects_text,
     decimals_of,
     ids_text,
@@ -227,7 +228,7 @@ def long_run_table(
     """
     marks = _marks(long_run, len(rows))
     headings = (
-        _heading(rows),
+        aspects_heading(rows),
         'in the\nlong run',
         f'{100 * confidence:g} % interval',
         *([] if after is None else ['after one\naction']),
@@ -269,7 +270,7 @@ def actions_table(
     title : str
         Plain text, shown above the table.
     """
-    table = Table(title, (_heading(rows), 'in a\ndrop', *shares))
+    table = Table(title, (aspects_heading(rows), 'in a\ndrop', *shares))
     columns = (drop, *shares.values())
     for number, row in enumerate(rows):
         table.add_row(
@@ -310,11 +311,7 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
 
 
 def wanted_table(
-    rows: Rows,
-    wanted: npt.NDArray[np.bool_],
-    probability: Array,
-    actions: Array,
-    title: str,
+    rows: Rows, wanted: npt.NDArray[np.bool_], probability: Array, actions: Array, title: str
 ) -> Table:
     """Return a table of the way to the wanted aspects from each row.
 
@@ -355,7 +352,7 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
     title : str
         Plain text, shown above the table.
     """
-    headings = (_heading(rows), 'best action', 'expected\ntime (s)')
+    headings = (aspects_heading(rows), 'best action', 'expected\ntime (s)')
     table = Table(title, headings, texts={'best action': None})
     for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
         if time == 0:
@@ -386,10 +383,6 @@ def _names(rows: Rows, indices: Sequence[int]) -> str:
     """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
     aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
     return aspects_text(tuple(aspects))
-
-
-def _heading(rows: Rows) -> str:
-    return 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
 
 
 def _chance_text(probability: float) -> str:

@@ -14,7 +14,6 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from resting_aspects_ros.report.page import Text, items_html
 from resting_aspects_ros.simulation.conditions import parts_folder
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.opening import Opener
+from resting_aspects_ros.studio.page import controls_html
 from resting_aspects_ros.studio.rows import Opened, Source
 from resting_aspects_ros.studio.settings import (
     PRECISIONS,
@@ -43,7 +43,7 @@ from resting_aspects_ros.studio.settings import (
     surroundings_choices,
 )
 from resting_aspects_ros.studio.tabs import TABS
-from resting_aspects_ros.studio.work import Publish, Work, controls_html
+from resting_aspects_ros.studio.work import Publish, Work
 
 # Results that are kept for when settings are chosen again.
 KEPT = 8
@@ -230,7 +230,7 @@ class Room:
 
         with self._reported('problem') as notes:
             work = self.work(stopped)
-            import_module(f'{__package__}.tabs.{work.settings.tab}').show(work)
+            TABS[work.settings.tab].show(work)
             texts = [*work.opened.part.warnings, *notes]
             self._publish('notes', {'html': items_html([_note(text) for text in texts])})
         if self._requested == number:
@@ -320,8 +320,7 @@ class Room:
         self._publish('conditions', {'html': html})
         self._publish('resembles', {'text': _resembles(settings.conditions.surface)})
         if opened is not None:
-            module = import_module(f'{__package__}.tabs.{settings.tab}')
-            controls = module.controls(settings, opened)
+            controls = TABS[settings.tab].controls(settings, opened)
             self._publish(f'{settings.tab}-controls', {'html': controls})
         message = {'tab': settings.tab, 'values': dict(control_values(settings))}
         self._publish('values', message if number is None else {**message, 'number': number})

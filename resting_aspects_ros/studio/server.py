@@ -17,15 +17,14 @@ import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
-from importlib import import_module, resources
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from resting_aspects_ros.errors import RestingAspectsError, one_line, shown
-from resting_aspects_ros.studio.tabs import TABS
+from resting_aspects_ros.studio.page import TITLES, templates
 
 if TYPE_CHECKING:  # these imports are slow
     from resting_aspects_ros.simulation.workers import LocalWorkers
@@ -163,10 +162,7 @@ class Studio:
     """
 
     def __init__(
-        self,
-        examples: list[str],
-        first: str = '',
-        clock: Callable[[], float] = time.monotonic,
+        self, examples: list[str], first: str = '', clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.port = 0
@@ -189,8 +185,6 @@ class Studio:
                 opener = Opener()
                 opener.prepare()
                 route_warnings()
-                for name in TABS:
-                    import_module(f'resting_aspects_ros.studio.tabs.{name}')
                 self._tools = LocalWorkers(default_workers()), opener
             return self._tools
 
@@ -303,20 +297,16 @@ async def _life(app: web.Application) -> AsyncIterator[None]:
 
 async def _page(request: web.Request) -> web.Response:
     nonce = secrets.token_urlsafe(TOKEN_BYTES)
-    folder = resources.files(__package__) / 'page_files'
-    environment = jinja2.Environment(
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        loader=jinja2.FunctionLoader(lambda name: (folder / name).read_text(encoding='utf-8')),
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = environment.get_template('studio.html').render(
-        nonce=nonce,
-        tabs=TABS,
-        examples=request.app[STUDIO].examples,
-        units=UNITS,
-        endings=','.join(f'.{each}' for each in ENDINGS),
+    html = (
+        templates()
+        .get_template('studio.html')
+        .render(
+            nonce=nonce,
+            tabs=TITLES,
+            examples=request.app[STUDIO].examples,
+            units=UNITS,
+            endings=','.join(f'.{each}' for each in ENDINGS),
+        )
     )
     policy = POLICY.format(nonce=nonce)
     return web.Response(
@@ -377,7 +367,7 @@ def _shown_name(name: str) -> str:
 
 async def _file(request: web.Request) -> web.Response:
     """Make and send a file of a room."""
-    from resting_aspects_ros.studio.files import FILES
+    from resting_aspects_ros.studio.export import FILES
 
     seat, name = _seat_of(request), request.match_info['name']
     if name not in FILES:
@@ -487,10 +477,7 @@ def _side(message: dict[str, Any]) -> str:
 
 
 async def serve(
-    studio: Studio,
-    port: int,
-    ready: Callable[[str], None],
-    stopped: Callable[[], bool],
+    studio: Studio, port: int, ready: Callable[[str], None], stopped: Callable[[], bool]
 ) -> None:
     """Serve the page until ``stopped`` returns True; raises OSError if the port is taken.
 

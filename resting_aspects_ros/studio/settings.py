@@ -8,7 +8,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 from resting_aspects_ros.api.conditions import shipped_actions, shipped_surfaces
 from resting_aspects_ros.api.forecast import CLEARANCE, IMAGE, ROBOT, TRAY
@@ -31,6 +31,9 @@ from resting_aspects_ros.simulation.surroundings import (
 )
 from resting_aspects_ros.tracks.description import Track, Wall
 from resting_aspects_ros.tracks.traps import Surface
+
+T = TypeVar('T')
+Changes: TypeAlias = dict[str, Any]
 
 DROPS = 2000
 MORE = 4  # four times as many drops halve the intervals
@@ -94,6 +97,7 @@ RAIL = {
     'tolerance': Quantity('tolerance', 'm', 'half width of the dimensions of parts', high=0.1),
 }
 MAX_ROW = 1000  # of the orientations on a track
+MAX_ON_TRAY = 1000  # parts
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,7 @@ def changed(settings: Settings, name: str, value: Any) -> Settings:
     group, _, key = name.partition('.')
     if group not in _CHANGES:
         raise InvalidValueError(f'invalid setting {shown(name)}: expected a control of the page')
-    return _CHANGES[group](settings, key, value)
+    return dataclasses.replace(settings, **_CHANGES[group](settings, key, value))
 
 
 def number_of(name: str, quantity: Quantity, value: Any) -> float:
@@ -231,132 +235,131 @@ def _quantity(known: Mapping[str, Quantity], key: str) -> Quantity:
     return known[key]
 
 
-def _with_conditions(settings: Settings, **changes: Any) -> Settings:
-    return dataclasses.replace(settings, conditions=settings.conditions.changed(**changes))
+def _with_or_without(chosen: frozenset[T], each: T, name: str, value: Any) -> frozenset[T]:
+    """Return the set with an element if the value is true, else without it."""
+    return chosen - {each} | ({each} if _truth(name, value) else frozenset())
 
 
-def _set_tab(settings: Settings, _key: str, value: Any) -> Settings:
+# What each group of controls changes: called with the settings, the rest of the name of the
+# control, and the value.
+
+
+def _set_tab(_settings: Settings, _key: str, value: Any) -> Changes:
     if not isinstance(value, str) or not value.isidentifier() or len(value) > 40:
         raise InvalidValueError(f'invalid tab {shown(value)}: expected the name of a tab')
-    return dataclasses.replace(settings, tab=value)
+    return {'tab': value}
 
 
-def _set_live(settings: Settings, _key: str, value: Any) -> Settings:
-    return dataclasses.replace(settings, live=_truth('live', value))
+def _set_live(_settings: Settings, _key: str, value: Any) -> Changes:
+    return {'live': _truth('live', value)}
 
 
-def _set_surface(settings: Settings, _key: str, value: Any) -> Settings:
+def _set_surface(settings: Settings, _key: str, value: Any) -> Changes:
     chosen = shipped_surfaces().get(_choice('surface', value, shipped_surfaces().names()))
     around = settings.conditions.surroundings
-    return dataclasses.replace(
-        settings, conditions=dataclasses.replace(chosen, surroundings=around)
-    )
+    return {'conditions': dataclasses.replace(chosen, surroundings=around)}
 
 
-def _set_condition(settings: Settings, key: str, value: Any) -> Settings:
+def _set_condition(settings: Settings, key: str, value: Any) -> Changes:
     number = number_of(key, _quantity(QUANTITIES, key), value)
     conditions = settings.conditions.changed(**{key: number})
-    return dataclasses.replace(settings, conditions=shipped_surfaces().named(conditions))
+    return {'conditions': shipped_surfaces().named(conditions)}
 
 
-def _set_surroundings(settings: Settings, _key: str, value: Any) -> Settings:
+def _set_surroundings(settings: Settings, _key: str, value: Any) -> Changes:
     name = _choice('surroundings', value, ['', *surroundings_choices()])
     around = named_surroundings(name) if name else None
-    return dataclasses.replace(_with_conditions(settings, surroundings=around), surroundings=name)
+    return {'conditions': settings.conditions.changed(surroundings=around), 'surroundings': name}
 
 
-def _set_dimension(settings: Settings, key: str, value: Any) -> Settings:
+def _set_dimension(settings: Settings, key: str, value: Any) -> Changes:
     around = settings.conditions.surroundings
     if around is None:
         raise InvalidValueError(f'invalid dimension {shown(key)}: expected surroundings first')
     number = number_of(key, _quantity(quantities_of(around.shape), key), value)
-    values = dimensions(around) | {key: number}
-    around = named_surroundings(settings.surroundings, values)
-    return _with_conditions(settings, surroundings=around)
+    around = named_surroundings(settings.surroundings, dimensions(around) | {key: number})
+    return {'conditions': settings.conditions.changed(surroundings=around)}
 
 
-def _set_drops(settings: Settings, _key: str, value: Any) -> Settings:
-    drops = _integer('number of drops', value, 1, MAX_DROPS)
-    return dataclasses.replace(settings, drops=drops, precision=0.0)
+def _set_drops(_settings: Settings, _key: str, value: Any) -> Changes:
+    return {'drops': _integer('number of drops', value, 1, MAX_DROPS), 'precision': 0.0}
 
 
-def _set_more(settings: Settings, _key: str, _value: Any) -> Settings:
-    return dataclasses.replace(settings, drops=min(MORE * settings.drops, MAX_DROPS))
+def _set_more(settings: Settings, _key: str, _value: Any) -> Changes:
+    return {'drops': min(MORE * settings.drops, MAX_DROPS)}
 
 
-def _set_precision(settings: Settings, _key: str, value: Any) -> Settings:
-    return dataclasses.replace(settings, precision=float(_choice('precision', value, PRECISIONS)))
+def _set_precision(_settings: Settings, _key: str, value: Any) -> Changes:
+    return {'precision': float(_choice('precision', value, PRECISIONS))}
 
 
-def _set_pickable(settings: Settings, key: str, value: Any) -> Settings:
+def _set_pickable(settings: Settings, key: str, value: Any) -> Changes:
     number = _integer('class', key, 1, settings.classes)
-    chosen = set(settings.pickable) - {number} | ({number} if _truth('pickable', value) else set())
-    return dataclasses.replace(settings, pickable=frozenset(chosen))
+    return {'pickable': _with_or_without(settings.pickable, number, 'pickable', value)}
 
 
-def _set_action(settings: Settings, key: str, value: Any) -> Settings:
+def _set_action(settings: Settings, key: str, value: Any) -> Changes:
     if not key:
         known = shipped_actions()
-        return dataclasses.replace(
-            settings, action=known.get(_choice('action', value, known.names()))
-        )
+        return {'action': known.get(_choice('action', value, known.names()))}
     before = settings.action
     number = number_of(key, _quantity(quantities_of(before.action), key), value)
     made = make_action(before.action.kind, {**before.action.numbers, key: number})
-    name = before.name.removesuffix('_changed')
-    if shipped_actions().get(name).action == made:
-        return dataclasses.replace(settings, action=shipped_actions().get(name))
+    shipped = shipped_actions().get(before.name.removesuffix('_changed'))
+    if shipped.action == made:
+        return {'action': shipped}
     # The name that `resting_aspects reorient` gives an action with other values.
-    return dataclasses.replace(settings, action=NamedAction(f'{name}_changed', made, before.time))
+    return {'action': NamedAction(f'{shipped.name}_changed', made, before.time)}
 
 
-def _set_plan(settings: Settings, key: str, value: Any) -> Settings:
+def _set_plan(settings: Settings, key: str, value: Any) -> Changes:
     name = _choice('action', key, shipped_actions().names())
-    chosen = set(settings.plan) - {name} | ({name} if _truth('action', value) else set())
-    return dataclasses.replace(settings, plan=frozenset(chosen))
+    return {'plan': _with_or_without(settings.plan, name, 'action', value)}
 
 
-def _set_cell(settings: Settings, key: str, value: Any) -> Settings:
-    made: Any
+def _set_cell(settings: Settings, key: str, value: Any) -> Changes:
+    changes: Changes
     if key == 'action':
-        made = _choice('action', value, shipped_actions().names())
-        cell = dataclasses.replace(settings.cell, action=made, vibrate=None, settle=None)
-        return dataclasses.replace(settings, cell=cell)
-    if key == 'parts_on_tray':
-        made = None if value == '' else _integer('number of parts on the tray', value, 1, 1000)
+        name = _choice('action', value, shipped_actions().names())
+        changes = {'action': name, 'vibrate': None, 'settle': None}
+    elif key == 'parts_on_tray':
+        most = MAX_ON_TRAY
+        number = None if value == '' else _integer('number of parts on the tray', value, 1, most)
+        changes = {key: number}
     else:
-        made = number_of(key, _quantity(CELL, key), value)
-    return dataclasses.replace(settings, cell=dataclasses.replace(settings.cell, **{key: made}))
+        changes = {key: number_of(key, _quantity(CELL, key), value)}
+    return {'cell': dataclasses.replace(settings.cell, **changes)}
 
 
-def _set_rail(settings: Settings, key: str, value: Any) -> Settings:
-    made: Any
+def _set_rail(settings: Settings, key: str, value: Any) -> Changes:
+    made: float | None
     if key == 'want':
         made = _integer('row', value, 1, MAX_ROW)
     elif key == 'width' and value == '':
         made = None
     else:
         made = number_of(key, _quantity(RAIL, key), value)
-    return dataclasses.replace(settings, rail=dataclasses.replace(settings.rail, **{key: made}))
+    changes: Changes = {key: made}
+    return {'rail': dataclasses.replace(settings.rail, **changes)}
 
 
-def _set_other(settings: Settings, key: str, value: Any) -> Settings:
+def _set_other(settings: Settings, key: str, value: Any) -> Changes:
     side = dataclasses.replace(settings, conditions=settings.other)
-    return dataclasses.replace(settings, other=changed(side, key, value).conditions)
+    return {'other': changed(side, key, value).conditions}
 
 
-def _set_count(settings: Settings, key: str, value: Any) -> Settings:
+def _set_count(settings: Settings, key: str, value: Any) -> Changes:
     if key != 'unclassified':
         _integer('class', key, 1, settings.classes)
     number = 0 if value == '' else _integer('number of parts', value, 0, MAX_COUNTED)
-    return dataclasses.replace(settings, counts={**settings.counts, key: number}, fit=False)
+    return {'counts': {**settings.counts, key: number}, 'fit': False}
 
 
-def _set_fit(settings: Settings, _key: str, _value: Any) -> Settings:
-    return dataclasses.replace(settings, fit=True)
+def _set_fit(_settings: Settings, _key: str, _value: Any) -> Changes:
+    return {'fit': True}
 
 
-_CHANGES: dict[str, Callable[[Settings, str, Any], Settings]] = {
+_CHANGES: dict[str, Callable[[Settings, str, Any], Changes]] = {
     'tab': _set_tab,
     'live': _set_live,
     'surface': _set_surface,

@@ -1,22 +1,18 @@
-"""What a tab receives to make what it shows, and HTML that several tabs need."""
+"""What a tab receives to make what it shows."""
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
-
-import jinja2
+from typing import Any
 
 from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.report.page import Item, items_html
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.page import Item, Section, Text, items_html
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.rows import Opened
 from resting_aspects_ros.studio.settings import Settings
 
-T = TypeVar('T')
 # Called with a topic and a message: the latest message of a topic is what the browser shows.
 Publish = Callable[[str, dict[str, Any]], None]
 
@@ -48,6 +44,10 @@ class Work:
         """Show items of the kit of reports in a slot of the page."""
         self.publish(slot, {'html': items_html(items)})
 
+    def show_command(self, line: str) -> None:
+        """Show the command that gives the same numbers; empty without one."""
+        self.publish('same', {'text': line})
+
     def progress(self, what: str) -> Callable[[int, int], None]:
         """Return what shows the progress of a simulation."""
 
@@ -57,20 +57,29 @@ class Work:
         return shown
 
     def options(self, what: str) -> dict[str, Any]:
-        """Return the options of a function that simulates."""
-        return {
-            'workers': self.workers,
-            'stopped': self.stopped,
-            'progress': self.progress(what),
-        }
+        """Return the options of a function that simulates; ``what`` is named in its progress."""
+        return {'workers': self.workers, 'stopped': self.stopped, 'progress': self.progress(what)}
 
-    def drops(self) -> DropResult:
-        """Return the drops of the part under the conditions, made once."""
+    def made(
+        self,
+        function: Callable[..., Any],
+        part: Part,
+        options: dict[str, Any],
+        what: str,
+        **other: Any,
+    ) -> Any:
+        """Return the result of a function that simulates a part, made once for these options.
+
+        ``other`` options do not change the result.
+        """
+        key = function.__name__, part.part_sha256, repr(options)
+        return self.keep(key, lambda: function(part, **options, **self.options(what) | other))
+
+    def drops(self, **other: Any) -> DropResult:
+        """Return the drops of the part under the conditions, made once; see made."""
         options = drop_options(self.settings)
-        key = ('drops', self.opened.part.part_sha256, *map(repr, options.values()))
-        result: DropResult = self.keep(
-            key,
-            lambda: drop(self.opened.part, keep_poses=False, **options, **self.options('drops')),
+        result: DropResult = self.made(
+            drop, self.opened.part, options, 'drops', keep_poses=False, **other
         )
         return result
 
@@ -85,26 +94,9 @@ def drop_options(settings: Settings) -> dict[str, Any]:
     }
 
 
-@functools.cache
-def _templates() -> jinja2.Environment:
-    folder = resources.files(__package__) / 'page_files'
-    environment = jinja2.Environment(
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        loader=jinja2.FunctionLoader(lambda name: (folder / name).read_text(encoding='utf-8')),
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals['pairs'] = _pairs
-    return environment
-
-
-def _pairs(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return values and texts of a choice."""
-    return [(name, name.replace('_', ' ')) for name in names]
-
-
-def controls_html(macro: str, **values: Any) -> str:
-    """Return the HTML of a macro of controls.html; all values are escaped."""
-    macros: Any = _templates().get_template('controls.html').module
-    return str(getattr(macros, macro)(**values))
+def section_items(sections: Iterable[Section]) -> list[Item]:
+    """Return the items of the sections of a page, each below its heading."""
+    items: list[Item] = []
+    for section in sections:
+        items += [Text(section.heading, 'part'), *section.items]
+    return items

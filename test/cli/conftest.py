@@ -161,16 +161,25 @@ def session():
 
 
 def _session(leader):
-    found = {}
+    return {pid: words for pid, session, words in _processes() if session == leader}
+
+
+@pytest.fixture(scope='session')
+def running():
+    """Return the command lines of the processes that have an argument, by pid."""
+    return lambda word: {pid: words for pid, _, words in _processes() if word in words}
+
+
+def _processes():
+    """Yield pid, session and command line of each process that has not ended."""
     for stat in Path('/proc').glob('[0-9]*/stat'):
         try:
             state, _, _, session = stat.read_text().rpartition(')')[2].split()[:4]
             words = (stat.parent / 'cmdline').read_text(errors='replace').split('\0')
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if int(session) == leader and state != 'Z':
-            found[int(stat.parent.name)] = words
-    return found
+        if state != 'Z':
+            yield int(stat.parent.name), int(session), words
 
 
 @pytest.fixture(scope='session')

@@ -40,18 +40,3 @@ def test_one_bad_file_does_not_cost_the_others(run, tmp_path, meshes):
     for name in ('one', 'two'):
         assert (tmp_path / 'out' / name / 'report.html').is_file()
         assert (tmp_path / 'out' / name / 'distribution.json').is_file()
-
-
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (['--json'], 'invalid --json: expected only with a single part'),
-        (['--from-log', 'x'], 'invalid --from-log'),
-        (['--height', '1kg'], 'invalid --height'),
-    ],
-)
-def test_wrong_input_of_a_batch_is_refused(run, words, message):
-    ended = run('drop', 'tetrahedron', 'hex_nut', *words)
-    assert ended.returncode == 2
-    assert message in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1

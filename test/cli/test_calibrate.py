@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from resting_aspects_ros.cli import life_cycle
-from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, WRONG_INPUT
+from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED
 from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces, surfaces_file
 from resting_aspects_ros.simulation.interruption import Interruption
 
@@ -64,26 +64,6 @@ def test_two_files_are_compared(run, counts, tmp_path):
     assert [each['surface'] for each in document['surfaces']] == ['oak_table', 'mat']
     (compared,) = document['comparisons']
     assert compared['p'] < 0.01
-
-
-@pytest.mark.parametrize(
-    ('changes', 'words', 'message'),
-    [
-        ({}, ['--points', '7'], 'invalid points 7'),
-        ({'surface': 'Oak table'}, [], "invalid name 'Oak table' of a surface"),
-        ({'flat': -1}, [], "invalid count -1 of 'z'"),
-    ],
-)
-def test_wrong_input_is_one_line(run, tmp_path, changes, words, message):
-    path = tmp_path / 'counts.yaml'
-    path.write_text(
-        COUNTS.format(**{'surface': 'oak_table', 'flat': 92, 'rest': 8, **changes}),
-        encoding='utf-8',
-    )
-    ended = run('calibrate', path, *words)
-    assert (ended.returncode, ended.stdout) == (WRONG_INPUT, '')
-    assert message in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
 
 
 def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):

@@ -132,38 +132,11 @@ def test_documented_commands_are_parsed(page, line):
     assert callable(main.make_parser(arguments).parse_args(arguments).run)
 
 
-def test_other_programs_are_known_to_tests():
-    others = {line for page in PAGES for line in lines_of(page) if arguments_of(line) is None}
-    assert {line for line in others if not re.match(r'\.venv/bin/\w+ --ros-args ', line)} == {
-        'make demo', 'make test', 'make setup', 'cp config/parts/l_bracket.stl bracket.stl'
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize('arguments', RUN_HERE)
 def test_command(arguments, printed, folder):
     few = [] if OTHER_NUMBERS & {*arguments} else FEW.get(arguments[0], [])
     table = printed(folder, *with_files(folder, arguments), *few)
     assert arguments[0] in WITHOUT_NUMBERS or few == [] or few[1] in table
-
-
-def test_measured_trials_are_compared(folder, printed):
-    few = FEW['reorient']
-    out = printed(folder, 'reorient', 'l_bracket', '--measured', 'measured.json', *few)
-    assert 'tap 5 -> 5: measured 35 of 60, simulated ' in out
-
-
-@pytest.mark.slow
-def test_files_of_a_report(folder, printed):
-    printed(folder, 'drop', 'bracket.stl', *FEW_DROPS, '--out', 'out/files', '--report')
-    files = {path.name for path in (folder / 'out' / 'files').iterdir()}
-    assert {'distribution.json', 'distribution.png', 'poses.csv', 'report.html'} <= files
-
-
-def test_results_of_commands(folder, printed):
-    assert 'Symmetry: 12 rotations' in printed(folder, 'aspects', 'hex_nut')
-    assert 'probability by method' in printed(folder, 'estimate', 'hex_nut')
-    compared = printed(folder, 'compare', 'out/nut/distribution.json', 'manual.csv')
-    assert re.search(r'total variation +0 %', compared)
 
 
 def assert_shown(shown, printed):
@@ -230,18 +203,6 @@ def here(line):
     """Return the path of the command in the .venv that runs this test."""
     program, *arguments = shlex.split(line)
     return [str(Path(sys.executable).parent / Path(program).name), *arguments]
-
-
-def test_make_targets_exist_and_ci_runs_the_tests():
-    for target in ('demo', 'test', 'setup'):
-        run_program(['make', '--dry-run', target], cwd=ROOT)
-    assert 'make test' in (ROOT / '.ci' / 'run').read_text().splitlines()
-
-
-def test_the_colcon_build_is_the_one_that_is_tested():
-    text, *_ = code('docs/how_to/installed_ros.md', 'sh')
-    (build,) = [line for line in text.splitlines() if line.startswith('colcon')]
-    assert f'python -m {build}' in (ROOT / 'test' / 'test_colcon.py').read_text()
 
 
 def test_the_part_file_can_be_used(tmp_path):

@@ -37,34 +37,3 @@ def test_part_is_dropped_without_expected_drops(files, run):
     assert document['expected']['drops'] == 100
     again = json.loads(run(*words).stdout)
     assert again['windows'] == document['windows']
-
-
-@pytest.mark.slow
-def test_document_of_drop_can_be_expected(files, run, tmp_path):
-    assert run('drop', 'l_bracket', '--drops', 100, '--out', 'd').returncode == 0
-    words = ('--expected', 'd/distribution.json', '--window', 400, '--level', '5%', '--json')
-    document = json.loads(run('drift', 'l_bracket', 'good.csv', *words).stdout)
-    assert (document['expected']['drops'], document['level']) == (100, 0.05)
-
-
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (('good.csv', '--expected', 'none.json'), "'none.json' does not exist"),
-        (('good.csv', *EXPECTED, '--drops', 50), "invalid --drops '50': expected only without"),
-        (('good.csv', *EXPECTED, '--height', '1m'), "--height '1m': expected only without"),
-        (('good.csv', '--window', 900), 'invalid window 900: expected an integer from 1 to 800'),
-        (('good.csv', '--shift', '5'), 'expected at most 1; 5 percent is 5% or 0.05'),
-        (('good.csv', '--level', 'x'), "invalid --level 'x': expected a number"),
-        (('bad.csv', '--cumulative'), 'because cumulative counts cannot go down'),
-        (('expected.csv', '--expected', 'good.csv'), 'invalid column names'),
-    ],
-)  # fmt: skip
-def test_wrong_values_are_refused(files, refused, words, message):
-    assert message in refused('drift', 'l_bracket', *words)
-
-
-def test_drops_of_another_part_are_refused(files, run, refused):
-    assert run('drop', 'washer', '--drops', 20, '--out', 'd').returncode == 0
-    line = refused('drift', 'l_bracket', 'good.csv', '--expected', 'd/distribution.json')
-    assert 'these are different parts' in line

@@ -2,9 +2,6 @@
 
 import csv
 import json
-import os
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,23 +37,6 @@ def rows(box_run):
         return list(csv.reader(file))
 
 
-def same_run(document):
-    return {key: value for key, value in document.items() if key not in ('run_id', 'started')}
-
-
-def test_json_is_the_only_output_on_stdout(box_run):
-    _, ended = box_run
-    assert ended.stdout.startswith('{\n')
-    assert ended.stdout.endswith('}\n')
-    for line in ended.stderr.splitlines():
-        assert line.startswith('box_10x20x30: ')
-
-
-def test_the_number_of_workers_changes_nothing(document, run):
-    ended = run(*WORDS, '--drops', DROPS, '--workers', 1, '--json')
-    assert same_run(json.loads(ended.stdout)) == same_run(document)
-
-
 def test_counts_are_those_of_the_poses(rows, document, part):
     fields = dict(zip(POSES_HEADER, zip(*rows[1:], strict=True), strict=True))
     columns = {name: np.array(fields[name], dtype=float) for name in POSES_HEADER[1:8]}
@@ -77,13 +57,6 @@ def test_counts_are_those_of_the_poses(rows, document, part):
     assert document['unclassified'] == counted.unclassified
     assert document['unsettled'] == counted.unsettled
     assert document['energy_growth'] == poses.energy_growth.max()
-
-
-def test_the_first_drops_of_a_run_are_the_shorter_run(rows, run, tmp_path):
-    ended = run(*WORDS, '--drops', 20, '--poses', 'few.csv')
-    assert ended.returncode == 0
-    with (tmp_path / 'few.csv').open(newline='', encoding='utf-8') as file:
-        assert list(csv.reader(file)) == rows[:21]
 
 
 def test_out_holds_the_same_and_a_picture(box_run, document):
@@ -111,31 +84,3 @@ def test_link_to_an_output_file_is_kept(run, tmp_path):
     assert run(*WORDS, '--drops', 1, '--poses', 'link.csv').returncode == 0
     assert (tmp_path / 'link.csv').is_symlink()
     assert (tmp_path / 'p.csv').read_text(encoding='utf-8').startswith('drop,x,')
-
-
-def test_closed_pipe_prints_no_error(begin, environment):
-    assert 'PYTHONUNBUFFERED' not in environment
-    reader, writer = os.pipe()
-    os.close(reader)
-    process = begin(*WORDS, '--drops', 1, '--json', stdout=writer)
-    os.close(writer)
-    errors = process.communicate(timeout=600)[1]
-    assert 'Traceback' not in errors
-    assert 'Broken' not in errors
-    assert process.returncode == 1
-
-
-def test_full_disk_behind_stdout_prints_one_line(run_process):
-    with Path('/dev/full').open('w') as full:
-        ended = run_process(
-            *WORDS,
-            '--drops',
-            1,
-            '--json',
-            capture_output=False,
-            stdout=full,
-            stderr=subprocess.PIPE,
-        )
-    assert ended.returncode == 1
-    assert 'Traceback' not in ended.stderr
-    assert ended.stderr.splitlines()[-1] == 'error: standard output: No space left on device'

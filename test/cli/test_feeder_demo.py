@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -16,46 +15,12 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.cli import feeder_display, node_processes
 from resting_aspects_ros.cli.feeder_display import check_silence
-from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.client.feeder_watch import FeederWatch
 from resting_aspects_ros.errors import RestingAspectsError
 
 NODES = 6
 PICK, FLIP, SPREAD = FeederAdvice.PICK, FeederAdvice.FLIP, FeederAdvice.SPREAD
-
-
-def processes_of(demo):
-    """Return the processes of a demo and its nodes."""
-    found = []
-    for folder in Path('/proc').glob('[0-9]*'):
-        try:
-            words = (folder / 'cmdline').read_bytes().decode(errors='replace').split('\0')
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if f'__ns:=/feeder_demo_{demo}' in words:
-            found.append(int(folder.name))
-    return found
-
-
-@pytest.mark.parametrize(
-    ('flags', 'message'),
-    [
-        (['nothing'], 'nothing'),
-        (['--pickable', '9'], 'invalid pickable aspect 9: expected 1 to 5'),
-        (['--pickable-classes', 'x'], 'invalid --pickable-classes'),
-        (['--minutes', '0'], 'invalid --minutes 0'),
-        (['--minutes', '1e9'], 'expected more than 0, at most 10000'),
-        (['--tray', '10x10mm'], 'tray'),
-        (['--robot', '0s'], 'invalid robot time'),
-        (['--place', '1s'], 'expected only with overlap'),
-    ],
-)
-def test_wrong_input_is_refused_before_a_node_starts(flags, message, capsys, tmp_path):
-    assert main(['feeder_demo', *flags, '--out', str(tmp_path)]) == 2
-    printed = capsys.readouterr()
-    assert message in printed.err
-    assert 'Starting' not in printed.err
 
 
 class Watched:
@@ -227,7 +192,7 @@ def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
+def test_demo_compares_a_run_with_its_forecast(begin, running, tmp_path):
     demo = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path)
     printed, said = demo.communicate()
     assert demo.returncode == 0, said
@@ -247,7 +212,7 @@ def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
     assert list(tmp_path.glob('logs/feeder*/*.mcap'))
     layout = (tmp_path / 'foxglove.json').read_text()
     assert f'/feeder_demo_{demo.pid}/feeder_advice/l_bracket' in layout
-    assert not processes_of(demo.pid)
+    assert not running(f'__ns:=/feeder_demo_{demo.pid}')
     # The run depends on the seed only, not on how fast the processes start and work.
     again, _ = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path).communicate()
     found['run'].pop('real_seconds')
@@ -257,13 +222,13 @@ def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_all_processes_and_keeps_the_result(begin, wait_until, tmp_path):
+def test_ctrl_c_ends_all_processes_and_keeps_the_result(begin, running, wait_until, tmp_path):
     demo = begin('feeder_demo', '--minutes', '9999', '--out', tmp_path)
-    wait_until(lambda: len(processes_of(demo.pid)) == NODES)
+    wait_until(lambda: len(running(f'__ns:=/feeder_demo_{demo.pid}')) == NODES)
     os.kill(demo.pid, signal.SIGINT)
     _, said = demo.communicate()
     assert demo.returncode == 130, said
     assert 'interrupted' in said
     assert 'Traceback' not in said
     assert not json.loads((tmp_path / 'feeder_demo.json').read_text())['complete']
-    assert not processes_of(demo.pid)
+    assert not running(f'__ns:=/feeder_demo_{demo.pid}')

@@ -41,28 +41,14 @@ def test_a_mesh_can_have_any_name(strict, tmp_path):
     ended = strict('drop', mesh, '--drops', 2, '--out', ODD)
     assert ended.returncode == 0, ended.stderr
     assert f'Written: {SHOWN}/distribution.json' in ended.stdout
-    ended = strict('drop', ODD, '--parts', '.')
-    assert ended.returncode == 2
-    assert f"{SHOWN}.stl in '.' is not registered: expected a name" in ended.stderr
 
 
-@pytest.mark.slow
-def test_a_log_can_be_in_a_folder_of_any_name(strict, log):
-    assert f'{SHOWN}/run_0.mcap' in strict('info', ODD).stdout
-    ended = strict('recover', ODD)
-    assert (ended.returncode, ended.stderr) == (0, '')
-    assert ended.stdout == f'{SHOWN}: 1 messages recovered, no drops\n'
-    assert strict('recover', ODD).stdout == f'{SHOWN}: is already closed, 1 messages, no drops\n'
-
-
-def test_file_with_a_name_invalid_in_metadata_is_not_recovered(strict, log):
+def test_file_with_a_name_invalid_in_metadata_is_not_recovered(run, log):
+    assert f'{SHOWN}/run_0.mcap' in run('info', ODD).stdout
     (log / 'run_0.mcap').rename(log / f'{ODD}.mcap')
-    ended = strict('recover', ODD)
+    ended = run('recover', ODD)
     assert ended.returncode == 1
-    assert ended.stderr == (
-        f"error: log '{SHOWN}/{SHOWN}.mcap' cannot be recovered: expected a file name in UTF-8, "
-        'because the metadata contain it\n'
-    )
+    assert f"'{SHOWN}/{SHOWN}.mcap'" in ended.stderr
     assert [file.name for file in log.glob('*.mcap')] == [f'{ODD}.mcap']
 
 

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from resting_aspects_ros.cli.forecast_options import parse_gripper, parse_tray
+from resting_aspects_ros.cli.verbs.forecast import parse_gripper, parse_tray
 from resting_aspects_ros.errors import InvalidValueError
 
 WORDS = ('forecast', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
-PICK = ('--pickable', '1,2')
 
 
 @pytest.mark.slow
@@ -37,7 +36,9 @@ def test_flags_reach_the_forecast(run_in, tmp_path):
     words = ('--robot', '900ms', '--vibrate', '1s', '--settle', '0.4', '--image', '100ms')
     more = ('--supply', '50ms', '--overlap', '--place', '0.3s', '--tray', '0.3mx250mm')
     most = ('--clearance', '2mm', '--gripper', '40x10mm', '--parts-on-tray', 7, '--max-picks', 3)
-    ended = run_in(tmp_path, *WORDS, *PICK, *words, *more, *most, '--minutes', 5, '--json')
+    ended = run_in(
+        tmp_path, *WORDS, '--pickable', '1,2', *words, *more, *most, '--minutes', 5, '--json'
+    )
     document = json.loads(ended.stdout)
     assert document['times'] == {
         'robot': 0.9,
@@ -56,45 +57,6 @@ def test_flags_reach_the_forecast(run_in, tmp_path):
     }
     assert (document['parts_on_tray'], document['max_picks'], document['minutes']) == (7, 3, 5)
     assert document['action']['name'] == 'flip'
-
-
-@pytest.mark.parametrize(
-    ('words', 'expected'),
-    [
-        ((), 'required'),
-        (('--pickable', '9'), 'expected 1 to 4'),
-        (('--pickable', 'a'), 'such as 1,3'),
-        (('--pickable-classes', '2'), 'expected 1 to 1'),
-        (('--pickable', '1', '--pickable-classes', '1'), 'not allowed'),
-        ((*PICK, '--robot', '0s'), 'more than 0'),
-        ((*PICK, '--robot', '-1s'), 'more than 0'),
-        ((*PICK, '--image', '-1s'), '0 or more'),
-        ((*PICK, '--place', '1s'), 'only with overlap'),
-        ((*PICK, '--tray', '200mm'), 'two sides'),
-        ((*PICK, '--tray', '200x200'), 'with a unit'),
-        ((*PICK, '--tray', '5x5mm'), 'into which the part fits'),
-        ((*PICK, '--clearance', '-1mm'), '0 m or more'),
-        ((*PICK, '--parts-on-tray', '1000'), 'no more fit'),
-        ((*PICK, '--minutes', '0'), 'more than 0'),
-        ((*PICK, '--max-picks', '0'), 'expected 1 or more'),
-        (('--pickable', '1', '3'), 'separated by commas without spaces, such as 1,3'),
-        ((*PICK, '--action', 'tap,toss'), 'a single action'),
-        ((*PICK, '--action', 'shake'), 'expected one of'),
-    ],
-)
-def test_wrong_words_are_refused(run_in, tmp_path, words, expected):
-    ended = run_in(tmp_path, *WORDS, *words)
-    assert ended.returncode == 2
-    assert expected in ended.stderr
-    # Nothing was simulated.
-    assert len(ended.stderr.splitlines()) <= 2
-
-
-def test_number_of_sets_must_match_the_parts(run_in, tmp_path):
-    words = ('forecast', 'tetrahedron', 'tetrahedron', 'tetrahedron', *PICK, *PICK)
-    ended = run_in(tmp_path, *words)
-    assert ended.returncode == 2
-    assert 'one set, or one for each part' in ended.stderr
 
 
 def test_sizes_have_units():

@@ -104,7 +104,15 @@ def test_repeated_ctrl_c(begin, ended, read_until):
     assert ended(process, 130)[0]['drops'] > 0
 
 
-def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    ('words', 'kept'),
+    [
+        ('drop l_bracket --drops 20', {'distribution.json', 'poses.csv'}),
+        ('reorient tetrahedron --per-aspect 5 --drops 20', {'transitions.json', 'roadmap.json'}),
+        ('retention tetrahedron --per-height 2', {'retention.json'}),
+    ],
+)
+def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path, words, kept):
     draw = Page.files
 
     def interrupted(page):
@@ -112,12 +120,10 @@ def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
+    found = run(*words.split(), '--report', '--out', 'o')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
     assert found.stdout.splitlines()[-1].startswith('Written: ')
-    # Partial results are saved, and no file is incomplete.
-    written = {file.name for file in (tmp_path / 'o').iterdir()}
-    assert written == {'distribution.json', 'poses.csv'}
+    assert {file.name for file in (tmp_path / 'o').iterdir()} == kept
 
 
 def test_ctrl_c_before_the_first_drop(run, saved, at_update):

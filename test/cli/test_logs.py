@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import importlib
 import json
-from contextlib import nullcontext
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -13,13 +12,7 @@ from rclpy.serialization import serialize_message
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_file import McapFile
-from resting_aspects_ros.logs.topics import (
-    DISTRIBUTION_TYPE,
-    PART_TYPE,
-    POSES_TYPE,
-    Qos,
-    Topic,
-)
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -50,20 +43,18 @@ def dropped(part, surfaces):
 def log(tmp_path, part, dropped):
     """Write a log like the recorder, in batches of 100; ``batches``: unfinished after these."""
 
-    def log(name='run', batches=None, described=True, counted=True):
+    def log(name='run', batches=None):
         run, poses = dropped
         written = RunLog(tmp_path, name)
         written.add_metadata('run', {'run_id': run.run_id})
-        if described:
-            written.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        written.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         for k in range(3 if batches is None else batches):
             end = 100 * (k + 1)
             (batch,) = poses_msgs(poses.between(100 * k, end), run, Time(), last=end == DROPS)
             written.write(POSES, serialize_message(batch), 2 + k)
-            if counted:
-                found = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
-                message = distribution_msg(found, run, Time(), end == DROPS)
-                written.write(DISTRIBUTION, serialize_message(message), 2 + k)
+            found = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
+            message = distribution_msg(found, run, Time(), end == DROPS)
+            written.write(DISTRIBUTION, serialize_message(message), 2 + k)
             written.flush()
         size = written.path.stat().st_size
         if batches is None:
@@ -94,17 +85,8 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
     assert '\\x1b[2J' in run('info', 'run').stdout
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
-        'info LOG',
-        'report LOG',
-        'replay LOG',
-        'compare LOG LOG',
-        'drop --from-log LOG',
-    ],
-)
-def test_log_of_another_version_is_refused_with_one_line(run, log, monkeypatch, words):
+@pytest.mark.parametrize('words', ['info', 'replay', 'drop --from-log'])
+def test_log_of_another_version_is_refused(run, log, monkeypatch, words):
     run_log = importlib.import_module('resting_aspects_ros.logs.writer')
     load = run_log.load_schema
     older = 'RIHS01_' + 64 * '0'
@@ -113,10 +95,10 @@ def test_log_of_another_version_is_refused_with_one_line(run, log, monkeypatch, 
             run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash=older)
         )
         folder = log()
-    ended = run(*(folder if word == 'LOG' else word for word in words.split()))
+    ended = run(*words.split(), folder)
     (line,) = ended.stderr.splitlines()
     assert ended.returncode in (1, 2)
-    assert 'was recorded by another version of resting_aspects_ros, whose ' in line
+    assert 'another version' in line
     assert older in line
     assert ended.stdout == ''
 
@@ -140,21 +122,15 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
     assert counts.tolist() == counted.counts.tolist()
 
 
-@pytest.mark.quick_cases(5)
-@pytest.mark.parametrize('words', ['info', 'answer', 'drop --from-log'])
+@pytest.mark.parametrize('words', ['info', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
 def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     folder = log(batches=None if closed else 2)
     passes = []
     records = McapFile.records
     monkeypatch.setattr(McapFile, 'records', lambda file: passes.append(1) or records(file))
-    if words == 'answer':  # shown by report and demo
-        with nullcontext() if closed else pytest.warns(match='was not closed'):
-            assert logged_result(folder).distribution.drops == (DROPS if closed else 200)
-    else:
-        assert run(*words.split(), folder).returncode == 0
-    by_index = closed and words in ('info', 'drop --from-log')
-    assert len(passes) == (0 if by_index else 1)
+    assert run(*words.split(), folder).returncode == 0
+    assert len(passes) == (0 if closed else 1)  # by the index if it is closed
 
 
 def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
@@ -170,15 +146,6 @@ def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
         assert [each['count'] for each in json.loads(text)['aspects']] == [
             each['count'] for each in document['aspects']
         ]
-
-
-def test_drop_refuses_an_unwritable_log(refused, log, tmp_path):
-    (tmp_path / 'file').touch()
-    assert '--log' in refused('drop', 'tetrahedron', '--log', 'file')
-    folder = log()
-    assert "invalid --log 'logs': expected only without --from-log" in refused(
-        'drop', '--from-log', folder, '--log', 'logs'
-    )
 
 
 def test_info_of_an_unfinished_log(run, log):
@@ -249,52 +216,38 @@ def test_recover_does_not_change_a_log_being_written(run, log, tmp_path):
     assert 'recovered' in run('recover', two).stdout
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['compare', 'LOG', 'LOG'],
-        ['drop', '--drops', '1', '--from-log', 'LOG'],
-        ['estimate', 'l_bracket', '--against', 'LOG'],
-    ],
-    ids=lambda words: words[0],
-)
+@pytest.mark.parametrize('words', ['compare LOG LOG', 'drop --drops 1 --from-log LOG'])
 def test_unfinished_log_is_used_with_a_warning(run, log, words):
     closed, cut = log('closed'), log('cut', 2)
 
     def said(folder):
-        ended = run(*(folder if word == 'LOG' else word for word in words))
+        ended = run(*(folder if word == 'LOG' else word for word in words.split()))
         assert ended.returncode == 0, ended.stderr
         return ended.stderr
 
     assert 'being written' not in said(closed)
     assert 'not closed' not in said(closed)
-    assert (
-        f"warning: log '{cut}' was not closed: the messages in it are used "
-        '("resting_aspects recover" closes it)\n'
-    ) in said(cut)
+    assert f"warning: log '{cut}' was not closed" in said(cut)
     (file,) = cut.glob('*.mcap')
     with file.open('rb') as writer:
         lock_file(writer)
-        being_written = f"log '{cut}' is being written: the messages in it so far are used\n"
-        assert f'warning: {being_written}' in said(cut)
+        assert f"warning: log '{cut}' is being written" in said(cut)
 
 
-@pytest.mark.parametrize('command', ['info', 'recover', 'report', 'replay', 'drop'])
+@pytest.mark.parametrize('command', ['info', 'recover', 'drop --from-log'])
 def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     folder = log()
     file = folder / 'run_0.mcap'
     content = bytearray(file.read_bytes())
     at = content.index(b'zstd')
-    if command not in {'info', 'drop'}:  # these read only the first batch
+    if command == 'recover':  # the others read only the first batch
         at = content.index(b'zstd', at + 9)
     content[at + 40] ^= 1
     file.write_bytes(content)
-    ended = run(command, *(['--from-log'] if command == 'drop' else []), folder)
-    assert ended.returncode == (2 if command in {'drop', 'replay'} else 1)
+    ended = run(*command.split(), folder)
+    assert ended.returncode == (2 if command.startswith('drop') else 1)
     (line,) = ended.stderr.splitlines()
     assert f'log {str(file)!r} is damaged: found ' in line
-    assert '"mcap recover"' in line
     assert ended.stdout == ''
     assert [path.name for path in sorted(folder.iterdir())] == ['metadata.yaml', 'run_0.mcap']
     assert file.read_bytes() == content
@@ -303,23 +256,6 @@ def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
 def rows(path):
     with path.open(newline='') as file:
         return list(csv.DictReader(file))
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('batches', [None, 2])
-def test_from_log_repeats_a_run_bit_for_bit(run, log, dropped, tmp_path, batches):
-    ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
-    assert ended.returncode == 0
-    document = json.loads(ended.stdout)
-    drops = DROPS if batches is None else 100 * batches
-    assert (document['part'], document['seed'], document['drops']) == ('l_bracket', 77, drops)
-    assert document['part_sha256'] == dropped[0].part_sha256
-    # Written with all digits, so the comparison is bit for bit.
-    found = [
-        [float(row[axis]) for axis in ('qx', 'qy', 'qz', 'qw')]
-        for row in rows(tmp_path / 'again.csv')
-    ]
-    assert found == dropped[1].orientation[:drops].tolist()
 
 
 @pytest.fixture
@@ -351,20 +287,12 @@ def table(poses):
 COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 
 
-@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [
-        (
-            {'drops': 5000, 'precision': 0.1},
-            [(0, 140)],
-            True,
-        ),  # canceled before the precision was reached
-        ({'drops': 5000, 'precision': 0.25}, [(0, 140)], True),  # ended at the precision
-        ({'drops': 60, 'first_drop': 90}, [(90, 150)], True),
+        ({'drops': 5000, 'precision': 0.1}, [(0, 140)], True),  # canceled before its precision
         ({'drops': 60, 'first_drop': 90}, [(90, 110)], True),
         ({'drops': 300}, [(0, 70), (110, 210)], False),  # those between are lost
-        ({'drops': 300}, [(20, 50)], False),
     ],
 )
 def test_from_log_repeats_the_recorded_drops(
@@ -416,23 +344,6 @@ def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
     assert (len(found), found[:DROPS]) == (310, dropped[1].position[:, 0].tolist())
 
 
-@pytest.mark.parametrize(
-    ('words', 'says'),
-    [
-        (['hex_nut'], "PART_OR_MESH 'hex_nut'"),
-        (['--seed', 3], "--seed '3'"),
-        (['--friction', 0.2], "--friction '0.2'"),
-        (['--surface', 'steel'], "--surface 'steel'"),
-    ],
-)
-def test_from_log_refuses_flags_that_the_log_defines(run, log, words, says):
-    ended = run('drop', '--from-log', log(), *words)
-    assert ended.returncode == 2
-    assert ended.stderr == (
-        f'error: invalid {says}: expected only without --from-log, which defines it\n'
-    )
-
-
 def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):
     words = ('--engine', 'bullet', '--poses')
     assert run('drop', 'tetrahedron', '--drops', 10, '--log', '.', *words, 'a').returncode == 0
@@ -443,14 +354,6 @@ def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):
     assert 'recorded with bullet' in run('drop', '--from-log', log).stderr
 
 
-NO_LOGS = {
-    'nowhere': "log 'nowhere' cannot be read: No such file or directory",
-    'folder': "folder 'folder' is not a log: it has no .mcap file",
-    'logs': "folder 'logs' is not a log: it has no .mcap file, but 2 of its subfolders have one",
-    'text.txt': "log 'text.txt' is damaged, or not an MCAP file: it begins with b'hello'",
-}
-
-
 @pytest.mark.parametrize('words', ['info', 'recover', 'replay', 'drop --from-log'])
 def test_all_commands_refuse_a_non_log_with_equal_errors(refused, tmp_path, words):
     for folder in ('folder', 'logs/a', 'logs/b'):
@@ -458,6 +361,12 @@ def test_all_commands_refuse_a_non_log_with_equal_errors(refused, tmp_path, word
     for name in 'ab':
         (tmp_path / 'logs' / name / f'{name}_0.mcap').touch()
     (tmp_path / 'text.txt').write_text('hello')
-    for path, says in NO_LOGS.items():
+    for path, said in {
+        'nowhere': 'No such file',
+        'folder': 'no .mcap file',
+        'logs': '2 of its subfolders',
+        'text.txt': "b'hello'",
+    }.items():
         line = refused(*words.split(), path)
-        assert line == f'error: {says}; expected the folder of a run, or an .mcap file'
+        assert repr(path) in line
+        assert said in line

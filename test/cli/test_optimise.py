@@ -9,15 +9,14 @@ from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.optimum import OptimiseResult
 
 FEW = ('--budget', 1920, '--workers', 1)
-CHUTE = ('--surroundings', 'l_chute')
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
 
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
     def full(*_):
-        raise OutputError('optimum.json cannot be written: No space left on device')
+        raise OutputError('points.csv cannot be written: No space left on device')
 
-    monkeypatch.setattr(OptimiseResult, 'save_json', full)
+    monkeypatch.setattr(OptimiseResult, 'save_csv', full)
     ended = run(*WORDS, '--wanted', '1', '--out', 'o', '--json')
     assert ended.returncode == 1
     assert 'No space left on device' in ended.stderr
@@ -33,31 +32,3 @@ def test_interrupted_search_shows_what_is_known(run, monkeypatch, checks, text):
     assert ended.returncode == 130
     assert text in ended.stdout
     assert 'interrupted; ' in ended.stderr.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (('--wanted', '1', '--vary', 'colour=1:2'), "invalid factor 'colour'"),
-        (('--wanted', '1', '--vary', 'friction=0.9:0.3'), 'expected a lower and a higher value'),
-        (('--wanted', 'all'), 'expected numbers separated by commas'),
-        ((), 'expected one of wanted aspects, wanted classes, wanted contacts and least entropy'),
-        (('--wanted-contacts', 'belt=1'), 'expected surroundings with walls'),
-        ((*CHUTE, '--wanted-contacts', 'belt'), 'expected PLANE=CONTACT'),
-        ((*CHUTE, '--wanted-contacts', 'bel=1'), "did you mean 'belt'?"),
-        ((*CHUTE, '--wanted-contacts', 'belt=9'), "invalid wanted contact '9'"),
-        ((*CHUTE, '--wanted-contacts', 'belt=1,belt=2'), 'expected belt only once'),
-        ((*CHUTE, '--wanted-contacts', 'belt=1', '--wanted', '1'), 'expected one of wanted'),
-        ((*CHUTE, '--action', 'tap', '--wanted-contacts', 'belt=1'), 'only without an action'),
-        (('--wanted', '9', '--minimise-entropy'), 'expected one of wanted aspects'),
-        (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
-        (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),
-        (('--wanted', '1', '--actions', 'mine.yaml'), 'expected only with --action'),
-        (('--wanted', '1', '--budget', '100'), 'expected at least 1920 drops'),
-        (('--wanted', '1', '--vary', 'surroundings.angle=1:2'), 'expected surroundings'),
-    ],
-)
-def test_wrong_values_are_named(run, words, message):
-    ended = run(*WORDS, *words)
-    assert ended.returncode == 2
-    assert message in ended.stderr

@@ -37,19 +37,3 @@ def test_counting_sheet_has_all_classes(done, tmp_path):
     ):
         assert f'>{words}<' in text
     assert text.count('>total<') == 5
-
-
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (['gizmo'], "part 'gizmo' is not known"),
-        (['washer', '--px-per-mm', '5'], "invalid --px-per-mm '5': expected only with --out"),
-        (['washer', '--px-per-mm', '5px', '--out', 'o'], "invalid --px-per-mm '5px': expected a"),
-        (['washer', '--px-per-mm', '0', '--out', 'o'], 'invalid px_per_mm 0.0: expected '),
-        (['washer', '--px-per-mm', '1e6', '--out', 'o'], 'invalid px_per_mm 1000000.0: expected '),
-        (['washer', '--counting-sheet', 's.doc'], "invalid --counting-sheet 's.doc': expected a"),
-        (['washer', '--counting-sheet', 'no/s.pdf'], "the folder 'no' does not exist"),
-    ],
-)
-def test_wrong_input_is_refused(refused, words, message):
-    assert message in refused('outlines', *words)

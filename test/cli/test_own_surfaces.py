@@ -52,20 +52,6 @@ def test_uncertainty_of_the_file_is_carried_through(run, own):
     assert json.loads(ended.stdout)['model_uncertain'] == list(DRAWS)
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['reorient', 'tetrahedron', '--action', 'tap', '--per-aspect', '1'],
-        ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--points', '2', '--drops', '2'],
-    ],
-    ids=lambda words: words[0],
-)
-def test_other_commands_use_the_file(run, own, words):
-    assert run(*words, '--surface', 'ice').returncode == 2
-    ended = run(*words, '--surface', 'ice', '--surfaces', own)
-    assert ended.returncode == 0, ended.stderr
-
-
 def test_study_on_an_own_surface_is_continued_without_the_file(run, own, tmp_path):
     words = ['--points', '2', '--drops', '2', '--out', tmp_path / 's']
     given = ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--surface', 'ice']

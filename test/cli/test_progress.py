@@ -48,14 +48,6 @@ def _read(descriptor, shown):
         shown.append(data)
 
 
-def test_a_pipe_gets_lines_with_the_rate(run):
-    lines = run(*WORDS).stderr.splitlines()
-    for line in lines:
-        assert re.fullmatch(r'l_bracket: \d+ of 1500 drops(  [\d.]+ drops/s)?', line)
-    assert re.fullmatch(r'l_bracket: 1500 of 1500 drops  [\d.]+ drops/s', lines[-1])
-    assert sum('1500 of 1500' in line for line in lines) == 1
-
-
 def test_pipe_gets_no_line_twice(monkeypatch, capsys):
     monkeypatch.setattr(runner, 'LINE_PERIOD', 0.0)
     with runner.DropProgress('part', 10) as shown:
@@ -65,16 +57,6 @@ def test_pipe_gets_no_line_twice(monkeypatch, capsys):
         shown.end(7)
     lines = [line.split('  ')[0] for line in capsys.readouterr().err.splitlines()]
     assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
-
-
-def test_slow_drops_have_a_rate(monkeypatch, capsys):
-    seconds = iter([0.0, 80.0, 81.0])
-    monkeypatch.setattr(runner.time, 'monotonic', lambda: next(seconds))
-    with runner.DropProgress('part', 100) as shown:
-        shown.update(10)
-        shown.update(100)
-    rates = [line.split('  ')[1] for line in capsys.readouterr().err.splitlines()]
-    assert rates == ['0.12 drops/s', '1.2 drops/s']
 
 
 def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):

@@ -1,6 +1,5 @@
 """The reference pages of commands and files agree with the code."""
 
-import argparse
 import csv
 import dataclasses
 import io
@@ -15,7 +14,7 @@ from doc_pages import ROOT, code, first_cells, section
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
-from resting_aspects_ros.cli import life_cycle, main
+from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.part.library import EXPECTED
 from resting_aspects_ros.simulation.actions import KINDS
 from resting_aspects_ros.simulation.conditions import quantities_of
@@ -42,14 +41,6 @@ def keys(page, heading, part=0):
     return [name for cell in cells for name in re.findall(r'`([^`]+)`', cell)]
 
 
-def actions(command):
-    """The options of a command, without --help, by their first name."""
-    parser = main.make_parser([command])
-    (choices,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    options = [a for a in choices.choices[command]._actions if a.option_strings]
-    return {a.option_strings[0]: a for a in options if a.dest != 'help'}
-
-
 def test_generated_texts_are_current():
     ended = subprocess.run(
         [sys.executable, ROOT / 'tools' / 'setup' / 'reference.py', '--check'],
@@ -60,26 +51,23 @@ def test_generated_texts_are_current():
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
 
 
-def test_every_surface_is_listed(surfaces):
-    listed = first_cells(section('docs/how_to/choose_conditions.md', '## Use a shipped surface'))
-    assert sorted(listed) == [f'`{name}`' for name in surfaces.names()]
+def test_every_name_is_listed(surfaces):
+    def listed(page, heading):
+        return [cell.strip('`') for cell in first_cells(section(f'docs/{page}.md', heading))]
 
-
-def test_every_exit_code_is_listed():
-    listed = [int(cell) for cell in first_cells(section(COMMANDS, '## Exit codes and output'))]
-    assert listed == sorted(
-        [life_cycle.DONE, life_cycle.FAILED, life_cycle.WRONG_INPUT, life_cycle.INTERRUPTED]
-    )
-
-
-def test_every_shipped_action_is_listed():
-    listed = first_cells(section('docs/how_to/reorient_parts.md', '## Use a shipped action'))
-    assert listed == [f'`{name}`' for name in shipped_actions().names()]
-
-
-def test_every_kind_of_action_is_listed():
+    shipped = listed('how_to/choose_conditions', '## Use a shipped surface')
+    assert sorted(shipped) == sorted(surfaces.names())
+    shipped = listed('how_to/reorient_parts', '## Use a shipped action')
+    assert shipped == list(shipped_actions().names())
+    shipped = listed('how_to/surroundings', '## Use shipped surroundings')
+    assert shipped == list(surroundings_names())
+    codes = listed('reference/commands', '## Exit codes and output')
+    named = life_cycle.DONE, life_cycle.FAILED, life_cycle.WRONG_INPUT, life_cycle.INTERRUPTED
+    assert [int(code) for code in codes] == sorted(named)
     (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, '## Actions'), re.MULTILINE)
     assert kinds.split(', ') == list(KINDS)
+    assert keys(FILES, '## Part description') == list(EXPECTED)
+    assert sorted(keys(FILES, '## Initial states')) == sorted([*NEEDED, *OPTIONAL])
 
 
 def test_every_kind_of_surroundings_is_listed():
@@ -88,8 +76,6 @@ def test_every_kind_of_surroundings_is_listed():
     assert kinds.split(', ') == list(SURROUNDINGS)
     assert keys(FILES, '## Surroundings', 1) == list(BODY_VALUES)
     assert keys(FILES, '## Surroundings', 2) == list(RELEASE_VALUES)
-    listed = first_cells(section('docs/how_to/surroundings.md', '## Use shipped surroundings'))
-    assert listed == [f'`{name}`' for name in surroundings_names()]
 
 
 @pytest.mark.parametrize('kind', SURROUNDINGS)
@@ -133,10 +119,6 @@ def test_every_key_of_the_result_of_a_track_is_listed(run):
     assert set(document['traps'][0]['results'][0]) <= listed
 
 
-def test_every_key_of_a_part_is_listed():
-    assert keys(FILES, '## Part description') == list(EXPECTED)
-
-
 def test_every_key_of_a_result_is_listed(run):
     few = ['--drops', '20', '--json', '--check-convergence']
     ended = run('drop', 'tetrahedron', *few, '--surroundings', 'wall')
@@ -161,10 +143,6 @@ def test_every_key_of_retention_is_listed(run):
     document = json.loads(ended.stdout)
     assert set(keys(FILES, '## Retention')) == set(document)
     assert keys(FILES, '## Retention', 1) == list(document['curves'][0])
-
-
-def test_every_column_of_the_initial_states_is_listed():
-    assert sorted(keys(FILES, '## Initial states')) == sorted([*NEEDED, *OPTIONAL])
 
 
 def test_every_column_of_the_poses_is_listed(run, tmp_path):

@@ -99,51 +99,25 @@ def test_actions_of_a_file_are_simulated(run_in, tmp_path):
     assert json.loads(ended.stdout)['action']['time'] == 2
 
 
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (('--action', 'jolt'), "invalid action 'jolt'"),
-        (('--action', 'tap,tap'), 'expected different names'),
-        (('--action', 'tap,toss', '--speed', '1'), 'expected a single action'),
-        (('--speed', '-1'), 'invalid speed'),
-        (('--speed', '1 furlong'), 'invalid --speed'),
-        (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
-        (('--wanted', 'x'), "invalid --wanted 'x'"),
-        (('--wanted-classes', '2'), 'invalid wanted symmetry class 2: expected 1 to 1'),
-        (('--precision', '7'), 'invalid --precision'),
-        (('--per-aspect', '0'), 'invalid number of actions per aspect 0'),
-        (('--actions', 'none.yaml'), 'does not exist'),
-        (('--measured', 'none.json'), 'does not exist'),
-        (('--action', 'nozzle'), 'missing impulse of a nozzle'),
-        (('--time', '0'), 'invalid time'),
-    ],
-)
-def test_wrong_requests_are_refused(run_in, tmp_path, words, message):
-    ended = run_in(tmp_path, 'reorient', 'tetrahedron', *words)
-    assert ended.returncode == 2
-    assert message in ended.stderr
-    assert ended.stderr.count('\n') == 1
+def test_report_has_page_figures_and_documents(run_in, tmp_path):
+    words = ('--action', 'tap,toss', '--wanted', '1', '--report')
+    ended = run_in(tmp_path, *WORDS, *words)
+    assert 'Report: out/tetrahedron/reorientation.html' in ended.stdout
+    figures = [f'transitions_{action}' for action in ('tap', 'toss')]
+    expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
+    expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
+    assert {file.name for file in (tmp_path / 'out/tetrahedron').iterdir()} == set(expected)
 
 
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('', 'expected a mapping'),
-        ('tap: 3', 'expected a mapping with the key kind'),
-        ('tap: {kind: jump}', "invalid kind of action 'jump'"),
-        ('tap: {kind: kick, speed: fast}', "invalid speed 'fast'"),
-        ('tap: {kind: kick, sped: 1}', "invalid value 'sped'"),
-        ('tap: {kind: kick, time: -1}', 'invalid time'),
-        ('1: {kind: kick}', 'invalid name'),
-        ('tap: {kind: kick, source: 3}', 'invalid source'),
-        ('tap: [', 'not valid YAML'),
-    ],
-)
-def test_damaged_actions_file_is_refused(run_in, tmp_path, text, message):
-    (tmp_path / 'a.yaml').write_text(text)
-    ended = run_in(tmp_path, 'reorient', 'tetrahedron', '--actions', 'a.yaml')
-    assert ended.returncode == 2
-    assert message in ended.stderr
+def test_page_of_retention_has_the_counts(run_in, tmp_path):
+    words = ('retention', 'tetrahedron', '--per-height', 4, '--out', 'o', '--report')
+    assert run_in(tmp_path, *words).returncode == 0
+    page = (tmp_path / 'o' / 'retention.html').read_text(encoding='utf-8')
+    curve = json.loads((tmp_path / 'o' / 'retention.json').read_text())['curves'][0]
+    for lift, left in zip(curve['lift'], curve['left'], strict=True):
+        assert f'<td>{1000 * lift:#.3g}</td><td>4</td><td>{left}</td>' in page
+    assert '<dt>friction</dt>' in page
+    assert '<dt>height</dt>' not in page  # of a release, which there is not
 
 
 # -- Initial states -------------------------------------------------------------------------------
@@ -168,49 +142,3 @@ def test_drops_start_from_the_states_of_a_file(run_in, tmp_path):
     ]
     with (tmp_path / 'p.csv').open() as file:
         assert [row['aspect'] for row in csv.DictReader(file)] == ['1', '2'] * 3
-
-
-@pytest.mark.parametrize(
-    ('rows', 'header', 'message'),
-    [
-        ([], 'z_com_m,qx,qy,qz,qw', 'expected at least one'),
-        (['0.1,0,0,0,1'], 'z,qx,qy,qz,qw', 'no column z_com_m'),
-        (['0.1,0,0,0,2'], 'z_com_m,qx,qy,qz,qw', 'a quaternion of length 1'),
-        (['a,0,0,0,1'], 'z_com_m,qx,qy,qz,qw', "invalid z_com_m 'a'"),
-        (['nan,0,0,0,1'], 'z_com_m,qx,qy,qz,qw', 'a finite number'),
-        (['0.1,0,0,1'], 'z_com_m,qx,qy,qz,qw', 'invalid number of columns 4'),
-        (['0.1,0,0,0,1,1'], 'z_com_m,qx,qy,qz,qw,qw', 'several columns qw'),
-        (['0.1,0,0,0,1,1e9'], 'z_com_m,qx,qy,qz,qw,vx', 'invalid impact speed'),
-    ],
-)
-def test_damaged_states_are_refused(run_in, tmp_path, rows, header, message):
-    write_states(tmp_path / 's.csv', rows, header)
-    ended = run_in(tmp_path, 'drop', 'tetrahedron', '--initial-states', 's.csv')
-    assert ended.returncode == 2
-    assert message in ended.stderr
-
-
-@pytest.mark.parametrize(
-    'words',
-    [
-        ('--drops', 5),
-        ('--precision', 0.1),
-        ('--log', 'logs'),
-        ('--from-log', 'log'),
-        ('--replicates', 0),
-        ('--noise-spin', '-1'),
-    ],
-)
-def test_flags_that_contradict_states_are_refused(run_in, tmp_path, words):
-    write_states(tmp_path / 's.csv', ['0.1,0,0,0,1,0'])
-    part = () if words[0] == '--from-log' else ('tetrahedron',)
-    ended = run_in(tmp_path, 'drop', *part, '--initial-states', 's.csv', *words)
-    assert ended.returncode == 2
-    assert ended.stderr.startswith('error: invalid ')
-
-
-@pytest.mark.parametrize('words', [('--replicates', 2), ('--noise-velocity', 0.1)])
-def test_flags_that_need_states_are_refused(run_in, tmp_path, words):
-    ended = run_in(tmp_path, 'drop', 'tetrahedron', *words)
-    assert ended.returncode == 2
-    assert 'expected only with --initial-states' in ended.stderr

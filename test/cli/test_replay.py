@@ -16,8 +16,6 @@ from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
 
 DROPS, BATCH = 100, 20
-# A log line of the node.
-SAID = re.compile(r'(\x1b\[\d*m)?\[(INFO|WARN)\] \[\d+\.\d+\] \[replay_\d+\.log_replayer\]: .*')
 
 
 @pytest.fixture
@@ -38,42 +36,6 @@ def log(tmp_path, part, surfaces):
 
 
 ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
-
-
-@pytest.mark.parametrize(
-    ('words', 'says'),
-    [
-        (['nowhere.mcap'], "log 'nowhere.mcap' cannot be read: No such file or directory"),
-        (['folder'], "folder 'folder' is not a log: it has no .mcap file"),
-        (['text.mcap'], "log 'text.mcap' is damaged, or not an MCAP file"),
-        (['log', '--rate', '0'], "invalid --rate '0': expected 0.001 to 1000"),
-        (['log', '--rate', '1001'], "invalid --rate '1001': expected 0.001 to 1000"),
-        (['log', '--rate', '-1'], "invalid --rate '-1': expected 0.001 to 1000"),
-        (['log', '--rate', 'fast'], "invalid --rate 'fast': expected a number"),
-        (['log', '--rate', '2', '--as-fast-as-possible'], 'not allowed with argument --rate'),
-        (['log', '--ros-args', '--bogus'], '--bogus'),
-        ([], 'LOG'),
-    ],
-    ids=str,
-)
-def test_wrong_input_is_refused_in_one_line(refused, log, tmp_path, words, says):
-    (tmp_path / 'text.mcap').write_text('aspect,count\n')
-    (tmp_path / 'folder').mkdir()
-    assert says in refused('replay', *words)
-
-
-@pytest.mark.slow
-def test_replay_without_terminal_prints_only_node_logs(begin, log, read_until):
-    process = begin('replay', log, '--as-fast-as-possible', *ROS)
-    heard = []
-    end = read_until(process.stderr, lambda line: heard.append(line) or 'replayed in' in line)
-    assert ': 5 messages; latched topics stay available until Ctrl-C' in end
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    printed, rest = process.communicate(timeout=600)
-    assert (process.returncode, printed, rest) == (0, '', '')
-    assert [line for line in heard if not SAID.fullmatch(line.strip())] == []
-    assert len(heard) == 2  # start and end of the replay
 
 
 def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):

@@ -11,24 +11,6 @@ import pytest
 from PIL import Image
 
 
-@pytest.mark.parametrize(
-    ('words', 'says'),
-    [
-        (['--drops', '0'], ['drops', '0', '1 to 2000000']),
-        (['--friction', '-1'], ['friction', '-1.0', '0 to 10']),
-        (['--picture', 'nowhere/p.png'], ['--picture', "'nowhere/p.png'", 'does not exist']),
-        (['--ros-args', '--bogus'], ['--ros-args', "'--bogus'"]),
-        (['--method', 'csa', '--surface', 'ice'], ['--surface', "'ice'", '--method drops']),
-        (['--method', 'csa', '--drops', '9'], ['--drops', "'9'", '--method drops']),
-    ],
-    ids=' '.join,
-)
-def test_wrong_input_is_refused_without_a_suite(refused, words, says):
-    line = refused('request', 'l_bracket', *words)
-    for word in says:
-        assert word in line
-
-
 @pytest.mark.slow
 def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
@@ -84,6 +66,7 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     assert 'Traceback' not in errors
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_first_progress_of_a_run(begin, wait_until):
     process = begin('request', 'washer', '--ros-args', '-r', f'__ns:=/nobody_{os.getpid()}')
     maps = Path(f'/proc/{process.pid}/maps')

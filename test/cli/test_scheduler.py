@@ -57,31 +57,11 @@ def test_ctrl_c_saves_results_and_keeps_the_cluster(
     assert len(cluster.scheduler.workers) == 2
 
 
-@pytest.mark.slow  # test/simulation tests it without the command
-def test_lost_cluster_ends_the_run_with_an_error(make_cluster, begin, ended, read_until):
-    with make_cluster(1) as cluster:
-        process = begin(*MANY, '--scheduler', cluster.scheduler_address, *OUTPUTS)
-        read_until(process.stderr, some_done)
-    document, lines = ended(process, 1)
-    done = document['drops']
-    assert done > 0
-    assert lines[-1] == (
-        f'error: the workers became unavailable near drop {done} of tetrahedron; the result '
-        f'has {done} of 2000000 drops'
-    )
-
-
 def test_unreachable_scheduler_is_refused_with_one_line(make_cluster, refused):
     line = refused(*WORDS, '--scheduler', 'tcp://127.0.0.1:1', '--out', 'o')
     assert line.startswith(
         "error: invalid scheduler 'tcp://127.0.0.1:1': expected the address of a Dask scheduler; "
     )
-
-
-def test_workers_and_scheduler_exclude_each_other(refused):
-    line = refused(*WORDS, '--workers', 2, '--scheduler', 'tcp://127.0.0.1:1')
-    words = 'error: argument --scheduler: not allowed with argument --workers'
-    assert line == f'{words} (see resting_aspects drop --help)'
 
 
 def test_missing_dask_error_names_the_package(run_process, tmp_path):

@@ -3,8 +3,6 @@
 import csv
 import json
 
-import pytest
-
 FEW = ('--points', '2', '--drops', '20', '--workers', '1')
 VARY = ('--vary', 'restitution=0.1:0.4', '--vary', 'friction=0.2:0.5')
 LOW = ('--height', '30mm')
@@ -28,26 +26,6 @@ def test_study_writes_its_folder_and_continues_it(run, tmp_path):
     page = (tmp_path / 'out/page.html').read_text()
     assert 'Sobol indices' in page
     assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
-
-
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (['tetrahedron'], 'missing --vary'),
-        (['tetrahedron', '--vary', 'hight=1:2'], "did you mean 'height'"),
-        (['tetrahedron', *VARY, *VARY], 'only once'),
-        (['nothing', *VARY], "part 'nothing' is not known"),
-        (['missing.yaml'], "'missing.yaml' does not exist"),
-        (['missing.yaml', *VARY], 'which defines them'),
-        (['tetrahedron', *VARY, '--action', 'x'], "invalid action 'x'"),
-        (['tetrahedron', *VARY, '--points', '0'], 'invalid number of points 0'),
-    ],
-)
-def test_wrong_input_is_refused_with_one_line(run, words, message):
-    ended = run('study', *words)
-    assert ended.returncode == 2
-    assert message in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
 
 
 def test_folder_of_other_versions_is_refused(run, tmp_path):

@@ -1,5 +1,6 @@
 """The command without ROS, and without what only Linux and macOS have."""
 
+import json
 import subprocess
 import sys
 
@@ -8,9 +9,9 @@ import pytest
 
 from resting_aspects_ros.cli.verbs import GROUPS, ROS
 
-# Hides ROS, and what Windows does not have: modules, functions and signals.
+# Hides ROS, and what Windows does not have: modules, functions and signals. Then runs commands.
 CODE = """
-import os, signal, sys
+import contextlib, io, json, os, signal, sys
 
 class Hidden:
     def find_spec(self, name, path=None, target=None):
@@ -21,58 +22,62 @@ sys.meta_path.insert(0, Hidden())
 sys.modules['fcntl'] = sys.modules['resource'] = None
 del os.nice, os.sched_getaffinity, signal.SIGHUP, signal.pthread_sigmask
 from resting_aspects_ros.cli.main import main
-sys.exit(main(sys.argv[1:]))
+ended = []
+for words in json.loads(sys.argv[1]):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        with contextlib.redirect_stderr(io.StringIO()) as err:
+            code = main(words)
+    ended.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(ended))
 """
+RUN = [
+    'drop hex_nut --drops 300 --report --out nut --table nut.xlsx',
+    'aspects l_bracket',
+    'reorient tetrahedron --per-aspect 5 --drops 20',
+]
+NEED_ROS = [
+    f'{name} x' if name in ('info', 'replay', 'recover', 'request') else name
+    for name in GROUPS[ROS]
+]
+REFUSED = [*NEED_ROS, 'drop tetrahedron --drops 10 --log logs']
 
 
-@pytest.fixture
-def run_hidden(tmp_path, environment):
-    def run_hidden(*words):
-        return subprocess.run(
-            [sys.executable, '-c', CODE, *map(str, words)],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+@pytest.fixture(scope='module')
+def ended(tmp_path_factory, environment):
+    """Run all commands in one process; returns the folder, and code and output by command."""
+    folder = tmp_path_factory.mktemp('hidden')
+    commands = [*RUN, *REFUSED]
+    words = json.dumps([command.split() for command in commands])
+    process = subprocess.run(
+        [sys.executable, '-c', CODE, words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 0, process.stderr
+    return folder, dict(zip(commands, json.loads(process.stdout), strict=True))
 
-    return run_hidden
+
+@pytest.mark.parametrize('command', RUN)
+def test_commands_without_ros_run(ended, command):
+    code, _, errors = ended[1][command]
+    assert code == 0, errors
 
 
-def test_drops_have_the_same_answer(run_hidden, run, tmp_path):
-    words = ('drop', 'hex_nut', '--drops', '300')
-    hidden = run_hidden(*words, '--report', '--out', 'nut', '--table', 'nut.xlsx')
-    assert hidden.returncode == 0, hidden.stderr
-    assert run(*words).stdout.splitlines()[:8] == hidden.stdout.splitlines()[:8]
-    assert {path.name for path in (tmp_path / 'nut').iterdir()} >= {
-        'report.html',
-        'distribution.json',
-        'poses.csv',
-    }
-    (sheet,) = openpyxl.load_workbook(tmp_path / 'nut.xlsx')
+def test_drops_have_the_same_answer(ended, run):
+    folder, found = ended
+    here = run('drop', 'hex_nut', '--drops', '300').stdout.splitlines()[:8]
+    assert found[RUN[0]][1].splitlines()[:8] == here
+    names = {path.name for path in (folder / 'nut').iterdir()}
+    assert names >= {'report.html', 'distribution.json', 'poses.csv'}
+    (sheet,) = openpyxl.load_workbook(folder / 'nut.xlsx')
     assert sheet['H4'].value == 300
 
 
-@pytest.mark.parametrize(
-    'words',
-    [('aspects', 'l_bracket'), ('reorient', 'tetrahedron', '--per-aspect', '5', '--drops', '20')],
-    ids=lambda words: words[0],
-)
-def test_other_commands_run(run_hidden, words):
-    ended = run_hidden(*words)
-    assert ended.returncode == 0, ended.stderr
-
-
-@pytest.mark.parametrize('command', GROUPS[ROS])
-def test_commands_of_ros_state_what_is_missing(run_hidden, command):
-    with_argument = command in ('info', 'replay', 'recover', 'request')
-    ended = run_hidden(command, *['x'][: int(with_argument)])
-    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
-    assert 'rclpy' in ended.stderr or 'builtin_interfaces' in ended.stderr
-
-
-def test_a_log_states_what_is_missing(run_hidden):
-    ended = run_hidden('drop', 'tetrahedron', '--drops', '10', '--log', 'logs')
-    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
-    assert 'rclpy' in ended.stderr
+@pytest.mark.parametrize('command', REFUSED)
+def test_commands_of_ros_state_what_is_missing(ended, command):
+    code, _, errors = ended[1][command]
+    assert (code, len(errors.splitlines())) == (1, 1)
+    assert 'rclpy' in errors or 'builtin_interfaces' in errors

@@ -15,12 +15,7 @@ import pytest
 from catkin_pkg.package import parse_package
 from doc_pages import code
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import (
-    Aspect,
-    AspectDistribution,
-    FeederAdvice,
-    PickResult,
-)
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution, FeederAdvice, PickResult
 from resting_aspects_interfaces.srv import GetDistribution
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
@@ -38,7 +33,6 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.vision.camera import transformed_pose
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
-SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')
 PREFIX = Path(sys.prefix)
 COUNTS = [8, 4, 2, 1, 0]
 DROPS = 16
@@ -157,18 +151,6 @@ def test_feeder_example_follows_only_current_advice(compile_cpp, tmp_path):
     assert printed == '3 0.04 nut 111 pick|\n'
 
 
-def test_feeder_example_uses_the_interface():
-    source = (EXAMPLE / 'src' / 'follow_feeder.cpp').read_text(encoding='utf-8')
-    assert f'"{IDENTIFY_PART}", rclcpp::ServicesQoS().keep_last({SERVICES.depth})' in source
-    assert f'"{FEEDER_ADVICE}/" + part, rclcpp::QoS(1).reliable().transient_local()' in source
-    assert f'<PickResult>("{PICK_RESULT}", rclcpp::QoS({CELL.depth}))' in source
-    header = (EXAMPLE / 'src' / 'follow_feeder.hpp').read_text(encoding='utf-8')
-    for kind, name in ((FeederAdvice, r'\badvice\.'), (PickResult, r'\bresult\.')):
-        fields = set(re.findall(name + r'(\w+)', source + header))
-        assert fields
-        assert fields <= set(kind.get_fields_and_field_types())
-
-
 def test_the_tutorial_computes_the_poses_of_the_suite(compile_cpp, tmp_path):
     """The C++ of the tutorial and the Python interface give the same pose in the robot's frame."""
     (block,) = code('docs/tutorials/camera_to_robot.md', 'cpp')
@@ -215,40 +197,42 @@ def test_node_compiles_up_to_rclcpp(compile_cpp, name):
     assert done.returncode == 0 or (len(errors) == 1 and missing.fullmatch(errors[0])), done.stderr
 
 
-def test_nodes_catch_all_exceptions():
-    """For example, rclcpp throws for a parameter of another type, pickable:=[1.5]."""
-    for file in (EXAMPLE / 'src').glob('*.cpp'):
-        main = file.read_text(encoding='utf-8').split('int main(')[1]
-        before, tried = main.split('try {')
-        assert 'rclcpp::' not in before, file
-        assert 'rclcpp::init' in tried.split('} catch (const std::exception & error)')[0], file
-        assert 'error.what()' in tried, file
+DEPTH = f'rclcpp::ServicesQoS().keep_last({SERVICES.depth})'
+LATCHED = 'rclcpp::QoS(1).reliable().transient_local()'
 
 
-def test_service_client_has_the_depth_of_the_server():
-    source = (EXAMPLE / 'src' / 'ask_distribution.cpp').read_text(encoding='utf-8')
-    assert f'"{GET_DISTRIBUTION}", rclcpp::ServicesQoS().keep_last({SERVICES.depth})' in source
-    fields = set(re.findall(r'request->(\w+)', source))
-    assert fields <= set(GetDistribution.Request.get_fields_and_field_types())
-
-
-def test_subscription_matches_the_classifier():
-    assert f'"{ASPECT_DISTRIBUTIONS}/" + part' in SOURCE
-    assert 'resting_aspects_interfaces::msg::AspectDistribution' in SOURCE
-    assert 'rclcpp::QoS(1).reliable().transient_local()' in SOURCE
-    # All fields that the node reads exist in the message.
-    fields = set(re.findall(r'distribution\.(\w+)', SOURCE))
-    assert (
-        fields
-        == {'drops', 'complete', 'run'}
-        <= set(AspectDistribution.get_fields_and_field_types())
-    )
-
-
-def test_parameters_are_those_of_the_usage():
-    declared = re.findall(r'declare_parameter\("(\w+)"', SOURCE)
-    usage = SOURCE.split('#include')[0]
-    assert declared == re.findall(r'-p (\w+):=', usage) != []
+@pytest.mark.parametrize(
+    ('file', 'names', 'fields'),
+    [
+        (
+            'pickable_share.cpp',
+            [f'"{ASPECT_DISTRIBUTIONS}/" + part', LATCHED],
+            {r'distribution\.': AspectDistribution},
+        ),
+        (
+            'ask_distribution.cpp',
+            [f'"{GET_DISTRIBUTION}", {DEPTH}'],
+            {'request->': GetDistribution.Request},
+        ),
+        (
+            'follow_feeder.cpp',
+            [
+                f'"{IDENTIFY_PART}", {DEPTH}',
+                f'"{FEEDER_ADVICE}/" + part, {LATCHED}',
+                f'<PickResult>("{PICK_RESULT}", rclcpp::QoS({CELL.depth}))',
+            ],
+            {r'\badvice\.': FeederAdvice, r'\bresult\.': PickResult},
+        ),
+    ],
+)
+def test_names_qos_and_fields_are_those_of_the_suite(file, names, fields):
+    source = (EXAMPLE / 'src' / file).read_text(encoding='utf-8')
+    for name in names:
+        assert name in source
+    for before, kind in fields.items():
+        found = set(re.findall(before + r'(\w+)', source))
+        assert found
+        assert found <= set(kind.get_fields_and_field_types())
 
 
 def test_package_xml_and_cmake_agree():

@@ -1,12 +1,14 @@
 """Reports of parts, without a drop: counts are given."""
 
 import dataclasses
-from itertools import count
+from itertools import combinations, count
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.text import Text
+from rich.console import Console
 from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
@@ -37,14 +39,7 @@ def make_report():
     """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
 
     def make(
-        part,
-        *,
-        drops=1000,
-        unseen=(),
-        measured=False,
-        interval='wilson',
-        confidence=0.95,
-        **more,
+        part, *, drops=1000, unseen=(), measured=False, interval='wilson', confidence=0.95, **more
     ):
         aspects = find_aspects(part)
         weights = np.array([a.basin_share for a in aspects.aspects])
@@ -99,3 +94,45 @@ def written(tmp_path_factory):
         return folder
 
     return write
+
+
+@pytest.fixture(scope='session')
+def lines():
+    """Return the lines that a terminal of 80 columns shows of a table; no text is cut off."""
+
+    def shown(table):
+        console = Console(width=80, force_terminal=False)
+        with console.capture() as captured:
+            console.print(table)
+        found = [line.rstrip() for line in captured.get().splitlines()]
+        assert max(map(len, found)) <= 80
+        assert '…' not in ''.join(found)
+        return found
+
+    return shown
+
+
+@pytest.fixture(scope='session')
+def texts():
+    """Return the words of a figure, which must be inside it and must not cover each other."""
+
+    def read(figure):
+        figure.draw_without_rendering()
+        found = [each for each in figure.findobj(Text) if each.get_visible()]
+        boxes = [
+            (each.get_text(), each.get_window_extent())
+            for each in found
+            if each.get_text().strip()
+        ]
+        assert boxes
+        for words, box in boxes:
+            assert min(box.x0, box.y0) >= 0, words
+            assert box.x1 <= figure.bbox.x1, words
+            assert box.y1 <= figure.bbox.y1, words
+        for (one, a), (other, b) in combinations(boxes, 2):
+            across = min(a.x1, b.x1) - max(a.x0, b.x0)
+            high = min(a.y1, b.y1) - max(a.y0, b.y0)
+            assert min(across, high) < 2, (one, other)
+        return [words for words, _ in boxes]
+
+    return read

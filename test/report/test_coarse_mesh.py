@@ -48,7 +48,3 @@ def test_result_is_invariant_to_scale_and_position(ball):
     moved = vertices * 2.0**-10 + 0.5
     once = coarse_faces(vertices + 512, faces, 500, NOTHING)
     np.testing.assert_array_equal(coarse_faces(moved, faces, 500, NOTHING), once)
-
-
-def test_limit_of_one_triangle_leaves_a_mesh(ball):
-    assert 0 < len(coarse_faces(*ball, 1, NOTHING)) < 200

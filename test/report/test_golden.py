@@ -19,12 +19,7 @@ from resting_aspects_ros.report.comparison import (
     measures_text,
     verdict,
 )
-from resting_aspects_ros.report.drift import (
-    drift_notes,
-    drift_sentence,
-    live_table,
-    window_table,
-)
+from resting_aspects_ros.report.drift import drift_notes, drift_sentence, live_table, window_table
 from resting_aspects_ros.report.drops import (
     aspect_table,
     distribution_table,

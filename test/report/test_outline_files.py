@@ -1,6 +1,5 @@
 """Files of outlines, read by other programs: areas, places and sizes are those of the outline."""
 
-import dataclasses
 import io
 import xml.etree.ElementTree as ET
 
@@ -182,13 +181,3 @@ def test_covered_share_of_a_box_is_exact():
     expected[1, 1:3] = 0.75, 1
     expected[2, 1:3] = 0.375, 0.5
     np.testing.assert_allclose(share, expected, atol=1e-12)
-
-
-def test_run_lengths_begin_with_zeros(result):
-    first = outline_image(result.outlines[0], SCALE)
-    full = dataclasses.replace(first, covered=np.ones_like(first.covered))
-    _, note = described_image(full)
-    if first.polygon.interiors:
-        assert note['segmentation']['counts'] == [0, full.covered.size]
-    else:
-        assert note['iscrowd'] == 0

@@ -3,9 +3,7 @@
 import pytest
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.report.outlines import (
-    yaw_symmetry_text,
-)
+from resting_aspects_ros.report.outlines import yaw_symmetry_text
 from resting_aspects_ros.report.sheet import _pages, drawing_scale
 
 

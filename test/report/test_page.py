@@ -1,13 +1,11 @@
 """What a page says is what is known; read back from the file by other readers."""
 
 import base64
-import dataclasses
 import html.parser
 import io
 import json
 import re
 import xml.etree.ElementTree as ET
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,14 +13,9 @@ import trimesh
 from PIL import Image
 
 from resting_aspects_ros.report.drop_figures import bands
-from resting_aspects_ros.report.drop_page import (
-    FIGURES,
-    MAX_PICTURED_ROWS,
-    PIXELS,
-    drop_page,
-)
+from resting_aspects_ros.report.drop_page import FIGURES, MAX_PICTURED_ROWS, PIXELS, drop_page
 from resting_aspects_ros.report.format import aspect_colour
-from resting_aspects_ros.report.page import ENDINGS, OutcomeRow, OutcomeRows, items_html
+from resting_aspects_ros.report.page import ENDINGS
 from resting_aspects_ros.report.picture import MAX_PICTURE_TRIANGLES
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -157,13 +150,6 @@ def test_bars_and_whiskers_have_the_right_lengths(page, bracket):
         assert left + wide == pytest.approx(100 * each.upper / longest, abs=0.02)
 
 
-def test_unseen_aspect_has_an_upper_bound(page):
-    (row,) = [each for each in page.all('li', **{'class': 'unseen'}) if 'data-row' in each]
-    assert 'never seen' in words(row)
-    assert '0 to 0.38 %' in words(row)
-    assert any('Never seen: aspect 5 (at most 0.38 %' in words(e) for e in page.all('figcaption'))
-
-
 def test_input_texts_are_escaped(page):
     assert [words(each) for each in page.all('p', **{'class': 'note'})] == [
         'Only <b>half</b> of it & more.'
@@ -245,12 +231,6 @@ def test_equal_reports_give_equal_files(bracket, folder, written):
         assert file.read_bytes() == (folder / file.name).read_bytes()
 
 
-def test_heading_levels_are_consecutive(page):
-    levels = [int(each['tag'][1]) for each in page.found if re.fullmatch('h[1-6]', each['tag'])]
-    assert levels[0] == 1
-    assert all(b - a <= 1 for a, b in pairwise(levels))
-
-
 @pytest.mark.slow
 def test_page_with_many_aspects(many_sided, make_report, written):
     report = make_report(many_sided)
@@ -287,13 +267,3 @@ def test_large_mesh_is_simplified_and_the_page_states_it(solid, make_report, wri
     (script,) = page.all('script', id='scene')
     assert len(base64.b64decode(json.loads(script['text'])['faces'])) == 12 * shown
     assert len(text) < 5_000_000
-
-
-def test_second_range_of_a_bar_is_drawn_if_it_is_known():
-    row = OutcomeRow('aspect 1', '1', '', '#000000', 5, '50 %', '', (50.0, 40.0, 20.0))
-    plain, ranged = (
-        items_html([OutcomeRows([each], 10, view=False)])
-        for each in (row, dataclasses.replace(row, model=(30.0, 45.0)))
-    )
-    assert 'class="model"' not in plain
-    assert '<i class="model" style="left: 30.0%; width: 45.0%"></i>' in ranged

@@ -67,11 +67,7 @@ def bracket(part, make_report, written):
 
 
 @pytest.mark.parametrize(
-    ('width', 'scheme'),
-    [
-        (DESK, 'light'),
-        pytest.param(TELEPHONE, 'dark', marks=pytest.mark.slow),
-    ],
+    ('width', 'scheme'), [(DESK, 'light'), pytest.param(TELEPHONE, 'dark', marks=pytest.mark.slow)]
 )
 def test_selected_aspect_is_shown_in_the_view(look, bracket, width, scheme):
     seen = look(bracket, width, scheme)

@@ -94,13 +94,6 @@ def test_most_probable_classes_are_shown_and_others_summed(many_sided):
     )
 
 
-def test_equivalent_aspects_share_a_bar(part):
-    aspects = find_aspects(part('hex_nut'))
-    rows = _rows(Distribution(aspects, np.full(8, 10), 0, 0, 0))
-    assert [row.name for row in rows] == ['aspects 1 and 2', 'aspects 3 to 8']
-    assert [row.interval.probability for row in rows] == [0.25, 0.75]
-
-
 def test_colours_are_distinguishable_for_colour_blind_viewers():
     assert len(set(COLOURS)) == len(COLOURS)
     # Machado, Oliveira and Fernandes 2009, severity 1.
@@ -198,14 +191,6 @@ def test_view_from_above_matches_the_projection(bracket):
     scale = extent(images[0])[0] / np.ptp(solids[0].points[:, 0])
     for image, solid in zip(images, solids, strict=True):
         assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
-
-
-def test_pictures_of_l_bracket_aspects_differ(bracket):
-    aspects = find_aspects(bracket).aspects
-    images = draw_parts(pose_parts(bracket, aspects), [BLUE] * len(aspects), PIXELS)
-    assert len(images) == 5
-    for a, b in itertools.combinations([silhouette(image) for image in images], 2):
-        assert (a & b).sum() / (a | b).sum() < 0.8
 
 
 def test_matplotlib_is_imported_lazily_and_pyplot_never():

@@ -7,13 +7,7 @@ import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.format import interval_text, probability_text, share_text
-from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.report.table_files import (
-    check_ending,
-    save_csv,
-    save_xlsx,
-    table_values,
-)
+from resting_aspects_ros.report.table import Table, check_ending, save_csv, save_xlsx, table_values
 from resting_aspects_ros.statistics.intervals import Interval
 
 THIRD = Interval(1 / 3, 0.25, 0.421)

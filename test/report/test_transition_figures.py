@@ -1,32 +1,23 @@
 """The figures of transitions show the numbers, and all words and arrows can be seen."""
 
-import itertools
-
 import numpy as np
 import pytest
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
-from matplotlib.text import Text
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.format import aspect_colour
-from resting_aspects_ros.report.transition_figures import (
-    retention_figure,
-    transition_figure,
-)
-from resting_aspects_ros.statistics.transitions import (
-    RetentionCurve,
-    TransitionMatrix,
-)
+from resting_aspects_ros.report.transition_figures import retention_figure, transition_figure
+from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 PARTS = pytest.mark.parametrize('name', ['l_bracket', 'box_10x20x30'])
 
 
-def counted(aspects, seed=5, actions=1000, lost=True):
+def counted(aspects, seed=5, actions=1000):
     """A matrix with counts from a seeded generator, larger on the diagonal."""
     generator = np.random.default_rng(seed)
     k = len(aspects)
-    weights = np.concatenate([np.full(k, 0.4), np.full(4, 0.02 * lost)])
+    weights = np.concatenate([np.full(k, 0.4), np.zeros(4)])
     rows = [generator.dirichlet(weights + 2 * (np.arange(k + 4) == i) + 1e-9) for i in range(k)]
     counts = np.array([generator.multinomial(actions, row) for row in rows])
     return TransitionMatrix(aspects, counts)
@@ -43,22 +34,6 @@ def curves_of(aspects, lift, seed=3, parts=300):
     ]
 
 
-def texts(figure):
-    """The words of a figure, which must be inside it and must not cover each other."""
-    figure.draw_without_rendering()
-    found = [each for each in figure.findobj(Text) if each.get_visible() and each.get_text()]
-    boxes = [(each.get_text(), each.get_window_extent()) for each in found]
-    for words, box in boxes:
-        assert min(box.x0, box.y0) >= 0, words
-        assert box.x1 <= figure.bbox.x1, words
-        assert box.y1 <= figure.bbox.y1, words
-    for (one, a), (other, b) in itertools.combinations(boxes, 2):
-        across = min(a.x1, b.x1) - max(a.x0, b.x0)
-        high = min(a.y1, b.y1) - max(a.y0, b.y0)
-        assert min(across, high) < 2, (one, other)
-    return [words for words, _ in boxes]
-
-
 def of_kind(figure, kind):
     """The visible artists of a kind, without the backgrounds of figure and axes."""
     backgrounds = {id(figure.patch), *(id(axes.patch) for axes in figure.axes)}
@@ -66,8 +41,8 @@ def of_kind(figure, kind):
 
 
 @PARTS
-def test_heat_map_writes_each_probability_and_interval(part, name):
-    matrix = counted(find_aspects(part(name)), lost=False)
+def test_heat_map_writes_each_probability_and_interval(part, texts, name):
+    matrix = counted(find_aspects(part(name)))
     figure = transition_figure(matrix, part(name), 'a kick')
     k = len(matrix.aspects)
     found = texts(figure)
@@ -94,7 +69,7 @@ def test_probable_cells_are_darker(part):
 
 
 @PARTS
-def test_retention_has_a_line_for_each_class_with_its_barrier(part, name):
+def test_retention_has_a_line_for_each_class_with_its_barrier(part, texts, name):
     aspects = find_aspects(part(name))
     figure = retention_figure(
         curves_of(aspects, np.geomspace(2e-4, 0.02, 12)), aspects, part(name), 'a kick'
@@ -114,7 +89,7 @@ def test_retention_has_a_line_for_each_class_with_its_barrier(part, name):
     assert any('90 % intervals' in words.replace('\n', ' ') for words in found)
 
 
-def test_curves_of_a_class_are_added_up(part):
+def test_curves_of_a_class_are_added_up(part, texts):
     aspects = find_aspects(part('box_10x20x30'))
     curves = curves_of(aspects, np.linspace(0.001, 0.01, 5))
     figure = retention_figure(curves, aspects, None, 't')
@@ -126,7 +101,7 @@ def test_curves_of_a_class_are_added_up(part):
 
 
 @pytest.mark.filterwarnings('error')
-def test_curve_without_a_barrier_or_any_loss(part):
+def test_curve_without_a_barrier_or_any_loss(part, texts):
     aspects = find_aspects(part('l_bracket'))
     curve = RetentionCurve(1, np.inf, np.array([0.01]), np.array([0]), np.array([50]), 0.95)
     assert 'no barrier' in texts(retention_figure([curve], aspects, None, 't'))

@@ -4,15 +4,18 @@ import re
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.transitions import transition_table
-from resting_aspects_ros.statistics.transitions import (
-    TransitionMatrix,
-    no_actions,
+from resting_aspects_ros.report.transitions import (
+    long_run_table,
+    long_run_text,
+    table_rows,
+    transition_table,
+    wanted_table,
 )
+from resting_aspects_ros.statistics.markov import long_run, reach
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 
 @pytest.fixture(scope='module')
@@ -26,16 +29,6 @@ def thirty(many_sided):
     return AspectSet(aspects.part_sha256, aspects.aspects[:30])
 
 
-def lines(matrix, *, by_class=False, title='a title'):
-    console = Console(width=1000, force_terminal=False)
-    with console.capture() as captured:
-        console.print(transition_table(matrix, by_class, title))
-    found = [line.rstrip() for line in captured.get().splitlines()]
-    assert max(map(len, found)) <= 80
-    assert not any('…' in line for line in found)
-    return found
-
-
 def body(found):
     """The lines between the rule below the headings and the caption."""
     rule = next(k for k, line in enumerate(found) if set(line.strip()) == {'─'})
@@ -44,11 +37,11 @@ def body(found):
     return [line.split() for line in found[rule + 1 : end] if line]
 
 
-def test_intervals_are_below_the_probabilities(bracket):
+def test_intervals_are_below_the_probabilities(bracket, lines):
     counts = np.full((5, 9), 0)
     counts[:, :5] = [[600, 200, 100, 100, 0]]
     lower, upper = TransitionMatrix(bracket, counts).bounds()
-    found = body(lines(TransitionMatrix(bracket, counts)))
+    found = body(lines(transition_table(TransitionMatrix(bracket, counts), False, '')))
     assert found[0] == ['1', '60.0', '20.0', '10.0', '10.0', '0', '1000']
     ends = zip(lower[0, :5].tolist(), upper[0, :5].tolist(), strict=True)
     for text, (low, high) in zip(found[1], ends, strict=True):
@@ -57,43 +50,72 @@ def test_intervals_are_below_the_probabilities(bracket):
         assert last == pytest.approx(100 * high, abs=0.051)
 
 
-def test_wide_matrix_is_a_list_with_the_widest_interval_of_each_row(bracket):
+def test_wide_matrix_is_a_list_with_the_widest_interval_of_each_row(bracket, lines):
     counts = np.zeros((5, 9), dtype=np.int64)
     counts[:, :4] = [700, 100, 100, 50]
     counts[:, 5:] = [20, 10, 10, 10]
     matrix = TransitionMatrix(bracket, counts)
     lower, upper = matrix.bounds()
-    row = next(row for row in body(lines(matrix)) if row[0] == '2')
+    row = next(row for row in body(lines(transition_table(matrix, False, ''))) if row[0] == '2')
     assert row[-6:-2] == ['2.0', '1.0', '1.0', '1.0']  # outcomes in no aspect
     assert row[-1] == '1000'
     assert row[1:7] == ['1:', '70.0', '%,', '2:', '10.0', '%,']
     assert float(row[-2]) == pytest.approx(50 * (upper - lower)[1].max(), abs=0.051)
 
 
-def test_row_without_actions_has_no_numbers(bracket):
-    counts = np.zeros((5, 9), dtype=np.int64)
-    counts[0, :5] = 20
-    found = body(lines(TransitionMatrix(bracket, counts)))
-    assert found[2] == ['2', '-', '-', '-', '-', '-', '0']
-    assert body(lines(no_actions(bracket)))[0] == ['1', '-', '-', '-', '-', '-', '0']
-
-
-def test_classes_are_summed(part):
+def test_classes_are_summed(part, lines):
     nut = find_aspects(part('hex_nut'))
     counts = np.zeros((8, 12), dtype=np.int64)
     counts[:2, :2], counts[:2, 2:8] = 25, 25  # 100 of 400 stay in the class of two
     counts[2:, 2] = 50
-    found = lines(TransitionMatrix(nut, counts), by_class=True)
+    found = lines(transition_table(TransitionMatrix(nut, counts), True, ''))
     assert re.search(r'to 1 and 2 +to 3 to 8', '\n'.join(found))
     first, _, second, _ = body(found)
     assert first == ['1', 'and', '2', '25.0', '75.0', '400']
     assert second == ['3', 'to', '8', '0', '100.0', '300']
 
 
-def test_listed_probabilities_add_up(thirty):
+def test_listed_probabilities_add_up(thirty, lines):
     counts = np.random.default_rng(6).multinomial(2000, np.full(34, 1 / 34), size=30)
-    text = '\n'.join(lines(TransitionMatrix(thirty, counts)))
+    text = '\n'.join(lines(transition_table(TransitionMatrix(thirty, counts), False, '')))
     # Up to the caption: entries of all rows in the order of the rows.
     entries = [float(p) for p in re.findall(r': ([\d.]+) %', text.split('+-:')[0])]
     outside = 100 * counts[:, 30:].sum() / 2000
     assert sum(entries) + outside == pytest.approx(30 * 100, abs=0.06 * len(entries))
+
+
+def test_closed_classes_and_unreached_aspects_are_marked(bracket):
+    rows = table_rows(bracket, by_class=False)
+    transitions = np.zeros((5, 5))
+    transitions[[0, 1, 2, 2, 3, 4], [1, 0, 2, 2, 2, 3]] = 1
+    transitions[3] = [0.25, 0, 0.75, 0, 0]
+    found = long_run(transitions, np.zeros(5), np.array([0.0, 0, 0, 1, 0]))
+    table = long_run_table(rows, found, np.zeros(5), np.ones(5), found.shares, 't')
+    marks = [row[-1] for row in table.rows]
+    assert marks == ['1', '1', '2', 'none', 'not reached']
+    text = long_run_text(rows, found).splitlines()
+    assert text[2:] == [
+        '  1: aspects 1 and 2, in which 25.0 % of parts end',
+        '  2: aspect 3, in which 75.0 % of parts end',
+        'Estimated as 0, because no simulated action led back there: aspect 4.',
+        'No simulated drop and no action led to aspect 5.',
+    ]
+
+
+def test_way_to_wanted_aspects_has_never_and_certainty(bracket):
+    rows = table_rows(bracket, by_class=False)
+    transitions = np.zeros((5, 5))
+    transitions[0, 0] = 1
+    transitions[1, [0, 1]] = 0.5
+    transitions[2, [0, 3]] = 0.25, 0.75
+    transitions[3, 3] = 1
+    transitions[4, [0, 1]] = 0.0001, 0.9899
+    wanted = np.arange(5) == 0
+    table = wanted_table(rows, wanted, *reach(transitions, wanted), 't')
+    assert [' '.join(row) for row in table.rows] == [
+        '1 wanted 0',
+        '2 100 % 2.00',
+        '3 25.0 % 1.00',
+        '4 0 % never',
+        '5 99.0 % 3.00',
+    ]

@@ -41,43 +41,46 @@ def test_token_is_new_and_needed(served):
     assert served(task) == [404] * 5
 
 
-@pytest.mark.parametrize(
-    ('headers', 'status'),
-    [
-        ({'Host': 'evil.example'}, 403),
-        ({'Host': '127.0.0.1'}, 403),
-        ({'Host': '127.0.0.1:1'}, 403),
-        ({'Host': 'localhost:{port}'}, 200),
-        ({'Host': '[::1]:{port}'}, 200),
-        ({'Origin': 'http://evil.example'}, 403),
-        ({'Origin': 'null'}, 403),
-        ({'Origin': 'http://127.0.0.1:1'}, 403),
-        ({'Origin': 'http://127.0.0.1:{port}'}, 200),
-        ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'no-cors'}, 403),
-        ({'Sec-Fetch-Site': 'same-site', 'Sec-Fetch-Mode': 'cors'}, 403),
-        ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'navigate'}, 200),
-        ({'Sec-Fetch-Site': 'same-origin'}, 200),
-        ({'Sec-Fetch-Site': 'none'}, 200),
-    ],
-)
-def test_headers_of_other_sites_are_refused(served, headers, status):
+HEADERS = [
+    ({'Host': 'evil.example'}, 403),
+    ({'Host': '127.0.0.1'}, 403),
+    ({'Host': '127.0.0.1:1'}, 403),
+    ({'Host': 'localhost:{port}'}, 200),
+    ({'Host': '[::1]:{port}'}, 200),
+    ({'Origin': 'http://evil.example'}, 403),
+    ({'Origin': 'null'}, 403),
+    ({'Origin': 'http://127.0.0.1:1'}, 403),
+    ({'Origin': 'http://127.0.0.1:{port}'}, 200),
+    ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'no-cors'}, 403),
+    ({'Sec-Fetch-Site': 'same-site', 'Sec-Fetch-Mode': 'cors'}, 403),
+    ({'Sec-Fetch-Site': 'cross-site', 'Sec-Fetch-Mode': 'navigate'}, 200),
+    ({'Sec-Fetch-Site': 'same-origin'}, 200),
+    ({'Sec-Fetch-Site': 'none'}, 200),
+]
+
+
+def test_headers_of_other_sites_are_refused(served):
     async def task(client, studio):
-        sent = {name: value.format(port=studio.port) for name, value in headers.items()}
-        answer = await client.get(f'/{studio.token}/', headers=sent)
-        return answer.status
+        found = []
+        for headers, _ in HEADERS:
+            sent = {name: value.format(port=studio.port) for name, value in headers.items()}
+            answer = await client.get(f'/{studio.token}/', headers=sent)
+            found.append((headers, answer.status))
+        return found
 
-    assert served(task) == status
+    assert served(task) == HEADERS
 
 
-@pytest.mark.parametrize('origin', [None, 'http://evil.example', 'null'])
-def test_socket_needs_the_origin_of_the_page(served, origin):
+def test_socket_needs_the_origin_of_the_page(served):
     async def task(client, studio):
-        headers = {} if origin is None else {'Origin': origin}
-        with pytest.raises(WSServerHandshakeError) as refused:
-            await client.ws_connect(f'/{studio.token}/socket', headers=headers)
-        return refused.value.status
+        found = []
+        for headers in ({}, {'Origin': 'http://evil.example'}, {'Origin': 'null'}):
+            with pytest.raises(WSServerHandshakeError) as refused:
+                await client.ws_connect(f'/{studio.token}/socket', headers=headers)
+            found.append(refused.value.status)
+        return found
 
-    assert served(task) == 403
+    assert served(task) == [403] * 3
 
 
 def test_page_has_a_closed_policy(served):
@@ -104,25 +107,24 @@ def test_page_has_a_closed_policy(served):
     assert 'https://' not in text
 
 
-@pytest.mark.parametrize(
-    'path',
-    [
-        'static/../server.py',
-        'static/%2e%2e%2fserver.py',
-        'static/..%2f..%2f..%2fetc%2fpasswd',
-        'static/page.html',
-        'file/x/report.html',
-        'part/x/first',
-        'nothing',
-    ],
-)
-def test_nothing_else_is_served(served, path):
+PATHS = [
+    'static/../server.py',
+    'static/%2e%2e%2fserver.py',
+    'static/..%2f..%2f..%2fetc%2fpasswd',
+    'static/page.html',
+    'file/x/report.html',
+    'part/x/first',
+    'nothing',
+]
+
+
+def test_nothing_else_is_served(served):
     async def task(client, studio):
         root = client.make_url('/')  # the path is sent as it is written
-        address = type(root)(f'{root}{studio.token}/{path}', encoded=True)
-        return (await client.session.get(address)).status
+        addresses = [type(root)(f'{root}{studio.token}/{path}', encoded=True) for path in PATHS]
+        return [(await client.session.get(address)).status for address in addresses]
 
-    assert served(task) in (404, 405)
+    assert set(served(task)) <= {404, 405}
 
 
 @pytest.mark.parametrize(
@@ -160,18 +162,17 @@ def test_upload_is_stored_below_our_own_name(served, joined, name, shown):
         assert shown in problem
 
 
-@pytest.mark.parametrize('name', ['part.exe', 'part', '', 'part.stl.html', 'part.svg'])
-def test_other_endings_are_refused(served, joined, name):
+def test_other_endings_are_refused(served, joined):
     async def task(client, studio):
         browser = await joined(client, studio)
         address = f'/{studio.token}/part/{browser.room}/first'
-        answer = await client.put(address, params={'name': name}, data=b'x')
-        assert not [path for path in studio.folder.rglob('*') if path.is_file()]
-        return answer.status, await answer.text()
+        for name in ('part.exe', 'part', '', 'part.stl.html', 'part.svg'):
+            answer = await client.put(address, params={'name': name}, data=b'x')
+            assert answer.status == 415
+            assert '.step' in await answer.text()
+        return [path for path in studio.folder.rglob('*') if path.is_file()]
 
-    status, text = served(task)
-    assert status == 415
-    assert '.step' in text
+    assert served(task) == []
 
 
 def test_too_large_upload_is_refused_and_removed(served, joined, monkeypatch):
@@ -192,55 +193,56 @@ def test_too_large_upload_is_refused_and_removed(served, joined, monkeypatch):
     assert served(task) == (413, 413)
 
 
-@pytest.mark.parametrize(
-    'message',
-    [
-        '',
-        '[]',
-        'null',
-        '{',
-        '{"set": 3, "to": 4}',
-        '{"set": "condition.friction"}',
-        '{"set": "condition.friction", "to": "much"}',
-        '{"set": "condition.friction", "to": -1}',
-        '{"set": "condition.friction", "to": 1e400}',
-        '{"set": "condition.friction", "to": true}',
-        '{"set": "condition.friction", "to": {"a": []}}',
-        '{"set": "condition.gravity", "to": 0}',
-        '{"set": "condition.__class__", "to": 1}',
-        '{"set": "cell.__init__", "to": 1}',
-        '{"set": "surface", "to": "../steel"}',
-        '{"set": "surroundings", "to": "/etc/passwd.yaml"}',
-        '{"set": "dimension.angle", "to": 1}',
-        '{"set": "drops", "to": 1000000000000}',
-        '{"set": "drops", "to": "٣"}',
-        '{"set": "tab", "to": "os"}',
-        '{"set": "pickable.1", "to": true}',
-        '{"set": "count.1", "to": 5}',
-        '{"set": "plan.nothing", "to": true}',
-        '{"example": "../../x"}',
-        '{"example": ["l_bracket"]}',
-        '{"unit": "furlong"}',
-        '{"do": "rm"}',
-        '{"do": ["now"]}',
-        '[' * 5000,
-    ],
-)
-def test_wrong_message_is_one_sentence(served, joined, message):
+MESSAGES = [
+    '',
+    '[]',
+    'null',
+    '{',
+    '{"set": 3, "to": 4}',
+    '{"set": "condition.friction"}',
+    '{"set": "condition.friction", "to": "much"}',
+    '{"set": "condition.friction", "to": -1}',
+    '{"set": "condition.friction", "to": 1e400}',
+    '{"set": "condition.friction", "to": true}',
+    '{"set": "condition.friction", "to": {"a": []}}',
+    '{"set": "condition.gravity", "to": 0}',
+    '{"set": "condition.__class__", "to": 1}',
+    '{"set": "cell.__init__", "to": 1}',
+    '{"set": "surface", "to": "../steel"}',
+    '{"set": "surroundings", "to": "/etc/passwd.yaml"}',
+    '{"set": "dimension.angle", "to": 1}',
+    '{"set": "drops", "to": 1000000000000}',
+    '{"set": "drops", "to": "٣"}',
+    '{"set": "tab", "to": "os"}',
+    '{"set": "pickable.1", "to": true}',
+    '{"set": "count.1", "to": 5}',
+    '{"set": "plan.nothing", "to": true}',
+    '{"example": "../../x"}',
+    '{"example": ["l_bracket"]}',
+    '{"unit": "furlong"}',
+    '{"do": "rm"}',
+    '{"do": ["now"]}',
+    '[' * 5000,
+]
+
+
+def test_wrong_message_is_one_sentence(served, joined):
     async def task(client, studio):
         browser = await joined(client, studio)
-        await browser.socket.send_str(message)
-        problem = (await browser.wait('problem', lambda found: found['text']))['text']
         before = studio.seats[browser.room].room.settings
-        await browser.send(set='condition.friction', to='0.5', number=1)
-        values = await browser.wait('values', lambda found: found.get('number') == 1)
-        assert values['values']['condition.friction'] == '0.5'
-        assert before.conditions.friction == 0.25
-        return problem
+        for number, message in enumerate(MESSAGES):
+            await browser.socket.send_str(message)
+            good = browser.wait('problem', lambda found: found['text'])
+            problem = (await good)['text']
+            assert '\n' not in problem
+            assert len(problem) < 500
+            # The room lives on. A problem is published again after a good change.
+            await browser.send(set='live', to=True, number=number)
+            await browser.wait('values', lambda found, n=number: found.get('number') == n)
+            studio.seats[browser.room].latest.pop('problem')
+        return studio.seats[browser.room].room.settings == before
 
-    problem = served(task)
-    assert '\n' not in problem
-    assert len(problem) < 500
+    assert served(task)
 
 
 def test_large_message_ends_the_socket_but_not_the_room(served, joined):

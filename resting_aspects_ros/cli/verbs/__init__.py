@@ -8,9 +8,7 @@ ROS = 'ROS 2: nodes and their logs'
 # The help of each, by group, in the order of the list. Only the module of the requested one is
 # imported.
 GROUPS = {
-    'in the browser': {
-        'studio': 'open a page in the browser: drop a CAD file, see how it lies',
-    },
+    'in the browser': {'studio': 'open a page in the browser: drop a CAD file, see how it lies'},
     'how a part comes to rest': {
         'drop': 'drop a part and show how it comes to rest',
         'reorient': 'show how an action brings a part from aspect to aspect',

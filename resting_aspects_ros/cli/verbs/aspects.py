@@ -1,15 +1,11 @@
 """`resting_aspects aspects`: the aspects of a part, computed from its shape."""
 
 import argparse
-import sys
 
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part,
-)
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.options import add_output, add_part, requested_part
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.drops import aspect_table, merged_text, symmetry_text
@@ -34,24 +30,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find and show the aspects; returns the exit code. Raises RestingAspectsError."""
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    part = requested_part(arguments)
     for warning in part.warnings:
         warn(warning)
     aspects = find_aspects(part)
-    if arguments.json:
-        sys.stdout.write(to_json(aspects_document(part, aspects)))
-        return 0
-    count, classes = len(aspects), len(aspects.classes())
-    words = f'{_number(count, "aspect")} in {_number(classes, "class")}'
-    title = f'{part.name}, {size_text(part)}: {words}'
-    console = make_console()
-    show_table(console, aspect_table(aspects, part, title, each=arguments.each))
-    if merged := merged_text(aspects):
-        console.print(merged, highlight=False)
-    if aspects.symmetry is not None:
-        console.print(f'Symmetry: {symmetry_text(aspects.symmetry)}.', highlight=False)
-    console.print('For pictures, run resting_aspects drop with --report.', highlight=False)
-    return 0
+
+    def show() -> None:
+        count, classes = len(aspects), len(aspects.classes())
+        words = f'{_number(count, "aspect")} in {_number(classes, "class")}'
+        title = f'{part.name}, {size_text(part)}: {words}'
+        show_table(aspect_table(aspects, part, title, each=arguments.each))
+        symmetry = aspects.symmetry
+        show_texts(
+            merged_text(aspects),
+            '' if symmetry is None else f'Symmetry: {symmetry_text(symmetry)}.',
+            'For pictures, run resting_aspects drop with --report.',
+        )
+
+    show_result(arguments, lambda: to_json(aspects_document(part, aspects)), show)
+    return DONE
 
 
 def _number(number: int, word: str) -> str:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
-from resting_aspects_ros.cli.options import add_workers, parse_integer
+from resting_aspects_ros.cli.options import add_out, add_seed, add_workers, parse_integer
 from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -50,23 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of drops of each part at each point (as many as were counted, but 100 to '
         '300)',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=DEFAULT_SEED,
-        help=f'the same seed gives the same result ({DEFAULT_SEED})',
-    )
+    add_seed(parser, 'result')
     parser.add_argument(
         '--no-discrepancy',
         action='store_true',
         help='the counts are simulated, so that only sampling makes them deviate',
     )
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write calibration.json, surface.yaml (an entry for a surfaces file) and '
+    add_out(
+        parser,
+        'write calibration.json, surface.yaml (an entry for a surfaces file) and '
         'calibration.png; with several files, into a folder for each surface',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
@@ -125,12 +116,10 @@ def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
     """Return the folder of a surface, which can be written; None if nothing is saved."""
     if out is None:
         return None
-    from resting_aspects_ros.api.result import check_output, make_folder
+    from resting_aspects_ros.api.result import check_files
 
     folder = out if surfaces == 1 else out / surface
-    make_folder('--out', folder)
-    for name in (DOCUMENT, ENTRY, PICTURE):
-        check_output('--out', folder / name)
+    check_files('--out', folder, (DOCUMENT, ENTRY, PICTURE))
     return folder
 
 

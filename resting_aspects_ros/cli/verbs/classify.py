@@ -1,20 +1,21 @@
 """`resting_aspects classify`: sort a file of resting poses, with or without the part."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
 from resting_aspects_ros.api.conditions import requested_surroundings
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
-from resting_aspects_ros.cli.console import make_console, show_table
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.cli.options import (
     add_output,
     add_part_place,
     add_surroundings,
+    refuse,
+    requested_part,
 )
-from resting_aspects_ros.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
@@ -66,44 +67,35 @@ def run(arguments: argparse.Namespace) -> int:
     part = _part(arguments)
     surroundings = requested_surroundings(arguments.surroundings, arguments.set)
     result = classify(arguments.poses, part, tolerance=degrees, surroundings=surroundings)
-    if arguments.json:
-        sys.stdout.write(result.to_json())
-    elif result.by_part is None:
-        _show_clusters(arguments, result)
-    else:
-        _show_aspects(arguments, result, result.by_part)
-    return 0
+    title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
+
+    def show() -> None:
+        if result.by_part is None:
+            _show_clusters(title, result)
+        else:
+            _show_aspects(title, result, result.by_part)
+
+    show_result(arguments, result.to_json, show)
+    return DONE
 
 
 def _part(arguments: argparse.Namespace) -> Part | None:
     if arguments.part is not None:
-        return load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    for name in ('unit', 'body', 'parts'):
-        if (value := getattr(arguments, name)) is not None:
-            raise InvalidValueError(
-                f'invalid --{name} {shown(str(value))}: expected only with --part'
-            )
+        return requested_part(arguments)
+    refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
     return None
 
 
-def _show_clusters(arguments: argparse.Namespace, result: ClassificationResult) -> None:
+def _show_clusters(title: str, result: ClassificationResult) -> None:
     count = len(result.clusters)
-    clusters = f'{count} cluster' if count == 1 else f'{count} clusters'
-    title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses, {clusters}'
-    table = cluster_table(result.cluster_distribution, result.clusters, title)
-    show_table(make_console(), table)
+    title += f', {count} cluster' if count == 1 else f', {count} clusters'
+    show_table(cluster_table(result.cluster_distribution, result.clusters, title))
 
 
-def _show_aspects(
-    arguments: argparse.Namespace, result: ClassificationResult, found: PartClassification
-) -> None:
-    console = make_console()
-    name = one_line(arguments.poses.name)
-    title = f'{name}, {result.poses.drops} poses of {found.part.name}'
-    table = agreement_table(found.distribution, found.agreement, result.clusters, title)
-    show_table(console, table)
-    line = agreement_line(found.agreement, found.differences)
-    console.print(line, markup=False, highlight=False)
+def _show_aspects(title: str, result: ClassificationResult, found: PartClassification) -> None:
+    title += f' of {found.part.name}'
+    show_table(agreement_table(found.distribution, found.agreement, result.clusters, title))
+    show_texts(agreement_line(found.agreement, found.differences))
     if len(found.differences):
         places = result.poses.index, result.poses.line
-        show_table(console, differences_table(found.differences, result.clusters, *places))
+        show_table(differences_table(found.differences, result.clusters, *places))

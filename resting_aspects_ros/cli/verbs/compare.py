@@ -1,16 +1,12 @@
 """`resting_aspects compare`: how much two distributions differ."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
-from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import (
-    add_confidence,
-    add_output,
-    parse_share,
-)
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.options import add_confidence, add_output
 from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
@@ -38,14 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, compare and show; returns the exit code. Raises RestingAspectsError."""
-    confidence = parse_share('--confidence', arguments.confidence)
-    result = compare(arguments.a, arguments.b, confidence=confidence)
-    if arguments.json:
-        sys.stdout.write(result.to_json())
-        return 0
-    console = make_console()
-    title = f'A: {result.a.title}\nB: {result.b.title}'
-    show_table(console, comparison_table(result.comparison, result.sides, title))
-    for text in (measures_text(result.comparison, result.sides), result.verdict):
-        console.print(text, markup=False, highlight=False)
-    return 0
+    result = compare(arguments.a, arguments.b, confidence=arguments.confidence)
+
+    def show() -> None:
+        title = f'A: {result.a.title}\nB: {result.b.title}'
+        show_table(comparison_table(result.comparison, result.sides, title))
+        show_texts(measures_text(result.comparison, result.sides), result.verdict)
+
+    show_result(arguments, result.to_json, show)
+    return DONE

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.result import check_output, make_folder
+from resting_aspects_ros.api.result import check_files
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -43,9 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
     logs = out / 'logs'
-    make_folder('--out', out)
-    for node in NODES:
-        check_output('--out', out / f'{node}.log')
+    check_files('--out', out, [f'{node}.log' for node in NODES])
     # These imports take a second, and --help does not need them.
     from resting_aspects_ros.api.report_files import check_report, write_report
     from resting_aspects_ros.run_logs.contents import logged_result
@@ -91,7 +89,7 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
                 PART, drops=DROPS, seed=SEED, timeout=TIMEOUT, progress=progress.update
             )
         result = result_from(message, client.get_part(PART))
-    print_result(result, as_json=False)
+    print_result(result)
     sys.stdout.flush()
     run_id = result.run.run_id
     end = time.monotonic() + LOG_TIMEOUT

@@ -1,22 +1,25 @@
 """`resting_aspects drift`: whether counted parts still have the shares of the simulation."""
 
 import argparse
-import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.cli.life_cycle import session
+from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
+    add_out,
     add_output,
     add_part,
     add_workers,
-    flag_of,
     parse_integer,
     parse_share,
+    refuse,
+    requested_conditions,
+    requested_part,
 )
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
+from resting_aspects_ros.errors import StoppedError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from resting_aspects_ros.api.compare import DriftResult
     from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.aspects.aspect_set import AspectSet
     from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
@@ -88,11 +92,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--shift',
         metavar='D',
+        type=partial(parse_share, '--shift'),
         help='deviation of the share of a class that a window should find (0.05, which is 5 '
         'points)',
     )
     parser.add_argument(
-        '--level', metavar='A', help='probability of a false alarm in each window (0.01)'
+        '--level',
+        metavar='A',
+        type=partial(parse_share, '--level'),
+        help='probability of a false alarm in each window (0.01)',
     )
     parser.add_argument(
         '--prior-weight',
@@ -115,9 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_confidence(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out', metavar='DIR', type=Path, help='write drift.json and drift.png into this folder'
-    )
+    add_out(parser, 'write drift.json and drift.png into this folder')
     add_output(parser, each=False)
     add_conditions(parser)
 
@@ -125,24 +131,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, test and show; returns the exit code. Raises RestingAspectsError."""
     options: dict[str, Any] = {
-        name: parse_share(f'--{name}', text)
-        for name in ('confidence', 'shift', 'level')
-        if (text := getattr(arguments, name)) is not None
+        name: value
+        for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
+        if (value := getattr(arguments, name)) is not None
     }
-    for name in ('window', 'prior_weight'):
-        if (value := getattr(arguments, name)) is not None:
-            options[name] = value
     # These imports are slow because of NumPy.
     from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.count_files import read_observed
-    from resting_aspects_ros.api.forecast_result import counted_apart_texts
-    from resting_aspects_ros.api.load_part import load_part
-    from resting_aspects_ros.api.result import check_output, make_folder
     from resting_aspects_ros.aspects.find import find_aspects
-    from resting_aspects_ros.cli.console import make_console
     from resting_aspects_ros.statistics.drift import check_windows
 
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    part = requested_part(arguments)
     aspects = find_aspects(part)
     classes = [members[0].symmetry_class for members in aspects.classes()]
     observed = read_observed(
@@ -150,24 +149,18 @@ def run(arguments: argparse.Namespace) -> int:
     )
     # Before the drops, which can take time.
     check_windows(observed, options.get('window', 1))
-    if arguments.out is not None:
-        make_folder('--out', arguments.out)
-        for name in (DOCUMENT, PICTURE):
-            check_output('--out', arguments.out / name)
+    out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
     result = watch_drift(_expected(arguments, part), observed, **options)
-    _write(result, arguments)
-    if not arguments.json:
-        console = make_console()
-        for text in counted_apart_texts(part, aspects, result.test.groups):
-            console.print(text, markup=False, highlight=False)
-    return 0
+    document = DOCUMENT, result.to_json
+    show = partial(_show, result, part, aspects)
+    finish(arguments, out, document, {PICTURE: result.save_picture}, show)
+    return DONE
 
 
 def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | CountedDrops':
     """Return the simulated drops in a file, or new drops."""
     if arguments.expected is None:
         from resting_aspects_ros.api.drop import drop
-        from resting_aspects_ros.cli.options import requested_conditions
 
         conditions = requested_conditions(arguments)
         with session(arguments) as started:
@@ -186,12 +179,7 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
     from resting_aspects_ros.api.count_files import counted_drops
     from resting_aspects_ros.api.counts import check_same_part
 
-    for name in SIMULATION:
-        if (value := getattr(arguments, name)) not in (None, ''):
-            raise InvalidValueError(
-                f'invalid {flag_of(name)} {shown(str(value))}: expected only without --expected, '
-                'whose drops are compared'
-            )
+    refuse(arguments, SIMULATION, 'without --expected, whose drops are compared')
     given = counted_drops(arguments.expected)
     check_same_part(
         (f'--expected {str(arguments.expected)!r}', given.part, given.part_sha256),
@@ -200,26 +188,14 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
     return given
 
 
-def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
-    """Save and print the result, even if saving fails."""
-    from resting_aspects_ros.cli.console import make_console, show_table
+def _show(result: 'DriftResult', part: 'Part', aspects: 'AspectSet') -> None:
+    from resting_aspects_ros.api.forecast_result import counted_apart_texts
+    from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
 
-    try:
-        if arguments.out is not None:
-            result.save_json(arguments.out / DOCUMENT)
-            result.save_picture(arguments.out / PICTURE)
-    finally:
-        if arguments.json:
-            sys.stdout.write(result.to_json())
-        else:
-            console = make_console()
-            console.print(result.verdict, markup=False, highlight=False)
-            notes = drift_notes(result.test, result.shift, result.needed)
-            console.print(notes, markup=False, highlight=False)
-            console.print()
-            show_table(console, window_table(result.test, result.title))
-            console.print()
-            show_table(console, live_table(result.test, result.live))
-    if arguments.out is not None and not arguments.json:
-        print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')
+    show_texts(result.verdict, drift_notes(result.test, result.shift, result.needed))
+    print()
+    show_table(window_table(result.test, result.title))
+    print()
+    show_table(live_table(result.test, result.live))
+    show_texts(*counted_apart_texts(part, aspects, result.test.groups))

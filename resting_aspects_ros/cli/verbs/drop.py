@@ -8,13 +8,13 @@ from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
     add_engine,
+    add_out,
     add_output,
     add_part_place,
     add_run,
     add_surroundings,
     add_workers,
     parse_integer,
-    parse_share,
 )
 from resting_aspects_ros.simulation.conditions import Noise, quantities_of
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
@@ -65,10 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
     )
     states.add_argument(
-        '--replicates',
-        metavar='N',
-        type=parse_integer,
-        help='number of drops from each state (1)',
+        '--replicates', metavar='N', type=parse_integer, help='number of drops from each state (1)'
     )
     for name, quantity in quantities_of(Noise).items():
         states.add_argument(
@@ -85,18 +82,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_confidence(parser)
     add_engine(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write distribution.json, distribution.png and, of a single part, poses.csv into '
+    add_out(
+        parser,
+        'write distribution.json, distribution.png and, of a single part, poses.csv into '
         'this folder',
-    )
-    parser.add_argument(
-        '--report',
-        action='store_true',
-        help='also write report.html, a page with pictures and charts, into the folder of --out '
-        '(out/ and the part)',
+        'report.html, a page with pictures and charts',
     )
     parser.add_argument(
         '--log',
@@ -135,13 +125,12 @@ def _is_folder(given: list[str]) -> bool:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli import drop_run
 
         # With --parts, one part is a name in that folder, even if there is a folder of this name.
         if len(arguments.part) > 1 or (arguments.parts is None and _is_folder(arguments.part)):
-            return drop_run.drop_batch_and_show(arguments, started, confidence)
+            return drop_run.drop_batch_and_show(arguments, started)
         arguments.part = arguments.part[0] if arguments.part else None
-        return drop_run.drop_and_show(arguments, started, confidence)
+        return drop_run.drop_and_show(arguments, started)

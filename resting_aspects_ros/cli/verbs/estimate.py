@@ -1,13 +1,12 @@
 """`resting_aspects estimate`: the distribution of a part without drops, by several methods."""
 
 import argparse
-import sys
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.estimate import METHODS
-from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import add_output, add_part
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.options import add_output, add_part, requested_part
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.drops import estimate_table, legend
 
@@ -43,17 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
     names = _methods(arguments.method)
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    result = estimate(part, names, against=arguments.against)
-    show_estimates(result, each=arguments.each, as_json=arguments.json)
-    return 0
+    result = estimate(requested_part(arguments), names, against=arguments.against)
+    show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
+    return DONE
 
 
-def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None:
-    """Print estimates on standard output, as one JSON document or as a table."""
-    if as_json:
-        sys.stdout.write(result.to_json())
-        return
+def show_estimates(result: EstimateResult, *, each: bool) -> None:
+    """Print estimates as a table."""
     against = result.against
     by_class = not each or (against is not None and against.by_class)
     methods = [name for name in METHODS if name in {*result.estimates, *result.not_defined}]
@@ -70,7 +65,6 @@ def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None
     title = f'{result.part.name}: probability by method, %'
     if against is not None:
         title = f'{title}\nagainst {against.title}'
-    console = make_console()
     table = estimate_table(
         result.part,
         rows,
@@ -79,11 +73,10 @@ def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None
         result.counted(by_class=by_class),
         result.comparisons(by_class=by_class),
     )
-    show_table(console, table)
+    show_table(table)
     lines = legend([name for name in methods if name in result.estimates])
     lines += [f'{reason}.' for reason in result.not_defined.values()]
-    for line in [*lines, 'All methods assume an infinite level plane.']:
-        console.print(line, markup=False, highlight=False)
+    show_texts(*lines, 'All methods assume an infinite level plane.')
 
 
 def _methods(text: str) -> list[str]:

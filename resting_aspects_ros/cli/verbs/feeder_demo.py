@@ -4,13 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from resting_aspects_ros.api.result import check_output, make_folder
-from resting_aspects_ros.cli.forecast_options import add_cell
-from resting_aspects_ros.cli.options import parse_integer
+from resting_aspects_ros.api.result import check_files
+from resting_aspects_ros.cli.options import add_seed
+from resting_aspects_ros.cli.verbs.forecast import add_cell, parse_tray, requested_times
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 
-PART, MINUTES, SEED = 'l_bracket', '10', 1
+PART, MINUTES = 'l_bracket', '10'
 DROPS, PER_ASPECT = DEFAULT_DROPS, 40
 DOCUMENT, PICTURE, LAYOUT = 'feeder_demo.json', 'feeder_demo.png', 'foxglove.json'
 INTERRUPTED = 130
@@ -45,14 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument('--pickable-classes', metavar='NUMBERS', help='symmetry classes instead')
     add_cell(parser, MINUTES, 'the run in simulated time', gripper=False)
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=SEED,
-        help='the same seed gives the same drops, flips, places on the tray and noise of the '
-        f'camera ({SEED})',
-    )
+    add_seed(parser, 'drops, flips, places on the tray and noise of the camera')
     parser.add_argument(
         '--real-time',
         action='store_true',
@@ -72,15 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
-    make_folder('--out', out)
-    for name in (DOCUMENT, PICTURE, LAYOUT):
-        check_output('--out', out / name)
+    check_files('--out', out, (DOCUMENT, PICTURE, LAYOUT))
     with Interruption() as stop:
         # These imports take a second, and --help does not need them.
-        from resting_aspects_ros.cli.feeder_demo_plan import planned_demo
-        from resting_aspects_ros.cli.feeder_demo_run import FeederDemo
+        from resting_aspects_ros.cli.feeder_demo_run import FeederDemo, planned_demo
 
-        demo = FeederDemo(planned_demo(arguments, DROPS, PER_ASPECT), out, stop.check)
+        size, times = parse_tray(arguments.tray), requested_times(arguments)
+        plan = planned_demo(arguments, size, times, DROPS, PER_ASPECT)
+        demo = FeederDemo(plan, out, stop.check)
         try:
             demo.run(out / LAYOUT)
         except KeyboardInterrupt:

@@ -1,38 +1,35 @@
 """`resting_aspects forecast`: parts per minute of a feeder with a camera and a robot."""
 
 import argparse
-import sys
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
-from resting_aspects_ros.cli.forecast_options import (
-    add_cell,
-    add_pickable,
-    parse_gripper,
-    parse_tray,
-    requested_times,
-)
-from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session, text_file
+from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
+    add_actions_file,
     add_confidence,
     add_contact_conditions,
+    add_out,
     add_output,
     add_part_place,
+    add_seed,
     add_workers,
     parse_integer,
     parse_numbers,
-    parse_share,
     requested_conditions,
+    requested_part,
 )
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult
+    from resting_aspects_ros.feeding.footprint import Footprint
 
 DESCRIPTION = """Predict how many parts per minute a robot picks from a vibrating tray under a
 camera: the rate with its interval, the best number of parts on the tray, how
@@ -46,8 +43,21 @@ EXAMPLES = """examples:
   resting_aspects forecast old.stl new.stl --pickable 1 --tray 300x200mm --json
   resting_aspects forecast hex_nut --pickable-classes 1 --parts-on-tray 40
 """
-DOCUMENT, PICTURE = 'forecast.json', 'forecast.png'
+DOCUMENT, PICTURE, PAGE = 'forecast.json', 'forecast.png', 'forecast.html'
 PER_ASPECT = 200
+# Longer sides are probably mistakes of the unit.
+MAX_SIDE = 5.0
+_SIDE = re.compile(r'\s*([\d.]+)\s*([a-z]*)\s*', re.IGNORECASE)
+# Texts of the times, s; those without a default are None or that of the action.
+_TIMES = {
+    'robot': 'from one pick of the robot to the next (1.2)',
+    'vibrate': 'vibration before each image (that of the action)',
+    'settle': 'from the end of the vibration until the parts are at rest (that of the action)',
+    'image': 'image and its evaluation (0.2)',
+    'supply': 'supply of a part, for each supplied part (0)',
+    'place': 'with --overlap: how long the robot is away from the tray after its last pick (half '
+    'of --robot)',
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,9 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='what the feeder does before each image: an action of config/actions.yaml or of '
         '--actions, or a kind of action with the values below (flip)',
     )
-    parser.add_argument(
-        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
-    )
+    add_actions_file(parser)
     parser.add_argument(
         '--grasps',
         metavar='FILE',
@@ -97,26 +105,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=DEFAULT_DROPS,
         help=f'number of drops; supplied parts have their distribution ({DEFAULT_DROPS})',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=DEFAULT_SEED,
-        help=f'the same seed gives the same forecast ({DEFAULT_SEED})',
-    )
+    add_seed(parser, 'forecast')
     add_confidence(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write forecast.json and forecast.png into this folder',
-    )
-    parser.add_argument(
-        '--report',
-        action='store_true',
-        help='also write forecast.html, a page with the curves and all numbers, into the folder '
-        'of --out (out/ and the part)',
+    add_out(
+        parser,
+        f'write {DOCUMENT} and {PICTURE} into this folder',
+        f'{PAGE}, a page with the curves and all numbers',
     )
     add_output(parser, each=False)
     add_action_values(parser)
@@ -125,7 +120,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy and shapely.
         from resting_aspects_ros.api.forecast import forecast_each
@@ -133,26 +127,25 @@ def run(arguments: argparse.Namespace) -> int:
             save_forecast_picture,
             write_forecast_report,
         )
-        from resting_aspects_ros.api.load_part import load_part
 
         options = _options(arguments)
         sets = _sets(arguments)
-        parts = [
-            load_part(name, arguments.unit, arguments.parts, arguments.body)
-            for name in arguments.part
-        ]
-        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), _check_report)
+        parts = [requested_part(arguments, given) for given in arguments.part]
+        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), PAGE)
         requests = list(zip(parts, sets, strict=True))
-        results = forecast_each(requests, confidence=confidence, **options, **started.options)
+        results = forecast_each(
+            requests, confidence=arguments.confidence, **options, **started.options
+        )
         first, *others = results
-        files: dict[str, Callable[[Path], object]] = {
-            DOCUMENT: text_file(partial(first.to_json, others))
-        }
-        if not arguments.report:
-            files[PICTURE] = partial(save_forecast_picture, results)
-        show = partial(_show, results, as_json=arguments.json)
-        report = partial(write_forecast_report, results) if arguments.report else None
-        finish(arguments, out, files, show, report)
+        picture = partial(save_forecast_picture, results)
+        finish(
+            arguments,
+            out,
+            (DOCUMENT, partial(first.to_json, others)),
+            {} if arguments.report else {PICTURE: picture},
+            partial(_show, results),
+            partial(write_forecast_report, results),
+        )
         return DONE
 
 
@@ -212,19 +205,9 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
     return [[each] for each in sets]
 
 
-def _check_report(flag: str, out: Path) -> None:
-    # This import is slow, and only needed for a report.
-    from resting_aspects_ros.api.forecast_result import check_forecast_report
-
-    check_forecast_report(flag, out)
-
-
-def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:
-    """Print a sentence for each result, then the table, and notes; or a document."""
-    if as_json:
-        sys.stdout.write(results[0].to_json(results[1:]))
-        return
-    from resting_aspects_ros.cli.console import make_console, show_table
+def _show(results: 'Sequence[ForecastResult]') -> None:
+    """Print a sentence for each result, then the table, and notes."""
+    from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.report.forecast import (
         cell_text,
         controlled_text,
@@ -232,24 +215,18 @@ def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:
         range_text,
     )
 
-    console = make_console()
-    several = len(results) > 1
-    for result in results:
-        name = f'{result.named.title}: ' if several else ''
-        lines = [result.sentence]
+    names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
+    for name, result in zip(names, results, strict=True):
+        show_texts(f'{name}{result.sentence}', soft_wrap=True)
         if result.controlled is not None:
-            lines.append(controlled_text(result.controlled))
-        for line in lines:
-            console.print(f'{name}{line}', markup=False, highlight=False, soft_wrap=True)
-    console.print(cell_text(results[0].named), markup=False, highlight=False)
-    console.print()
-    show_table(console, forecast_table([result.named for result in results]))
-    for result in results:
+            show_texts(f'{name}{controlled_text(result.controlled)}', soft_wrap=True)
+    show_texts(cell_text(results[0].named))
+    print()
+    show_table(forecast_table([result.named for result in results]))
+    for name, result in zip(names, results, strict=True):
         if text := range_text(result.named):
-            name = f'{result.named.title}: ' if several else ''
-            console.print(f'{name}{text}', markup=False, highlight=False)
-    for note in _notes(results):
-        console.print(note, markup=False, highlight=False)
+            show_texts(f'{name}{text}')
+    show_texts(*_notes(results))
 
 
 def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
@@ -260,3 +237,119 @@ def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
         f'{name}: {note}' for name, each in notes.items() for note in each if note not in common
     ]
     return [*common, *named]
+
+
+# -- The feeder, the camera and the robot, which feeder_demo has, too -----------------------------
+
+
+def add_pickable(parser: argparse.ArgumentParser) -> None:
+    """Add --pickable and --pickable-classes, each of which can be given several times."""
+    group = parser.add_mutually_exclusive_group(required=True)
+    group.add_argument(
+        '--pickable',
+        metavar='IDS',
+        action='append',
+        help='aspects in which the robot can pick the part, such as 1,3; repeat it to compare '
+        'several sets, or to give each of several parts a set',
+    )
+    group.add_argument(
+        '--pickable-classes', metavar='NUMBERS', action='append', help='symmetry classes instead'
+    )
+
+
+def add_cell(
+    parser: argparse.ArgumentParser, minutes: str, duration: str, *, gripper: bool
+) -> None:
+    """Add the times of a cycle, the tray and, if requested, the gripper.
+
+    minutes, duration : default of --minutes, and what it is the duration of
+    """
+    group = parser.add_argument_group(
+        'feeder, camera and robot',
+        'A cycle is a vibration, the time until the parts are at rest, an image, and\n'
+        'the picks of all free parts in it. Times may have a unit, such as 1.2s or\n'
+        '200ms; lengths too, such as 5mm.',
+    )
+    for name, text in _TIMES.items():
+        group.add_argument(f'--{name}', metavar='S', help=text)
+    group.add_argument(
+        '--overlap',
+        action='store_true',
+        help='the next vibration, settling and image run while the robot places the last part',
+    )
+    group.add_argument(
+        '--tray',
+        metavar='WxD',
+        default='200x200mm',
+        help='width and depth of the tray (200x200mm)',
+    )
+    group.add_argument(
+        '--clearance',
+        metavar='M',
+        default='5mm',
+        help='minimum distance from a part that can be picked to any other part (5mm)',
+    )
+    if gripper:
+        group.add_argument(
+            '--gripper',
+            metavar='LxW',
+            help='footprint of the gripper, in which no other part may be: length along the part '
+            'and width, or a diameter, such as 40x10mm or 20mm (none)',
+        )
+    group.add_argument(
+        '--parts-on-tray',
+        metavar='N',
+        type=parse_integer,
+        help='number of parts on the tray (the one with the highest rate)',
+    )
+    group.add_argument(
+        '--max-picks',
+        metavar='N',
+        type=parse_integer,
+        help='maximum number of picks after one image (all free parts)',
+    )
+    group.add_argument(
+        '--minutes', metavar='MIN', default=minutes, help=f'duration of {duration} ({minutes})'
+    )
+
+
+def requested_times(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `cycle_times` that have a flag; raises InvalidValueError."""
+    times: dict[str, Any] = {
+        name: parse_quantity(f'--{name}', text, 's')
+        for name in _TIMES
+        if (text := getattr(arguments, name)) is not None
+    }
+    return {**times, 'overlap': arguments.overlap}
+
+
+def parse_tray(text: str) -> tuple[float, float]:
+    """Return width and depth, m, of '200x150mm'; raises InvalidValueError."""
+    sides = _sides('--tray', text, 'two sides with a unit, such as 200x150mm')
+    if len(sides) != 2 or not all(0 < side <= MAX_SIDE for side in sides):
+        raise InvalidValueError(
+            f'invalid --tray {shown(text)}: expected two sides of more than 0 and at most '
+            f'{MAX_SIDE:g} m, with a unit, such as 200x150mm'
+        )
+    return sides[0], sides[1]
+
+
+def parse_gripper(text: str) -> 'Footprint':
+    """Return the footprint '40x10mm', a rectangle, or '20mm', a disc; raises InvalidValueError."""
+    from resting_aspects_ros.feeding.footprint import Footprint
+
+    expected = 'length and width, or a diameter, with a unit, such as 40x10mm or 20mm'
+    sides = _sides('--gripper', text, expected)
+    if len(sides) > 2 or not all(0 < side <= MAX_SIDE for side in sides):
+        raise InvalidValueError(f'invalid --gripper {shown(text)}: expected {expected}')
+    return Footprint(sides[0], sides[1]) if len(sides) == 2 else Footprint(0, 0, sides[0] / 2)
+
+
+def _sides(flag: str, text: str, expected: str) -> list[float]:
+    """Return lengths, m, of '200x150mm'; the last unit is that of sides without one."""
+    found = [_SIDE.fullmatch(side) for side in text.lower().split('x')]
+    if None in found:
+        raise InvalidValueError(f'invalid {flag} {shown(text)}: expected {expected}')
+    pairs = [(match[1], match[2]) for match in found if match]
+    unit = pairs[-1][1]
+    return [parse_quantity(flag, number + (own or unit), 'm') for number, own in pairs]

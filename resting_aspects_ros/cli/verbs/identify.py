@@ -1,14 +1,11 @@
 """`resting_aspects identify`: tell from an observed outline which part lies where and how."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part_place,
-)
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.options import add_output, add_part_place, requested_part
 from resting_aspects_ros.errors import InvalidValueError, located, shown
 from resting_aspects_ros.input_files import parse_quantity
 
@@ -72,7 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
         known_part,
         read_polygon,
     )
-    from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.report.document import to_json
     from resting_aspects_ros.vision.fitting import OutlineNoise
 
@@ -80,18 +76,17 @@ def run(arguments: argparse.Namespace) -> int:
     camera = _camera(arguments.camera)
     path = arguments.polygon
     seen = read_polygon(path)
-    parts = [
-        load_part(part, arguments.unit, arguments.parts, arguments.body)
-        for part in arguments.parts_
-    ]
+    parts = [requested_part(arguments, given) for given in arguments.parts_]
     known = [known_part(part) for part in parts]
     found = identify_part(seen, known, noise=noise, camera=camera)
     hint = identification_hint(found, seen, known, noise)
-    if arguments.json:
-        sys.stdout.write(to_json({**identification_document(found), 'hint': hint or None}))
-    else:
-        _show(found, path.name, hint if camera else f'{hint} {TELECENTRIC}'.strip())
-    return 0
+    shown_hint = hint if camera else f'{hint} {TELECENTRIC}'.strip()
+    show_result(
+        arguments,
+        lambda: to_json({**identification_document(found), 'hint': hint or None}),
+        lambda: _show(found, path.name, shown_hint),
+    )
+    return DONE
 
 
 def _camera(text: str | None) -> 'Pinhole | None':
@@ -114,7 +109,7 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
     """Print the candidates and the other answers as a table, and remarks below it."""
     import numpy as np
 
-    from resting_aspects_ros.cli.console import make_console, show_table
+    from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.errors import one_line
     from resting_aspects_ros.report.table import Table
 
@@ -141,11 +136,8 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
     table.add_section()
     for label, share in (('none of these', found.none), ('touching parts', found.touching)):
         table.add_row(label, '', f'{100 * share:.1f} %')
-    console = make_console()
-    show_table(console, table)
-    for text in (hint, _equal_text(found)):
-        if text:
-            console.print(text, markup=False, highlight=False)
+    show_table(table)
+    show_texts(hint, _equal_text(found))
 
 
 def _equal_text(found: 'Identification') -> str:

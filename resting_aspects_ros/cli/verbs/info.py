@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,18 +12,13 @@ from resting_aspects_ros.api.conditions import (
     when_text,
 )
 from resting_aspects_ros.api.model_range import missing_in
-from resting_aspects_ros.cli.console import make_console, print_table, show_table
-from resting_aspects_ros.cli.options import (
-    add_output,
-)
+from resting_aspects_ros.cli.console import print_table, show_table
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag import log_files
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import (
-    SCHEMA_VERSION,
-    distribution_document,
-    to_json,
-)
+from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.transition_conversions import action_from
@@ -63,23 +57,29 @@ def run(arguments: argparse.Namespace) -> int:
     """Read a log and show its contents; returns the exit code. Raises LogError."""
     found = read_logged_run(arguments.log)
     counted = _counted(found)
-    if arguments.json:
-        sys.stdout.write(to_json(_document(found, counted)))
-        return 0
+    show_result(
+        arguments,
+        lambda: to_json(_document(found, counted)),
+        lambda: _show(found, counted, each=arguments.each),
+    )
+    return DONE
+
+
+def _show(found: LoggedRun, counted: tuple[Distribution, bool] | None, *, each: bool) -> None:
     for label, text in _lines(found):
         print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
-    if counted is not None:
-        distribution, complete = counted
-        print()
-        of = '' if complete else ' of an unfinished run'
-        title = f'Distribution of {distribution.drops} drops{of}'
-        run = found.known_run
-        missing = '' if run is None or distribution.model else missing_in(run)
-        part = _part(found, distribution)
-        print_table(distribution, title, part, each=arguments.each, no_model_range=missing)
-        if distribution.contacts is not None:
-            show_table(make_console(), contact_table(distribution.contacts, distribution))
-    return 0
+    if counted is None:
+        return
+    distribution, complete = counted
+    print()
+    of = '' if complete else ' of an unfinished run'
+    title = f'Distribution of {distribution.drops} drops{of}'
+    run = found.known_run
+    missing = '' if run is None or distribution.model else missing_in(run)
+    part = _part(found, distribution)
+    print_table(distribution, title, part, each=each, no_model_range=missing)
+    if distribution.contacts is not None:
+        show_table(contact_table(distribution.contacts, distribution))
 
 
 def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:

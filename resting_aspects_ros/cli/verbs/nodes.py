@@ -2,9 +2,7 @@
 
 import argparse
 
-from resting_aspects_ros.cli.options import (
-    add_ros_args,
-)
+from resting_aspects_ros.cli.options import add_ros_args
 
 DESCRIPTION = """Run drop_simulator, aspect_classifier and drop_recorder in one process,
 until Ctrl-C. Each node is also a separate program, whose --help lists its

@@ -1,26 +1,26 @@
 """`resting_aspects optimise`: the conditions with the most of the wanted aspects."""
 
 import argparse
-import sys
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.cli.life_cycle import exit_code, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
+    add_actions_file,
     add_conditions,
     add_confidence,
+    add_out,
     add_output,
     add_part,
+    add_seed,
     add_surroundings,
     add_workers,
     changed_conditions,
     parse_integer,
     parse_numbers,
-    parse_share,
+    refuse,
+    requested_part,
 )
-from resting_aspects_ros.errors import InvalidValueError, analysis
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import NamedAction
@@ -79,9 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='an action of config/actions.yaml or of --actions, which is done once to each part '
         'that was dropped, before it is counted (none)',
     )
-    parser.add_argument(
-        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
-    )
+    add_actions_file(parser)
     parser.add_argument(
         '--budget',
         metavar='N',
@@ -90,21 +88,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of all drops: half of them search, a quarter are fresh drops that compare '
         'the best conditions with others, and a quarter show how flat the optimum is (200000)',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=DEFAULT_SEED,
-        help=f'the same seed gives the same result ({DEFAULT_SEED})',
-    )
+    add_seed(parser, 'result')
     add_confidence(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write optimum.json, points.csv and the page report.html into this folder',
-    )
+    add_out(parser, 'write optimum.json, points.csv and the page report.html into this folder')
     add_output(parser, each=False)
     add_conditions(parser)
     add_surroundings(parser)
@@ -112,18 +99,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.conditions import requested_surroundings
-        from resting_aspects_ros.api.load_part import load_part
         from resting_aspects_ros.simulation.conditions import all_surfaces
         from resting_aspects_ros.studies.design import parse_ranges
         from resting_aspects_ros.studies.optimise import optimise
         from resting_aspects_ros.studies.optimum import PAGE
 
         conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
-        part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+        part = requested_part(arguments)
         out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
         result = optimise(
             part,
@@ -137,12 +122,12 @@ def run(arguments: argparse.Namespace) -> int:
             action=_action(arguments),
             budget=arguments.budget,
             seed=arguments.seed,
-            confidence=confidence,
+            confidence=arguments.confidence,
             **started.options,
         )
-        files = {DOCUMENT: result.save_json, POINTS: result.save_csv}
-        show = partial(_show, result, as_json=arguments.json)
-        finish(arguments, out, files, show, result.report)
+        document = DOCUMENT, result.to_json
+        files = {POINTS: result.save_csv}
+        finish(arguments, out, document, files, partial(_show, result), result.report)
         return exit_code(f'{result.drops} of {result.budget} drops', complete=result.complete)
 
 
@@ -154,10 +139,7 @@ def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
     if arguments.action is not None:
         known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
         return known.get(arguments.action)
-    if arguments.actions is not None:
-        raise InvalidValueError(
-            f'invalid --actions {str(arguments.actions)!r}: expected only with --action'
-        )
+    refuse(arguments, ('actions',), 'with --action')
     return None
 
 
@@ -165,16 +147,10 @@ def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
     return None if text is None else parse_numbers(flag, text)
 
 
-def _show(result: 'OptimiseResult', *, as_json: bool) -> None:
-    from resting_aspects_ros.cli.console import make_console, show_table
+def _show(result: 'OptimiseResult') -> None:
+    from resting_aspects_ros.cli.console import show_table, show_texts
 
-    if as_json:
-        sys.stdout.write(result.to_json())
-        return
-    with analysis('the tables of the result'):
-        console = make_console()
-        show_table(console, result.candidate_table())
-        if result.curves:
-            show_table(console, result.factor_table())
-        for note in result.notes:
-            console.print(note, markup=False, highlight=False)
+    show_table(result.candidate_table())
+    if result.curves:
+        show_table(result.factor_table())
+    show_texts(*result.notes)

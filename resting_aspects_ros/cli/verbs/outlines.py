@@ -1,13 +1,17 @@
 """`resting_aspects outlines`: what a camera straight above sees of a part in each aspect."""
 
 import argparse
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.cli.options import (
+    add_out,
     add_output,
     add_part,
+    refuse,
+    requested_part,
 )
 from resting_aspects_ros.input_files import parse_quantity
 
@@ -27,11 +31,9 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_part(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write into this folder: JSON, for each class drawings (SVG and DXF) at true size, '
+    add_out(
+        parser,
+        'write into this folder: JSON, for each class drawings (SVG and DXF) at true size, '
         'a template and a mask (PNG), and COCO annotations',
     )
     parser.add_argument(
@@ -52,7 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
     # These imports are slow because of NumPy.
-    from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.api.outlines import check_sheet_name, outlines
     from resting_aspects_ros.api.result import check_output
 
@@ -62,29 +63,20 @@ def run(arguments: argparse.Namespace) -> int:
         check_sheet_name('--counting-sheet', sheet)
         if sheet.parent != out:  # this folder is made later
             check_output('--counting-sheet', sheet)
-    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    result = outlines(part)
+    result = outlines(requested_part(arguments))
     written = _write(result, out, scale, sheet)
-    if arguments.json:
-        sys.stdout.write(result.to_json())
-        return 0
-    _show(result)
-    for line in written:
-        print(line)
-    return 0
+    show_result(arguments, result.to_json, lambda: _show(result, written))
+    return DONE
 
 
 def _px_per_mm(arguments: argparse.Namespace) -> float:
     """Return the requested scale of the images; raises InvalidValueError."""
-    from resting_aspects_ros.errors import InvalidValueError, shown
     from resting_aspects_ros.report.outlines import PIXELS_PER_MM
 
-    given = arguments.px_per_mm
-    if given is None:
-        return PIXELS_PER_MM
     if arguments.out is None:
-        raise InvalidValueError(f'invalid --px-per-mm {shown(given)}: expected only with --out')
-    return parse_quantity('--px-per-mm', given, '')
+        refuse(arguments, ('px_per_mm',), 'with --out')
+    given = arguments.px_per_mm
+    return PIXELS_PER_MM if given is None else parse_quantity('--px-per-mm', given, '')
 
 
 def _write(
@@ -110,9 +102,9 @@ def _write(
     return lines
 
 
-def _show(result: 'OutlinesResult') -> None:
-    """Print the table, and a sentence for each group of classes that look alike."""
-    from resting_aspects_ros.cli.console import make_console, show_table
+def _show(result: 'OutlinesResult', written: Sequence[str]) -> None:
+    """Print the table, a sentence for each group of classes that look alike, and the files."""
+    from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.report.format import size_text
     from resting_aspects_ros.report.outlines import (
         confused_class_texts,
@@ -120,15 +112,15 @@ def _show(result: 'OutlinesResult') -> None:
         outline_table,
     )
 
-    console = make_console()
     number = len(result.outlines)
     title = f'{result.part.name}, {size_text(result.part)}: ' + (
         f'{number} outlines' if number != 1 else '1 outline'
     )
     table = outline_table(result.outlines, result.look_alikes, result.aspects, title)
-    show_table(console, table)
+    show_table(table)
     confused = confused_class_texts(result.outlines, result.look_alikes)
     if not confused and number > 1:
         confused = ['A camera straight above can distinguish all classes by their outlines.']
-    for text in [*confused, *family_texts(result.outlines)]:
-        console.print(text, highlight=False, soft_wrap=False)
+    show_texts(*confused, *family_texts(result.outlines))
+    for line in written:
+        print(line)

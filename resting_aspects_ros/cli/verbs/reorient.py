@@ -1,22 +1,26 @@
 """`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from resting_aspects_ros.cli.action_options import add_action_values
 from resting_aspects_ros.cli.life_cycle import session
 from resting_aspects_ros.cli.options import (
+    add_actions_file,
     add_confidence,
     add_contact_conditions,
     add_engine,
+    add_out,
     add_output,
     add_part,
+    add_seed,
     add_surroundings,
     add_workers,
     parse_integer,
     parse_share,
 )
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the
@@ -43,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'with the values below; several names separated by commas are compared (tap; with '
         '--actions all actions of the file)',
     )
-    parser.add_argument(
-        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
-    )
+    add_actions_file(parser)
     parser.add_argument(
         '--per-aspect',
         metavar='N',
@@ -56,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--precision',
         metavar='P',
+        type=partial(parse_share, '--precision'),
         help='stop as soon as every interval of the matrix is at most +-P wide, such as 0.05',
     )
     parser.add_argument(
@@ -66,13 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of drops; their distribution is shown beside the long run, and parts that '
         f'leave the aspects are replaced by dropped parts ({DEFAULT_DROPS})',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=DEFAULT_SEED,
-        help=f'the same seed gives the same transitions ({DEFAULT_SEED})',
-    )
+    add_seed(parser, 'transitions')
     wanted = parser.add_mutually_exclusive_group()
     wanted.add_argument(
         '--wanted',
@@ -93,17 +90,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_confidence(parser)
     add_engine(parser)
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='write transitions.json, transitions.png and roadmap.json into this folder',
-    )
-    parser.add_argument(
-        '--report',
-        action='store_true',
-        help='also write reorientation.html, a page with the figures, all numbers and all '
-        'conditions, into the folder of --out (out/ and the part)',
+    add_out(
+        parser,
+        'write transitions.json, transitions.png and roadmap.json into this folder',
+        'reorientation.html, a page with the figures, all numbers and all conditions',
     )
     parser.add_argument(
         '--check-convergence',
@@ -118,9 +108,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    confidence = parse_share('--confidence', arguments.confidence)
     with session(arguments) as started:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.reorient_run import reorient_and_show
 
-        return reorient_and_show(arguments, started, confidence)
+        return reorient_and_show(arguments, started)

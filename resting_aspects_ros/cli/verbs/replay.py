@@ -3,9 +3,7 @@
 import argparse
 from pathlib import Path
 
-from resting_aspects_ros.cli.options import (
-    add_ros_args,
-)
+from resting_aspects_ros.cli.options import add_ros_args
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import is_printable, parse_quantity
 

@@ -9,7 +9,7 @@ from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.cli.options import add_part_place
+from resting_aspects_ros.cli.options import add_out, add_part_place, refuse
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import is_log
 
@@ -40,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='compare it with manual counts (a CSV with aspect or class, and count), a log or a '
         'JSON document',
     )
-    parser.add_argument(
-        '--out', metavar='DIR', type=Path, help='folder of the files (out/ and the part)'
-    )
+    add_out(parser, 'folder of the files (out/ and the part)')
     parser.add_argument(
         '--part',
         metavar='PART_OR_MESH',
@@ -78,12 +76,8 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
         return document_result(
             path, arguments.part, arguments.unit, arguments.parts, arguments.body
         )
-    for name in ('part', 'unit', 'body', 'parts'):
-        if (given := getattr(arguments, name)) is not None:
-            raise InvalidValueError(
-                f'invalid --{name} {str(given)!r}: expected only with a JSON document; a log '
-                'contains its part'
-            )
+    names = 'part', 'unit', 'body', 'parts'
+    refuse(arguments, names, 'with a JSON document; a log contains its part')
     # This imports ROS, which a JSON document does not need.
     from resting_aspects_ros.run_logs.contents import logged_result
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.result import check_output
+from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_output,
@@ -13,10 +14,11 @@ from resting_aspects_ros.cli.options import (
     add_run,
     add_surroundings,
     changed_conditions,
+    refuse,
     requested_conditions,
     requested_number,
 )
-from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.errors import warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
@@ -36,6 +38,11 @@ EXAMPLES = """examples:
   resting_aspects request hex_nut --method rolling
   resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
 """
+# Flags that a method of `estimate` ignores.
+OF_DROPS = (
+    *('drops', 'precision', 'seed', 'surroundings', 'picture', 'surface', 'surfaces'),
+    *(*QUANTITIES, 'height_of'),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Request and show; returns the exit code. Raises RestingAspectsError."""
     with Interruption() as stop:
         if arguments.method != 'drops':
-            _check_no_drop_flags(arguments)
+            refuse(arguments, OF_DROPS, 'with --method drops')
         # Wrong values are refused before the client looks for a suite.
         requested_conditions(arguments)
         check_output('--picture', arguments.picture)
@@ -103,19 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
             result = result_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
             result.save_picture(arguments.picture)
-        print_result(result, as_json=arguments.json, each=arguments.each)
-    return 0
-
-
-def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
-    """Raise InvalidValueError for a flag that a method of `estimate` ignores."""
-    run = 'drops', 'precision', 'seed', 'surroundings', 'picture'
-    for name in (*run, 'surface', 'surfaces', *QUANTITIES, 'height_of'):
-        if (given := getattr(arguments, name)) not in (None, ''):
-            flag = f'--{name.replace("_", "-")}'
-            raise InvalidValueError(
-                f'invalid {flag} {shown(str(given))}: expected only with --method drops'
-            )
+        show_result(arguments, result.to_json, lambda: print_result(result, each=arguments.each))
+    return DONE
 
 
 def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
@@ -168,8 +164,8 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
         found = estimate_from(message)
         part = client.get_part(arguments.part)
     result = EstimateResult(part, found.aspects, {found.method: found}, {})
-    show_estimates(result, each=arguments.each, as_json=arguments.json)
-    return 0
+    show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
+    return DONE
 
 
 def result_from(message: Any, part: 'Part | None') -> 'DropResult':

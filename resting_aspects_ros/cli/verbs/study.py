@@ -2,12 +2,14 @@
 
 import argparse
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_out,
     add_surroundings,
     add_workers,
     parse_integer,
@@ -79,19 +81,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--tolerance',
         metavar='P',
+        type=partial(parse_share, '--tolerance'),
         help='change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
         'measuring a condition is worth while (0.05)',
     )
     parser.add_argument(
         '--confidence',
         metavar='C',
+        type=partial(parse_share, '--confidence'),
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help='folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
+    add_out(
+        parser,
+        'folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
         'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
     )
     add_workers(parser)
@@ -116,12 +118,9 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 
     changes: dict[str, Any] = {
         name: value
-        for name in ('design', 'points', 'drops', 'seed')
+        for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
         if (value := getattr(arguments, name)) is not None
     }
-    for name in ('tolerance', 'confidence'):
-        if getattr(arguments, name) is not None:
-            changes[name] = parse_share(f'--{name}', getattr(arguments, name))
     surfaces = all_surfaces(arguments.surfaces)
     first = Path(arguments.parts[0])
     if first.is_dir() and (first / SPEC).exists():

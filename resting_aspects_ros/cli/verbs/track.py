@@ -1,10 +1,8 @@
 """`resting_aspects track`: what passes the traps of a bowl or linear feeder."""
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.life_cycle import (
@@ -15,19 +13,20 @@ from resting_aspects_ros.cli.life_cycle import (
     partial_result,
     result_folder,
     session,
-    text_file,
 )
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_out,
     add_output,
     add_part,
+    add_seed,
     add_workers,
     parse_integer,
     requested_conditions,
+    requested_part,
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
@@ -115,25 +114,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=2000,
         help='number of drops for the shares of the aspects (2000)',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        default=DEFAULT_SEED,
-        help=f'the same seed gives the same result ({DEFAULT_SEED})',
-    )
+    add_seed(parser, 'result')
     add_workers(parser)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        type=Path,
-        help=f'write {DOCUMENT}, {ROWS} and {PICTURE} into this folder',
-    )
-    parser.add_argument(
-        '--report',
-        action='store_true',
-        help='also write track.html, a page with all orientations and the track to scale, into '
-        'the folder of --out (out/ and the part)',
+    add_out(
+        parser,
+        f'write {DOCUMENT}, {ROWS} and {PICTURE} into this folder',
+        'track.html, a page with all orientations and the track to scale',
     )
     add_output(parser, each=False)
     add_conditions(parser)
@@ -143,11 +129,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
         # These imports are slow because of NumPy.
-        from resting_aspects_ros.api.load_part import load_part
         from resting_aspects_ros.api.track import default_track, design_track, given_track, track
         from resting_aspects_ros.api.track_result import TrackDesign
 
-        part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+        part = requested_part(arguments)
         described = _described(arguments)
         if arguments.on is not None:
             on = given_track(arguments.on)
@@ -174,13 +159,10 @@ def run(arguments: argparse.Namespace) -> int:
         finish(
             arguments,
             out,
-            {
-                DOCUMENT: text_file(result.to_json),
-                ROWS: result.save_csv,
-                PICTURE: result.save_picture,
-            },
-            partial(_show, result, as_json=arguments.json),
-            result.report if arguments.report else None,
+            (DOCUMENT, result.to_json),
+            {ROWS: result.save_csv, PICTURE: result.save_picture},
+            partial(_show, result),
+            result.report,
         )
         drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
         has = f'{drop.distribution.drops} of {arguments.drops} drops'
@@ -230,14 +212,10 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: 'TrackResult | TrackDesign', *, as_json: bool) -> None:
-    from resting_aspects_ros.cli.console import make_console, show_table
+def _show(result: 'TrackResult | TrackDesign') -> None:
+    from resting_aspects_ros.cli.console import show_table
 
-    if as_json:
-        sys.stdout.write(result.to_json())
-        return
-    console = make_console()
     for table in result.tables():
-        show_table(console, table)
+        show_table(table)
     for sentence in result.sentences:
         print(sentence)

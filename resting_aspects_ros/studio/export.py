@@ -1,19 +1,28 @@
-"""The command line and the Python program that give the numbers of a tab."""
+"""What can be taken from the page: files, and the command and the Python of each tab."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.api.conditions import shipped_surfaces, surface_entry, surface_text
+from resting_aspects_ros.api.drop import drop
+from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT
+from resting_aspects_ros.api.result import poses_file
 from resting_aspects_ros.api.track import default_track
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.drops import distribution_table
+from resting_aspects_ros.report.table import Table, save_csv, save_xlsx
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studio.rows import Opened, Source
-from resting_aspects_ros.studio.settings import Rail, Settings, dimensions
+from resting_aspects_ros.studio.settings import Rail, Settings, counts_csv, dimensions
+from resting_aspects_ros.studio.work import Work, drop_options
 
 # The file that the tab Export offers, and the surface in it.
 SURFACES_FILE, OWN_SURFACE = 'surfaces.yaml', 'studio'
@@ -21,15 +30,24 @@ SURFACES_FILE, OWN_SURFACE = 'surfaces.yaml', 'studio'
 
 @dataclass(frozen=True)
 class Recipe:
-    """The same work on the command line, as words, and in Python, as a program."""
+    """The same work on the command line, as a line, and in Python, as a program."""
 
-    command: Sequence[str]
+    line: str
     python: str
 
-    @property
-    def line(self) -> str:
-        """The command as it is typed."""
-        return shlex.join(self.command)
+
+def recipes(opened: Opened, settings: Settings) -> dict[str, Recipe]:
+    """Return the recipe of each tab that has one, by its title."""
+    source = opened.source
+    found = {
+        'Aspects': drop_recipe(source, settings),
+        'Outlines': outlines_recipe(source),
+        'Reorientation': reorient_recipe(source, settings),
+        'Track': track_recipe(opened, settings),
+    }
+    if settings.pickable:
+        found['Forecast'] = forecast_recipe(source, settings)
+    return found
 
 
 def drop_recipe(source: Source, settings: Settings) -> Recipe:
@@ -37,7 +55,7 @@ def drop_recipe(source: Source, settings: Settings) -> Recipe:
     number = {'precision': settings.precision} if settings.precision else {'drops': settings.drops}
     values: dict[str, Any] = {**number, 'seed': settings.seed}
     surface = _Surface(settings.conditions)
-    words = [*_part_words(source), *_flags(values), *surface.flags(QUANTITIES)]
+    words = [*_part_words(source), *_flags(values), *surface.flags]
     return _recipe('drop', source, words, '', {**values, **surface.values}, settings)
 
 
@@ -53,7 +71,7 @@ def reorient_recipe(source: Source, settings: Settings) -> Recipe:
         words += _flags(action.action.numbers)
         kind = f'ra.{type(action.action).__name__}({_arguments(action.action.numbers)})'
         argument = f'ra.NamedAction({action.name!r}, {kind}, time={action.time!r})'
-    words += [*_flags(values), *surface.contact_flags()]
+    words += [*_flags(values), *surface.contact_flags]
     return _recipe('reorient', source, words, argument, {**values, **surface.values}, settings)
 
 
@@ -74,7 +92,7 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
         *_flags({**values, 'seed': settings.seed, 'action': cell.action}),
         '--tray',
         f'{cell.width!r}mx{cell.depth!r}m',
-        *surface.contact_flags(),
+        *surface.contact_flags,
     ]
     named = {
         'pickable_classes': classes,
@@ -84,8 +102,7 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
         'seed': settings.seed,
         **surface.values,
     }
-    level = settings.conditions.changed(surroundings=None)
-    return _recipe('forecast', source, words, '', named, settings, conditions=level)
+    return _recipe('forecast', source, words, '', named)
 
 
 def track_on(part: Part, rail: Rail) -> dict[str, Any]:
@@ -104,11 +121,11 @@ def track_recipe(opened: Opened, settings: Settings) -> Recipe:
         *_part_words(opened.source),
         '--design',
         *_flags({'want': rail.want, **_rail_changes(rail), **values}),
-        *surface.flags(QUANTITIES),
+        *surface.flags,
     ]
     first = f'{rail.want}, {track_on(opened.part, rail)!r}'
     named = {**values, **surface.values}
-    return _recipe('track', opened.source, words, first, named, None, function='design_track')
+    return _recipe('track', opened.source, words, first, named, function='design_track')
 
 
 def _rail_changes(rail: Rail) -> dict[str, Any]:
@@ -123,7 +140,7 @@ def _rail_changes(rail: Rail) -> dict[str, Any]:
 
 def outlines_recipe(source: Source) -> Recipe:
     """Return how the outlines are found."""
-    return _recipe('outlines', source, _part_words(source), '', {}, None)
+    return _recipe('outlines', source, _part_words(source), '', {})
 
 
 def reorient_options(settings: Settings) -> dict[str, Any]:
@@ -159,19 +176,20 @@ class _Surface:
         """The arguments in Python."""
         return {'surface': self.name, **self.changes}
 
-    def flags(self, known: Mapping[str, Any]) -> list[str]:
-        """Return the flags of the surface and of the changed values."""
-        assert set(self.changes) <= set(known)
+    @property
+    def flags(self) -> list[str]:
+        """The flags of the surface and of the changed values."""
         return ['--surface', self.name, *_flags(self.changes)]
 
+    @property
     def contact_flags(self) -> list[str]:
-        """Return flags for a command without flags for the release.
+        """The flags for a command without flags for the release.
 
         If a value of the release is changed, they name the surface in the file of the tab Export.
         """
         if any(QUANTITIES[name].at_release for name in self.changes):
             return ['--surfaces', SURFACES_FILE, '--surface', OWN_SURFACE]
-        return self.flags(QUANTITIES)
+        return self.flags
 
 
 def _differences(known: DropConditions, conditions: DropConditions) -> dict[str, float]:
@@ -188,22 +206,19 @@ def _recipe(
     words: Sequence[str],
     first: str,
     values: Mapping[str, Any],
-    settings: Settings | None,
-    conditions: DropConditions | None = None,
+    settings: Settings | None = None,
     function: str = '',
 ) -> Recipe:
-    """Return the recipe of a public function, which usually has the name of its command."""
+    """Return the recipe of a public function, which usually has the name of its command.
+
+    ``settings`` are given if their surroundings matter.
+    """
     words = ['resting_aspects', verb, *words]
     arguments = ['part', *([first] if first else []), *([_arguments(values)] if values else [])]
-    around = None
-    if settings is not None:
-        around = (conditions or settings.conditions).surroundings
+    around = None if settings is None else settings.conditions.surroundings
     if around is not None and settings is not None:
-        changes = {
-            name: value
-            for name, value in dimensions(around).items()
-            if value != dimensions(named_surroundings(settings.surroundings))[name]
-        }
+        shipped = dimensions(named_surroundings(settings.surroundings))
+        changes = {k: v for k, v in dimensions(around).items() if v != shipped[k]}
         words += ['--surroundings', settings.surroundings]
         for name, value in changes.items():
             words += ['--set', f'{name}={value!r}']
@@ -216,7 +231,7 @@ def _recipe(
         f'result = ra.{function or verb}({", ".join(arguments)})\n'
         'print(result.to_json())\n'
     )
-    return Recipe(words, python)
+    return Recipe(shlex.join(words), python)
 
 
 def _part_words(source: Source) -> list[str]:
@@ -235,3 +250,110 @@ def _flags(values: Mapping[str, Any]) -> list[str]:
 
 def _arguments(values: Mapping[str, Any]) -> str:
     return ', '.join(f'{name}={value!r}' for name, value in values.items())
+
+
+# -- Files ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class File:
+    """A file that is made when it is downloaded, its media type, and what writes it."""
+
+    name: str
+    title: str
+    media_type: str
+    save: Callable[[Work, Path], object]
+
+    def make(self, work: Work) -> bytes:
+        """Return the content of the file."""
+        with tempfile.TemporaryDirectory(dir=work.folder) as folder:
+            path = Path(folder) / self.name
+            self.save(work, path)
+            return path.read_bytes()
+
+
+def _table(work: Work) -> Table:
+    drops = work.drops()
+    return distribution_table(drops.distribution, drops.title, drops.part)
+
+
+def _save_poses(work: Work, path: Path) -> None:
+    with poses_file('poses', path) as write:
+        options = {**drop_options(work.settings), 'workers': work.workers}
+        drop(work.opened.part, keep_poses=False, consumers=[write], **options)
+
+
+def _save_surfaces(work: Work, path: Path) -> None:
+    conditions = work.settings.conditions
+    source = f'Chosen in resting_aspects studio: {surface_text(conditions)}. Not measured.'
+    _save_text(path, surface_entry(OWN_SURFACE, conditions, source))
+
+
+def _save_drawings(work: Work, path: Path) -> None:
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for drawing in outlines(work.opened.part).save(path.parent / 'outlines'):
+            archive.write(drawing, drawing.name)
+
+
+def _save_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding='utf-8')
+
+
+_XLSX = 'application/vnd.openxmlformats-officedocument.spreadsheetml.sheet'
+FILES = {
+    file.name: file
+    for file in (
+        File(
+            'report.html',
+            'the report, one page that needs no network',
+            'text/html',
+            lambda work, path: _save_text(path, work.drops().page().html()),
+        ),
+        File(
+            'distribution.json',
+            'all numbers as JSON',
+            'application/json',
+            lambda work, path: work.drops().save_json(path),
+        ),
+        File(
+            'aspects.csv',
+            'the table of the aspects as CSV',
+            'text/csv',
+            lambda work, path: save_csv(_table(work), path),
+        ),
+        File(
+            'aspects.xlsx',
+            'the same as a workbook',
+            _XLSX,
+            lambda work, path: save_xlsx([_table(work)], path),
+        ),
+        File('poses.csv', 'the resting pose of each drop as CSV', 'text/csv', _save_poses),
+        File(
+            'distribution.png',
+            'the bars as a picture',
+            'image/png',
+            lambda work, path: work.drops().save_picture(path),
+        ),
+        File(
+            SURFACES_FILE, 'the conditions as a surfaces file', 'application/yaml', _save_surfaces
+        ),
+        File(
+            'counting_sheet.pdf',
+            'a sheet for counting by hand, A4',
+            'application/pdf',
+            lambda work, path: outlines(work.opened.part).save_counting_sheet(path),
+        ),
+        File(
+            'outlines.zip',
+            'outlines as SVG and DXF at true size, templates and masks',
+            'application/zip',
+            _save_drawings,
+        ),
+        File(
+            'counts.csv',
+            'the counts by hand as CSV',
+            'text/csv',
+            lambda work, path: _save_text(path, counts_csv(work.settings)),
+        ),
+    )
+}

@@ -1,0 +1,266 @@
+"""Wrong input of each command: exit code 2, and one line that names the flag or the value.
+
+What a function refuses is tested with the function; here are what the command line parses itself,
+flags that contradict each other, and files that only commands read.
+"""
+
+import json
+import os
+import shlex
+
+import pytest
+import trimesh
+
+FILES = {
+    'actions.yaml': 'nudge: {kind: kick, speed: 0.01}\n',
+    'counts.csv': 'class,count\n1,27\n2,31\n3,22\n4,15\n5,9\n',
+    'aspects.csv': 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\n',
+    'few.csv': 'aspect,count\n1,2\n2,3\n4,4\n',
+    'poses.csv': 'qx,qy,qz,qw\n0,0,0,1\n0,0,0,0.99\n',
+    'states.csv': 'z_com_m,qx,qy,qz,qw\n0.1,0,0,0,1\n',
+    'seen.json': json.dumps({'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}),
+    'text.mcap': 'hello',
+    'calibration.yaml': 'surface: oak\nparts:\n  - {name: a, box: [20, 20, 8], counts: {z: -1}}\n',
+}
+CASES = {
+    # The command line itself.
+    'no_verb': ['no_verb'],
+    '-- drop': ['--'],
+    '--no_flag drop part': ['--no_flag'],
+    'drop tetrahedron --friktion 1': ['--friktion', '--friction'],
+    'drop tetrahedron --drop 5': ['--drop'],
+    'drop tetrahedron --seed': ['--seed'],
+    "drop tetrahedron '--two\nlines'": ['two lines'],
+    'reorient tetrahedron --export map.json': ['--export', 'resting_aspects reorient --help'],
+    'forecast tetrahedron --pickable 1 3': ['3', '1,3'],
+    'drop tetrahedron --workers 2 --scheduler tcp://127.0.0.1:1': ['--scheduler', '--workers'],
+    # Numbers with units.
+    'drop tetrahedron --height 60parsec': ['--height', "'60parsec'"],
+    'drop tetrahedron --height nan': ['--height', "'nan'"],
+    'drop tetrahedron --height -3mm': ['height', '-0.003'],
+    'drop tetrahedron --height=-3mm': ['height', '-0.003'],
+    'drop tetrahedron --friction -.5': ['friction', '-0.5'],
+    'drop tetrahedron --restitution 1e999': ['restitution', 'inf'],
+    'drop tetrahedron --drops 1e-3': ['--drops', "'1e-3'"],
+    'drop tetrahedron --drops 1e999999999': ['--drops', '1e999999999'],
+    'drop tetrahedron --drops many': ['--drops', "'many'"],
+    'drop tetrahedron --drops 1000000000000': ['drops', '1000000000000'],
+    'drop tetrahedron --seed -1': ['seed', '-1'],
+    'drop tetrahedron --workers 0': ['workers', '0'],
+    'drop tetrahedron --confidence 95': ['--confidence', '95'],
+    'drop tetrahedron --surface ice': ["'ice'", 'rubber_mat'],
+    'drop tetrahedron --height-of top': ['--height-of', 'LOWEST_POINT'],
+    'drop tetrahedron --parts nowhere': ["'nowhere'"],
+    'drop l_bracket --parts .': ['l_bracket', 'box'],
+    'drop tetrahedron --unit mm': ['unit', "'mm'"],
+    # Mesh files.
+    'drop missing.stl': ["'missing.stl'"],
+    'drop box': ["'box'", "'box.obj'"],
+    'drop text.mcap': ["'text.mcap'"],
+    'drop': ['part', '--from-log'],
+    # Output files are checked before the drops.
+    'drop l_bracket --out text.mcap': ['--out', "'text.mcap'"],
+    'drop l_bracket --out text.mcap/below': ['--out', "'text.mcap/below'"],
+    'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
+    'drop l_bracket --out /proc/self': ['--out', "'/proc/self'"],
+    'drop l_bracket --log text.mcap': ['--log', "'text.mcap'"],
+    'drop l_bracket --poses nowhere/p.csv': ['--poses', "'nowhere'"],
+    'drop l_bracket --poses folder': ['--poses', "'folder'"],
+    'drop l_bracket --report': ['--report', 'l_bracket'],
+    'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
+    'demo --out text.mcap': ['--out', "'text.mcap'"],
+    'outlines washer --counting-sheet no/s.pdf': ['--counting-sheet', "'no'"],
+    'outlines washer --counting-sheet s.doc': ['--counting-sheet', "'s.doc'"],
+    'request l_bracket --picture nowhere/p.png': ['--picture', "'nowhere/p.png'"],
+    # Flags that contradict each other.
+    'drop tetrahedron hex_nut --json': ['--json', 'single part'],
+    'drop tetrahedron hex_nut --from-log x': ['--from-log', "'x'"],
+    'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
+    'drop tetrahedron --noise-velocity 0.1': ['--noise-velocity', '--initial-states'],
+    'drop --from-log log --initial-states states.csv': ['--initial-states', '--from-log'],
+    'drop hex_nut --from-log log': ['PART_OR_MESH', "'hex_nut'", '--from-log'],
+    'drop --from-log log --seed 0': ['--seed', "'0'", '--from-log'],
+    'drop --from-log log --friction 0.2': ['--friction', "'0.2'", '--from-log'],
+    'drop tetrahedron --initial-states states.csv --drops 5': ['initial_states', 'drops'],
+    'drop tetrahedron --initial-states states.csv --precision 0.1': ['precision'],
+    'drop tetrahedron --initial-states states.csv --replicates 0': ['replicates', '0'],
+    'drop tetrahedron --initial-states states.csv --noise-spin -1': ['-1'],
+    'classify poses.csv --unit mm': ['--unit', "'mm'", '--part'],
+    'drift l_bracket counts.csv --expected counts.csv --drops 50': ['--drops', "'50'"],
+    'drift l_bracket counts.csv --expected counts.csv --height 1m': ['--height', "'1m'"],
+    'estimate l_bracket --method guess': ['--method', "'guess'", 'csa'],
+    'forecast l_bracket --pickable 1 --pickable-classes 1': ['--pickable-classes'],
+    'forecast l_bracket hex_nut t_prism --pickable 1 --pickable 2': ['--pickable', '2', '3'],
+    'forecast l_bracket --pickable 1 --action tap,toss': ['--action', "'tap,toss'"],
+    'optimise l_bracket --vary height=1cm:2cm --wanted 1 --actions a.yaml': ['--actions'],
+    'outlines washer --px-per-mm 5': ['--px-per-mm', "'5'", '--out'],
+    'reorient l_bracket --action tap,tap': ['--action', "'tap,tap'"],
+    'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
+    'report log --part l_bracket': ['--part', "'l_bracket'"],
+    'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],
+    'request l_bracket --method csa --drops 9': ['--drops', "'9'", '--method'],
+    'study tetrahedron': ['--vary'],
+    'study missing.yaml --vary friction=0.1:0.2': ['--vary', "'missing.yaml'"],
+    'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
+    # Values that a command parses.
+    'classify poses.csv --tolerance wide': ['--tolerance', "'wide'"],
+    'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
+    'feeder_demo --out folder --minutes 1e9': ['--minutes', '1e+09'],
+    'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
+    'feeder_demo --out folder --tray 10x10mm': ['tray'],
+    'feeder_demo --out folder --place 1s': ['place', 'overlap'],
+    'forecast l_bracket': ['--pickable'],
+    'forecast l_bracket --pickable a': ['--pickable', "'a'"],
+    'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
+    'forecast l_bracket --pickable 1 --tray 200x200': ['--tray'],
+    'forecast l_bracket --pickable 1 --robot -1s': ['robot', '-1'],
+    'identify l_bracket --polygon seen.json --noise 2px': ['--noise', "'2px'"],
+    'identify l_bracket --polygon seen.json --camera 0,0': ['--camera', "'0,0'"],
+    'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
+    'optimise l_bracket --vary height=1cm:2cm --wanted all': ['--wanted', "'all'"],
+    'outlines washer --px-per-mm 0 --out o': ['px_per_mm', '0.0'],
+    'reorient l_bracket --speed -1': ['speed', '-1'],
+    'reorient l_bracket --speed 1furlong': ['--speed', "'1furlong'"],
+    'reorient l_bracket --action nozzle': ['impulse', 'nozzle'],
+    'reorient l_bracket --wanted-classes 9': ['9', '1 to 5'],
+    'reorient l_bracket --actions none.yaml': ["'none.yaml'"],
+    'replay text.mcap': ["'text.mcap'"],
+    'replay log --rate 1001': ['--rate', "'1001'"],
+    'replay log --rate 2 --as-fast-as-possible': ['--rate'],
+    'replay log --ros-args --bogus': ['--bogus'],
+    'request l_bracket --ros-args --bogus': ['--bogus'],
+    'studio none.stl': ["'none.stl'", 'l_bracket'],
+    'studio --port 70000': ['--port', '70000'],
+    'track hex_nut --trap wiper:12mm': ['--trap', "'wiper:12mm'"],
+    'track hex_nut --trap wiper': ['height', 'wiper'],
+    'track hex_nut --wall-height 0': ['height', '0'],
+    # Surroundings.
+    'drop tetrahedron --surroundings l_chut': ["'l_chut'", "'l_chute'"],
+    'drop tetrahedron --surroundings': ['l_chute', 'v_groove'],
+    'drop tetrahedron --surroundings none.yaml': ["'none.yaml'"],
+    'drop tetrahedron --surroundings slope --set angle': ["'angle'", 'NAME=VALUE'],
+    'drop tetrahedron --surroundings slope --set angle=90deg': ['angle', '85 deg'],
+    'drop tetrahedron --surroundings slope --set angle=9mm': ["'9mm'", 'deg'],
+    'drop tetrahedron --surroundings slope --set angel=9deg': ["'angel'", "'angle'"],
+    'drop tetrahedron --surroundings l_chute --set wal.friction=1': ["'wal'", 'belt, wall'],
+    'drop tetrahedron --surroundings l_chute --set kind=wall': ['kind'],
+    'drop tetrahedron --surroundings l_chute --set belt.speed=3rpm': ["'3rpm'", 'mm/s'],
+    'drop tetrahedron --surroundings tray --set width=9mm': ['9 mm'],
+    'drop tetrahedron --surroundings pocket --set unit=um': ['unit'],
+    'drop tetrahedron --surroundings mesh': ['mesh'],
+    'drop tetrahedron --set angle=9deg': ["'angle=9deg'", '--surroundings'],
+    # Files that only commands read.
+    'calibrate calibration.yaml': ['-1', "'z'"],
+    'classify poses.csv': ["'poses.csv' line 3", '0.99'],
+    'classify q.csv': ["'q.csv'"],
+    'compare aspects.csv few.csv': ["'few.csv'", '1, 2, 4', "'aspects.csv'", '3, 5'],
+    'compare aspects.csv nowhere': ["'nowhere'"],
+    'drift l_bracket counts.csv --expected none.json': ["'none.json'"],
+    'drift l_bracket aspects.csv': ['column'],
+    'recover folder': ["'folder'"],
+    'report seen.json': ["'seen.json'", 'schema_version'],
+    'report folder': ["'folder'"],
+}
+
+
+@pytest.mark.parametrize('command', CASES, ids=lambda command: command.replace('\n', ' '))
+def test_wrong_input_is_refused(refused, tmp_path, command):
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, encoding='utf-8')
+    (tmp_path / 'folder' / 'distribution.png').mkdir(parents=True)
+    trimesh.creation.box((10, 20, 30)).export(tmp_path / 'box.obj')
+    (tmp_path / 'log').mkdir()
+    (tmp_path / 'out').touch()  # in place of the default folder
+    line = refused(*shlex.split(command))
+    for said in CASES[command]:
+        assert said in line
+
+
+ROUND = 'facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex nan 0 0\nvertex 0 1 0\nendloop\n'
+DAMAGED = [
+    ('drop', '', 'broken.stl', 'hello', 'broken.stl'),
+    ('drop', '', 'nan.stl', f'solid a\n{ROUND}endfacet\nendsolid a\n', 'finite'),
+    ('drop', '', 'model.sldprt', 'x', 'STL'),
+    *(
+        ('reorient tetrahedron', '--actions', 'a.yaml', text, said)
+        for text, said in (
+            ('', 'mapping'),
+            ('tap: 3', 'kind'),
+            ('tap: {kind: jump}', "'jump'"),
+            ('tap: {kind: kick, speed: fast}', "'fast'"),
+            ('tap: {kind: kick, sped: 1}', "'sped'"),
+            ('tap: {kind: kick, time: -1}', 'time'),
+            ('1: {kind: kick}', 'name'),
+            ('tap: [', 'YAML'),
+        )
+    ),
+    *(
+        ('drop tetrahedron', '--initial-states', 's.csv', text, said)
+        for text, said in (
+            ('z_com_m,qx,qy,qz,qw\n', 'at least one'),
+            ('z,qx,qy,qz,qw\n0.1,0,0,0,1\n', 'z_com_m'),
+            ('z_com_m,qx,qy,qz,qw\n0.1,0,0,0,2\n', 'quaternion'),
+            ('z_com_m,qx,qy,qz,qw\na,0,0,0,1\n', "z_com_m 'a'"),
+            ('z_com_m,qx,qy,qz,qw\nnan,0,0,0,1\n', 'finite'),
+            ('z_com_m,qx,qy,qz,qw\n0.1,0,0,1\n', 'columns 4'),
+            ('z_com_m,qx,qy,qz,qw,qw\n0.1,0,0,0,1,1\n', 'qw'),
+            ('z_com_m,qx,qy,qz,qw,vx\n0.1,0,0,0,1,1e9\n', 'impact speed'),
+        )
+    ),
+    *(
+        ('identify l_bracket', '--polygon', 'p.json', text, said)
+        for text, said in (
+            ('[1, 2', 'JSON'),
+            ('{}', 'outer'),
+            ('{"outer": [[0, 0], [200, 0], [200, 100]]}', 'pixels'),
+            ('{"outer": [[0, 0], [0.2, 0.1], [0.2, 0], [0, 0.1]]}', 'cross'),
+            ('{"outer": [[' + '9' * 400 + ', 0], [1, 0], [1, 1]]}', 'finite'),
+            ('{"outlines": []}', 'outlines'),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(('command', 'flag', 'name', 'text', 'said'), DAMAGED)
+def test_damaged_file_is_refused(refused, tmp_path, command, flag, name, text, said):
+    (tmp_path / name).write_text(text, encoding='utf-8')
+    assert said in refused(*command.split(), *flag.split(), name)
+
+
+def test_only_a_regular_file_is_read(refused, tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    with (tmp_path / 'large').open('wb') as file:
+        file.truncate(1 << 40)
+    for words in (('report',), ('classify',)):
+        for name in ('pipe', '/dev/zero', 'large'):
+            assert repr(name) in refused(*words, name)
+
+
+LONG = 'x' * 1_000_000
+ODD = 'a\x1b[31m\x07b'
+
+
+@pytest.mark.parametrize('value', [LONG, ODD, 'a b ' * 200_000], ids=['long', 'odd', 'words'])
+@pytest.mark.parametrize(
+    'words',
+    [
+        '{}',
+        'aspects {}',
+        'aspects tetrahedron --unit {}',
+        'aspects tetrahedron --{}',
+        'aspects tetrahedron {}',
+        'drop tetrahedron --drops {}',
+        'drop tetrahedron --friction {}',
+        'drop tetrahedron --surface {}',
+        'drop tetrahedron --interval {}',
+        'classify {}',
+        'classify p.csv --unit {}',
+        'compare {} {}',
+        'estimate tetrahedron --method {}',
+        'request tetrahedron --method rolling --surface {}',
+    ],
+)
+def test_errors_are_short_and_printable_for_any_input(refused, value, words):
+    line = refused(*(word.format(value) for word in words.split()))
+    assert line.isprintable()
+    assert len(line) <= 2100
