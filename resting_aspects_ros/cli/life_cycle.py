@@ -21,7 +21,7 @@ from resting_aspects_ros.errors import (
     analysis,
     warn,
 )
-from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.system import Interruption, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table

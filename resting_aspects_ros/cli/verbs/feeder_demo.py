@@ -7,8 +7,8 @@ from pathlib import Path
 from resting_aspects_ros.api.result import check_output, make_folder
 from resting_aspects_ros.cli.forecast_options import add_cell
 from resting_aspects_ros.cli.options import parse_integer
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
+from resting_aspects_ros.system import Interruption
 
 PART, MINUTES, SEED = 'l_bracket', '10', 1
 DROPS, PER_ASPECT = DEFAULT_DROPS, 40
