@@ -123,7 +123,7 @@ class SurfaceMatch:
         self._hull = TriangleTree(triangles, skins)
         feet = np.einsum('ij,ij->i', normals, triangles[:, 0])[:, None] * normals
         # Skins are not used here, because a foot outside the hull is not one.
-        bare = TriangleTree(triangles, np.zeros(len(triangles)))
+        bare = TriangleTree(triangles)
         reach, none = np.full(len(feet), ON_HULL), np.zeros(len(feet))
         touching = np.flatnonzero(bare.near(feet, reach, none))
         few = touching[_thinned(feet[touching], normals[touching], MAX_FEET)]

@@ -261,21 +261,12 @@ class Nozzle(Action):
         """Return points and directions (n, 3) in part axes, and whether (n,) the part is hit."""
         n = len(aside)
         direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
-        height = self.height - _height(states.orientation, body)
+        height = self.height - depth_along(states.orientation, -Z, body.corners)
         origin = np.stack([np.zeros(n), aside, height], axis=-1)
         inverse = states.orientation * _CONJUGATE
         along = rotate(inverse, np.tile(direction, (n, 1)))
         point, met = _first_hit(rotate(inverse, origin), along, body)
         return point, along, met
-
-
-def _height(orientation: Array, body: Body) -> Array:
-    """Return the heights (n,) of the centre of mass above the lowest point of the hull, m."""
-    down = rotate(orientation * _CONJUGATE, np.tile([0.0, 0.0, -1.0], (len(orientation), 1)))
-    x, y, z = down.T[:, :, None]
-    hull = body.corners
-    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
-    return reach
 
 
 def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:

@@ -210,7 +210,7 @@ class _Surface:
     """Triangles (m, 3, 3) with points on them."""
 
     def __init__(self, corners: Array) -> None:
-        self.tree = TriangleTree(corners, np.zeros(len(corners)))
+        self.tree = TriangleTree(corners)
         pieces = subdivide(corners, SPACING, MAX_PIECES)[0]
         self.points = np.unique(pieces.reshape(-1, 3), axis=0)
 
