@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.part.near import TriangleTree, subdivide
+from resting_aspects_ros.part.tessellation import mesh_edges
 
 # -- Convex polygons ------------------------------------------------------------------------------
 
@@ -230,31 +231,22 @@ class Bends:
     """The angles between the triangles (m, 3, 3) of a mesh that share an edge."""
 
     def __init__(self, corners: Array) -> None:
-        _, rows = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-        ends = rows.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)[1].ravel()
-        order = np.argsort(edge, kind='stable')
-        count = np.bincount(edge)
-        first = (np.cumsum(count) - count)[count == 2]
-        one, other = order[first], order[first + 1]
-        self._neighbour = np.full(len(edge), -1)
-        self._neighbour[one], self._neighbour[other] = other // 3, one // 3
-        ways = np.roll(corners, -1, axis=1) - corners
-        self._length = np.linalg.norm(ways, axis=2).ravel()
-        normals = np.cross(ways[:, 0], ways[:, 1])
+        points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        cosine = (normals[one // 3] * normals[other // 3]).sum(axis=1)
-        self._angle = np.full(len(edge), np.pi)
-        self._angle[one] = self._angle[other] = np.arccos(np.clip(cosine, -1, 1))
+        self._edges = mesh_edges(faces.reshape(-1, 3), normals)
+        ends = points[self._edges.ends]
+        self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
     def sagitta(self, which: Indices, width: float) -> float:
         """Return the height of the arc that a flat side of triangles replaces; infinite if none.
 
         An arc that bends by an angle at each edge of its chords of a width is this far from them.
         """
-        edges = (3 * which[:, None] + np.arange(3)).ravel()
-        outline = edges[~np.isin(self._neighbour[edges], which)]
-        length, angle = self._length[outline], self._angle[outline]
+        one, other = np.isin(self._edges.sides, which).T
+        ends = self._edges.sides[:, 0] == self._edges.sides[:, 1]
+        outline = (one != other) | (one & ends)
+        length, angle = self._length[outline], self._edges.angle[outline]
         gentle = angle < GENTLE
         if length[gentle].sum() <= length.sum() / 2:
             return np.inf
