@@ -83,11 +83,19 @@ class States:
     velocity: Array
     spin: Array
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array]:
+        """The four arrays, in the order of the fields."""
+        return self.position, self.orientation, self.velocity, self.spin
+
+    @property
+    def finite(self) -> npt.NDArray[np.bool_]:
+        """Which parts (n,) have finite states."""
+        return np.asarray(np.isfinite(np.hstack(self.arrays)).all(axis=1))
+
     def select(self, which: npt.NDArray[Any]) -> 'States':
         """Return the states of some of the parts."""
-        return States(
-            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
-        )
+        return States(*(each[which] for each in self.arrays))
 
 
 class Starts(Protocol):

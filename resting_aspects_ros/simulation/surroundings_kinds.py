@@ -155,11 +155,10 @@ class Plane(Kind):
 
 
 @dataclass(frozen=True)
-class Slope(Kind):
+class Slope(Plane):
     """An infinite inclined plane; x is downhill."""
 
     kind: ClassVar[str] = 'slope'
-    free: ClassVar[int] = 2
 
     angle: float = _angle('angle', 'inclination', low=0.0)
 
@@ -172,10 +171,6 @@ class Slope(Kind):
     def tilt(self) -> tuple[float, float]:
         """See Kind."""
         return 0.0, self.angle
-
-    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
-        """See Kind."""
-        return (_floor('floor', contacts),)
 
 
 @dataclass(frozen=True)
@@ -190,7 +185,8 @@ class Wall(Kind):
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
-        return _floor('floor', contacts), HalfSpace('wall', contacts['wall'], X, Y)
+        floor, wall = self.body_names[:2]
+        return _floor(floor, contacts), HalfSpace(wall, contacts[wall], X, Y)
 
 
 @dataclass(frozen=True)
@@ -220,30 +216,26 @@ class VGroove(Kind):
 
 
 @dataclass(frozen=True)
-class Chute(Kind):
+class Chute(Wall):
     """A belt and a wall at a right angle, an L, rolled towards the wall and pitched along x."""
 
     kind: ClassVar[str] = 'chute'
     place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('belt', 'wall')
-    free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
 
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(45))
     pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
 
-    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
-        """See Kind."""
-        return _floor('belt', contacts), HalfSpace('wall', contacts['wall'], X, Y)
-
 
 @dataclass(frozen=True)
-class Corner(Kind):
+class Corner(Wall):
     """A plane, a wall along x and a wall across x, tilted towards both walls."""
 
     kind: ClassVar[str] = 'corner'
     place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall', 'end_wall')
+    free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(20))
@@ -251,11 +243,8 @@ class Corner(Kind):
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
-        return (
-            _floor('floor', contacts),
-            HalfSpace('wall', contacts['wall'], X, Y),
-            HalfSpace('end_wall', contacts['end_wall'], Y, -X),
-        )
+        end = HalfSpace('end_wall', contacts['end_wall'], Y, -X)
+        return *super().bodies(contacts), end
 
 
 @dataclass(frozen=True)
