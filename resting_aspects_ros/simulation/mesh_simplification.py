@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.part.near import TriangleTree, subdivide
 from resting_aspects_ros.part.tessellation import mesh_edges
+from resting_aspects_ros.simulation.scene import clipped
 
 # -- Convex polygons ------------------------------------------------------------------------------
 
@@ -92,28 +93,8 @@ def polygon_from(polygon: Array, normals: Array, offsets: Array) -> Array:
     low, high = polygon.min(axis=0) - 1.0, polygon.max(axis=0) + 1.0
     found = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     for normal, offset in zip(normals, offsets, strict=True):
-        found = _cut(found, normal, float(offset))
+        found = clipped(found, normal, float(offset))
     return found
-
-
-def clipped(points: Array, polygon: Array) -> Array:
-    """Return those of the points (n, 2) that are inside a convex polygon."""
-    normals, offsets = edge_planes(polygon)
-    inside = (points @ normals.T - offsets < -SLIVER / 10).all(axis=1)
-    return np.asarray(points[inside])
-
-
-def _cut(polygon: Array, normal: Array, offset: float) -> Array:
-    kept: list[Array] = []
-    above = polygon @ normal - offset
-    for k in range(len(polygon)):
-        one, other = above[k], above[(k + 1) % len(polygon)]
-        if one <= 0:
-            kept.append(polygon[k])
-        if (one <= 0) != (other <= 0):
-            share = one / (one - other)
-            kept.append(polygon[k] + share * (polygon[(k + 1) % len(polygon)] - polygon[k]))
-    return np.array(kept).reshape(-1, 2)
 
 
 # -- Curved sides ---------------------------------------------------------------------------------
@@ -407,7 +388,8 @@ class _Side:
             if not len(bottom):
                 continue
             below = np.vstack([bottom, bottom.mean(axis=0)])
-            thickness = self._thickness(clipped(below, polygon))
+            inside = (below @ normals.T - offsets < -SLIVER / 10).all(axis=1)
+            thickness = self._thickness(below[inside])
             if thickness >= depth:
                 break
             depth = thickness

@@ -318,21 +318,22 @@ def ground_below(
     highest: float | None = None
     for triangle in corners[near.all(axis=1)]:
         polygon = triangle
-        for axis in (0, 1):
-            polygon = _clipped(_clipped(polygon, axis, 1.0, low[axis]), axis, -1.0, -high[axis])
+        for axis, low_side, high_side in zip((X, Y), low, high, strict=True):
+            polygon = clipped(clipped(polygon, -axis, -low_side), axis, high_side)
         if len(polygon):
             top = float(polygon[:, 2].max())
             highest = top if highest is None else max(highest, top)
     return highest
 
 
-def _clipped(polygon: Array, axis: int, sign: float, bound: float) -> Array:
-    """Return the part of a polygon (k, 3) where sign times the coordinate is at least bound."""
+def clipped(polygon: Array, normal: Array, offset: float) -> Array:
+    """Return the part of a polygon (k, d) of points x with ``normal @ x <= offset``."""
+    above = (polygon @ normal - offset).tolist()
     kept: list[Array] = []
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        one, other = sign * a[axis] - bound, sign * b[axis] - bound
-        if one >= 0:
-            kept.append(a)
-        if (one >= 0) != (other >= 0):
-            kept.append(a + (b - a) * (one / (one - other)))
-    return np.array(kept).reshape(-1, 3)
+    for k, (one, other) in enumerate(zip(above, [*above[1:], *above[:1]], strict=True)):
+        if one <= 0:
+            kept.append(polygon[k])
+        if (one <= 0) != (other <= 0):
+            along = polygon[(k + 1) % len(polygon)] - polygon[k]
+            kept.append(polygon[k] + one / (one - other) * along)
+    return np.array(kept).reshape(-1, polygon.shape[1])
