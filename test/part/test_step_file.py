@@ -1,8 +1,6 @@
 """STEP files: their bodies are their solids, with their names, in the unit that they state."""
 
-import json
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -87,7 +85,7 @@ def test_cavity_belongs_to_its_solid(save):
     assert load_part(save(file), body=2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
 
 
-@pytest.mark.parametrize('order', [(0, 1, 2), (2, 0, 1), (0, 2, 1), (1, 2, 0)])
+@pytest.mark.parametrize('order', [(0, 1, 2), (1, 2, 0)])
 def test_sheets_and_wires_are_left_out_and_named(save, order):
     """One sheet lies above the box, one begins at an edge of it."""
     file = StepFile()
@@ -108,22 +106,16 @@ def test_sheets_and_wires_are_left_out_and_named(save, order):
 
 def test_sheet_that_is_a_product_is_left_out(save):
     file = StepFile()
+    surface = 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION'
+    plane = file.product('plane', [sheet(file, 'top plane', (0, 0, 0))], surface)
+    with pytest.raises(PartError, match='has no solid'):
+        load_part(save(file))
     solid = file.product('block', [box(file, 'b', (10, 20, 30))])
-    plane = file.product(
-        'plane', [sheet(file, 'top plane', (0, 0, 0))], 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION'
-    )
     file.assembly('whole', [('block', solid, (1, 2, 3)), ('plane', plane, (0, 0, 50))])
     part = load_part(save(file))
     check_box(part, (10, 20, 30), (6, 12, 18))
     (warning,) = part.warnings
     assert 'top plane' in warning
-
-
-def test_file_without_a_solid_is_refused(save):
-    file = StepFile()
-    file.product('plane', [sheet(file, 'p', (0, 0, 0))], 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION')
-    with pytest.raises(PartError, match='has no solid'):
-        load_part(save(file))
 
 
 def assembly():
@@ -138,10 +130,7 @@ def assembly():
 
 @pytest.mark.parametrize(
     ('body', 'height', 'middle'),
-    [
-        *((1, 30, 15), ('bolt:1', 30, 15), (2, 5, 32.5), ('nut:1', 5, 32.5)),
-        *((3, 5, 37.5), ('nut:2', 5, 37.5)),
-    ],
+    [(1, 30, 15), ('bolt:1', 30, 15), ('nut:1', 5, 32.5), (3, 5, 37.5)],
 )
 def test_touching_bodies_of_an_assembly_can_be_chosen(save, body, height, middle):
     part = load_part(save(assembly()), body=body)
@@ -160,7 +149,7 @@ def test_touching_bodies_are_one_part_unless_one_is_chosen(save):
         assert word in warning
 
 
-@pytest.mark.parametrize('body', [0, 4, -1, 'nut', '', 'x', True])
+@pytest.mark.parametrize('body', [0, 4, 'nut', True])
 def test_error_for_an_unknown_body_lists_the_bodies(save, body):
     with pytest.raises(InvalidValueError, match='invalid body') as caught:
         load_part(save(assembly()), body=body)
@@ -250,14 +239,6 @@ def test_reader_prints_nothing(save, capfd):
     with pytest.raises(PartError, match='STEP file'):
         load_part(save(step_text(*BOX)[:3000]))
     assert capfd.readouterr() == ('', '')
-
-
-def test_json_stays_json(save):
-    path = save(unresolved(step_text(*BOX)))
-    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'aspects', str(path), '--json']
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert len(json.loads(ended.stdout)['aspects']) == 6
-    assert ended.stderr == ''
 
 
 def test_missing_package_is_named_with_its_installation(save, monkeypatch):
