@@ -92,8 +92,7 @@ def test_volume_of_the_union_of_three_boxes(seed):
 
 def test_the_same_union_is_made_every_time():
     mesh = both(*bolt(1.3, 0.1), trimesh.creation.icosphere(3, radius=5))
-    shas = {part_of(mesh).part_sha256 for _ in range(5)}
-    assert len(shas) == 1
+    assert len({part_of(mesh).part_sha256 for _ in range(3)}) == 1
 
 
 def test_bodies_may_touch_at_an_edge_or_share_a_side():
@@ -153,7 +152,6 @@ TWO = both(box((10, 10, 10), (60, 0, 0)), box())
             both(box(), inverted(box((16, 16, 16))), box((2, 2, 2))),  # a body in a cavity
             '2 bodies that do not touch each other (1: 40 x 30 x 20 mm, 2: 2 x 2 x 2 mm)',
         ),
-        (both(inverted(tube()), box((8, 8, 8)), box((2, 2, 2))), '2 bodies that do not touch'),
         (both(*bolt(), box((1, 1, 1), (30, 0, 0))), '2 bodies that do not touch'),
         (both(*(box((1, 1, 1), (3 * k, 0, 0)) for k in range(9))), '5: 1 x 1 x 1 mm, ...)'),
         (both(box(), box((10, 10, 10), (25.01, 0, 0))), '2 bodies that do not touch'),
@@ -218,13 +216,11 @@ def test_error_without_manifold3d_explains_installation(monkeypatch):
     assert 'manifold3d' in refusal(both(*bolt()))
     assert 'pip install manifold3d' in refusal(both(*bolt()))
     assert cubic_mm(part_of(box())) == pytest.approx(24000)  # is not needed for one body
-    assert '2 bodies that do not touch' in refusal(TWO)
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_fragments_are_inside_or_beside_a_body(seed):
+def test_fragments_are_inside_or_beside_a_body():
     """Round a ring: where they are follows from how far they are from its circle."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     places = generator.uniform(-1, 1, (60, 3)) * [13, 13, 3]
     from_circle = np.hypot(np.hypot(places[:, 0], places[:, 1]) - 10, places[:, 2])
     apart = np.linalg.norm(places[:, None] - places, axis=-1) + 9 * np.eye(len(places))
