@@ -22,15 +22,7 @@ def test_shares_of_a_box_are_the_solid_angles_of_its_faces(solids, solid, sides,
     np.testing.assert_allclose(landscape.basin_shares, expected, atol=1e-6)  # float32
 
 
-@pytest.mark.parametrize('seed', [0, 1])
-def test_faces_of_a_regular_solid_have_equal_shares(solids, solid, seed):
-    for mesh in (solids.tetrahedron(), solids.box(9, 9, 9), solids.icosphere(0)):
-        shares = Landscape(solid(solids.turned(mesh, solids.a_turn(seed)))).basin_shares
-        np.testing.assert_allclose(shares, 1 / len(shares), rtol=1e-5)  # float32
-        assert len(shares) in {4, 6, 20}
-
-
-@pytest.mark.parametrize('thickness', [0.1, 0.577, 1.0, 3.0])
+@pytest.mark.parametrize('thickness', [0.1, 3.0])
 def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickness):
     part = solid(solids.prism(256, 5.0, 10 * thickness))
     landscape = Landscape(part)
@@ -71,7 +63,6 @@ def test_shares_agree_with_random_descents(solids, solid, name, arguments):
         ('uv_sphere', (20,)),
         # Around their pole triangles are so narrow that some are one facet, up to noise.
         ('rounded_cylinder', (1, 20, 1, 64, 16)),
-        pytest.param('rounded_cylinder', (1, 20, 1, 128, 32), marks=pytest.mark.slow),
     ],
 )
 def test_shares_are_positive_and_sum_to_one(solids, solid, name, arguments):

@@ -61,12 +61,6 @@ def test_error_for_quaternion_of_another_norm(wrong):
     )
 
 
-def test_input_is_unchanged():
-    wrong = UNIT * 1.0005
-    unit_orientation(wrong)
-    np.testing.assert_array_equal(wrong, UNIT * 1.0005)
-
-
 @pytest.mark.parametrize('degrees', [0.0, 1.0, 2.999, 3.001, 20.0])
 def test_angle_is_the_tilt_for_any_yaw(box, degrees):
     for aspect in box.aspects:
