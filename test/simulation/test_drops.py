@@ -130,21 +130,6 @@ def test_scaled_part_and_height_give_scaled_poses(part, solid, mat, engine, n):
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
 
 
-@pytest.mark.parametrize('longest', [0.5e-3, 2.0])
-def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longest):
-    # Everything scaled: the same numbers but for rounding, which lets few drops part.
-    shape, n = part('l_bracket'), 10_000
-    factor = longest / 0.04
-    other = scaled(shape, solid, factor)
-    poses = drop_range(make_job(other, mat.changed(height=mat.height * factor), 1), 0, n)
-    ids, expected = (
-        aspect_ids(find_aspects(each), p) for each, p in ((other, poses), (shape, drop(shape, n)))
-    )
-    assert paired(expected, ids) > LEVEL
-    ratio = poses.time_to_rest / drop(shape, n).time_to_rest
-    assert np.median(ratio) == pytest.approx(math.sqrt(factor), rel=1e-6)
-
-
 def paired(ids, others):
     """The probability of such changes of the aspects of the same drops, if none is preferred.
 
@@ -174,11 +159,10 @@ def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('n', [500, 2000])
-def test_half_the_time_step_of_bullet_keeps_the_probabilities(drop, part, mat, n):
+def test_half_the_time_step_of_bullet_keeps_the_probabilities(drop, part, mat):
     # Two samples of 2000 tell a shift of a share of 0.3 by 3.3 standard errors, 0.05, of 0.07 by
-    # 0.03, two of 500 of twice as much; `make validate` makes 50,000 of each part.
-    shape = part('l_bracket')
+    # 0.03; `make validate` makes 50,000 of each part.
+    shape, n = part('l_bracket'), 2000
     job = make_job(shape, mat, 1, refinement=2, engine=BULLET)
     assert job.time_step == make_job(shape, mat, 1, engine=BULLET).time_step / 2
     both = (drop(shape, n, engine=BULLET), drop_range(job, 0, n))
@@ -257,7 +241,7 @@ def random_solid(seed):
     return trimesh.convex.convex_hull(both)
 
 
-@pytest.mark.parametrize('which', [*EXAMPLES, *range(20)])
+@pytest.mark.parametrize('which', [*EXAMPLES, *range(8)])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
@@ -289,7 +273,7 @@ def test_the_lowest_of_many_close_corners_is_found(solid, surfaces, seed):
     assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
 
 
-@pytest.mark.parametrize('which', range(8))
+@pytest.mark.parametrize('which', range(4))
 def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     # It rocks from edge to edge, and each landing takes energy.
     job = make_job(solid(random_solid(which)), mat, 1, until_still=True)
@@ -298,8 +282,13 @@ def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     assert np.isfinite(poses.orientation).all()
 
 
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', EXAMPLES)
+ON_SURFACES = [
+    *((name, 'rubber_mat') for name in EXAMPLES),
+    *((name, surface) for name in ('l_bracket', 'hex_nut') for surface in ('steel', 'thrown')),
+]
+
+
+@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
     poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
     assert (poses.energy_growth >= 0).all()
@@ -324,8 +313,7 @@ def test_still_parts_in_bullet_would_stay_in_their_aspect(part, mat, monkeypatch
     np.testing.assert_allclose(stayed.time_to_rest, called.time_to_rest, rtol=1e-12)
 
 
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', EXAMPLES)
+@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
     # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
     # in 150 times; `make validate` makes more.
@@ -347,6 +335,8 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     np.testing.assert_array_equal(ids, expected)
     # It turns towards its side and no further than it has to.
     assert len(np.unique(decided.orientation, axis=0)) == n
+    if surface == 'thrown':  # where parts slide far
+        assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
 
 
 def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
@@ -363,15 +353,6 @@ def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, ma
     np.testing.assert_array_equal(
         aspects.classify(decided.orientation), aspects.classify(still.orientation)
     )
-
-
-def test_sliding_parts_are_decided_early(part, surfaces):
-    shape, n = part('l_bracket'), 1000
-    times = [
-        drop_range(make_job(shape, surfaces.get('thrown'), 1, until_still=wait), 0, n).time_to_rest
-        for wait in (False, True)
-    ]
-    assert times[0].mean() < times[1].mean() / 1.5
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
@@ -430,9 +411,8 @@ def test_drops_differ_by_seed_and_index(drop, part, mat, engine, n):
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
-@pytest.mark.parametrize('seed', [0, 2**64 - 1])
-def test_maximum_seed_and_index_are_supported(part, mat, seed, engine):
-    job = make_job(part('tetrahedron'), mat, seed, engine=engine)
+def test_maximum_seed_and_index_are_supported(part, mat, engine):
+    job = make_job(part('tetrahedron'), mat, 2**64 - 1, engine=engine)
     first = 2**64 - 3
     poses = drop_range(job, first, first + 2)
     assert (poses.first_drop, poses.end) == (first, first + 2)

