@@ -46,7 +46,6 @@ def test_number_of_workers_out_of_bounds_is_refused(workers):
 
 def test_default_is_a_worker_per_allowed_core():
     allowed = os.sched_getaffinity(0)
-    assert default_workers() <= os.cpu_count()
     try:
         os.sched_setaffinity(0, {min(allowed)})
         assert default_workers() == 1
@@ -56,7 +55,7 @@ def test_default_is_a_worker_per_allowed_core():
 
 @pytest.mark.parametrize(
     ('engine', 'count'),
-    [(KERNEL, 1), (KERNEL, 2), (KERNEL, 7), (BULLET, 1), (BULLET, 2)],
+    [(KERNEL, 1), (KERNEL, 7), (BULLET, 2)],
 )
 def test_poses_do_not_depend_on_the_workers(
     job_of, make_workers, assert_same_poses, engine, count

@@ -152,7 +152,7 @@ def rebound(job, height):
     return highest / height
 
 
-@pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
+@pytest.mark.parametrize('restitution', [0.0, 0.3, 0.9])
 def test_bounce_height_in_bullet_is_restitution_squared(octahedron, mat, restitution):
     conditions = mat.changed(restitution=restitution, height=0.01)
     job = make_job(octahedron, conditions, 1, engine=BULLET)
@@ -160,7 +160,7 @@ def test_bounce_height_in_bullet_is_restitution_squared(octahedron, mat, restitu
     # The impact is seen at the end of a step, 1.4 / 160 of T, so a height of 1 comes out within
     # some 2 % of it, which are of the rebound 2 % / e^2.
     found = rebound(job, 1.0)
-    assert found == pytest.approx(restitution**2, rel=0.06)
+    assert found == pytest.approx(restitution**2, rel=0.06, abs=0.01)
 
 
 def test_bounce_height_in_bullet_converges_with_finer_steps(octahedron, mat, monkeypatch):
@@ -170,11 +170,6 @@ def test_bounce_height_in_bullet_converges_with_finer_steps(octahedron, mat, mon
     monkeypatch.setattr(drop_job, 'STEPS_PER_T', 1280)
     assert job.steps_per_t == 1280
     assert rebound(job, 1.0) == pytest.approx(0.64**2, rel=0.01)
-
-
-def test_zero_restitution_in_bullet_does_not_bounce(octahedron, mat):
-    job = make_job(octahedron, mat.changed(restitution=0.0, height=0.01), 1, engine=BULLET)
-    assert rebound(job, 1.0) < 0.01
 
 
 def test_friction_in_bullet_is_the_value_of_the_pair(part, mat):

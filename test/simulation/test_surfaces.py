@@ -47,12 +47,6 @@ def test_the_default_is_the_rubber_mat_of_the_published_method(surfaces):
     assert mat.rolling_friction > 0  # or cylinders roll for ever
 
 
-def test_every_shipped_surface_has_a_source(surfaces):
-    document = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))
-    assert sorted(document) == surfaces.names()
-    assert all(len(entry['source']) > 20 for entry in document.values())
-
-
 def test_surface_name_is_kept_only_for_equal_values(surfaces):
     mat = surfaces.get()
     copy = dataclasses.replace(mat)

@@ -17,22 +17,15 @@ def test_every_file_can_be_used_and_has_its_source(name, mat):
     assert text.startswith('# ')
 
 
-def test_l_chute_has_the_published_values():
-    chute = named_surroundings('l_chute')
-    assert chute.shape.roll == pytest.approx(0.7853981633974483)
-    assert chute.bodies['belt']['friction'] == 0.4
-    assert chute.bodies['wall'] == {'friction': 0.2}
-
-
 def test_changes_have_units_and_name_bodies_with_a_dot():
+    plain = named_surroundings('l_chute')
+    assert plain.shape.roll == pytest.approx(0.7853981633974483)  # as published
+    assert plain.bodies['wall'] == {'friction': 0.2}
     changes = {'roll': '30deg', 'belt.friction': 0.5, 'release.y_min': '10mm'}
     chute = named_surroundings('l_chute', changes)
     assert chute.shape.roll == pytest.approx(0.5235987755982988)
     assert chute.bodies['belt'] == {'friction': 0.5, 'speed': 0.1}
     assert chute.release == {'y_min': 0.01}
-
-
-def test_a_kind_can_be_named_without_a_file():
     assert named_surroundings('chute').shape.kind == 'chute'
 
 
@@ -49,12 +42,8 @@ def test_a_file_of_its_own(tmp_path):
         ('kind: [', 'is not valid YAML'),
         ('', 'invalid surroundings None'),
         ('- 1', r'invalid surroundings \[1\]'),
-        ('kind: slop', "invalid kind of surroundings 'slop'"),
         ('kind: [slope]', r"invalid kind of surroundings \['slope'\]: expected one of plane"),
-        ('kind: {}', 'invalid kind of surroundings {}: expected one of plane'),
-        ('{}', 'invalid surroundings {}: expected a mapping with the key kind'),
         ('kind: mesh\nmesh: [1]', r'invalid mesh \[1\]: expected text'),
-        ('kind: mesh\nmesh: a.stl\nunit: [mm]', r"invalid unit \['mm'\]: expected text"),
         ('kind: mesh\nmesh: a.stl\nmesh_sha256: {}', 'invalid mesh_sha256 {}: expected text'),
         ('kind: slope\nangle: 1' + 400 * '0', 'invalid angle 1000.*: expected 0 to'),
         ('kind: slope\nkind: wall', "the key 'kind' occurs twice"),
