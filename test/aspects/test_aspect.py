@@ -322,14 +322,3 @@ def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid, n):
     for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:
         expected = 10e-3 * (1 - np.cos(np.pi / n)) if aspect.rolls else 0
         assert aspect.merged == pytest.approx(expected, rel=1e-4, abs=1e-12)
-
-
-def test_ignored_barrier_of_a_needle_is_that_of_its_ends(solids, solid):
-    aspects = find_aspects(solid(solids.box(1, 1, 1000)))
-    assert len(aspects) == 4
-    assert max(a.merged for a in aspects.aspects) == pytest.approx(
-        (np.hypot(500, 0.5) - 500) * 1e-3, rel=1e-2
-    )
-    # A needle that stands on its end is in none of them.
-    standing = np.array([orientation_with_down(d) for d in np.array([[0, 0, 1.0], [0, 0, -1]])])
-    assert not aspects.classify(standing).any()

@@ -151,21 +151,6 @@ def test_clusters_of_no_direction_and_of_one():
     assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
 
 
-@pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
-def test_clusters_of_many_directions(kind):
-    generator, n = np.random.default_rng(1), 50_000
-    noise = generator.standard_normal((n, 3))
-    down = {
-        'equal': lambda: np.tile([0, 0, -1.0], (n, 1)),
-        'nearly equal': lambda: unit([0, 0, -1] + 1e-5 * noise),
-        'apart': lambda: unit(around(np.array([0, 5.6])).repeat(n // 2, axis=0) + 1e-3 * noise),
-        'uniform': lambda: unit(noise),
-    }[kind]()
-    clusters = find_clusters(down, TOLERANCE)
-    assert clusters.counts.sum() == n
-    assert len(clusters) == (2 if kind == 'apart' else 1)
-
-
 @pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
 def test_tolerance_outside_limits_is_rejected(degrees):
     with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):

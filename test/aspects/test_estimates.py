@@ -179,24 +179,6 @@ def test_methods_not_defined_for_a_curved_side(solids, shape):
         np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_curved_face_of_half_ball_and_half_round_bar_is_complete(solids, shape):
-    height = 3 / 8  # of the centre of mass, of the radius
-    ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
-    flat = (1 - height / np.hypot(height, 1)) / 2  # of all directions
-    curved = [a.sweep.curved for a in ball.aspects.aspects]
-    np.testing.assert_allclose(ball.probabilities, np.where(curved, 1 - flat, flat), atol=2e-3)
-    bar = shape(solids.half_round_bar(48))
-    down = np.array([a.down_in_part for a in bar.aspects.aspects])
-    # Its flat side is 20 x 40 mm; an end is half a disc, seen from the middle of the bar.
-    flat = rectangle(10, 20, 4 / (3 * np.pi) * 10)
-    ends = bar.facet_angles[np.abs(bar.landscape.hull.normals[:, 2]) > 0.99].sum()
-    weight = np.where(down[:, 1] < -0.9, flat, 4 * np.pi - flat - ends)
-    weight[np.abs(down[:, 2]) > 0.9] = ends / 2
-    assert sorted(weight) == [ends / 2, ends / 2, flat, 4 * np.pi - flat - ends]
-    np.testing.assert_allclose(predicted(bar, 'solid_angle'), shares(weight), atol=3e-3)
-
-
 @pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
 def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
     """The top of a cube is a ridge of two slopes that are nearly coplanar."""

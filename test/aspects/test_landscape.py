@@ -20,7 +20,7 @@ SHAPES = [
     ('binom3', ()),
     ('random_sphere', (300, (1, 1, 2))),
     ('random_cylinder', (300,)),
-    *[('irregular', (seed, 40)) for seed in range(2)],
+    *[('irregular', (seed, n)) for seed, n in ((0, 10), (1, 40), (2, 120))],
     *[('blocks', (seed,)) for seed in range(3)],
 ]
 
@@ -55,13 +55,6 @@ def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
         landscape = Landscape(solid(mesh))
         saddles = len(landscape.saddles.edges)
         assert len(landscape.minima) - saddles + maxima(landscape) == 2
-
-
-@pytest.mark.parametrize('seed', range(0, 40, 4))
-def test_random_hulls_have_two_more_extrema_than_saddles(solids, solid, seed):
-    landscape = Landscape(solid(solids.irregular(seed, 10 + 3 * seed)))
-    saddles = len(landscape.saddles.edges)
-    assert len(landscape.minima) - saddles + maxima(landscape) == 2
 
 
 @pytest.mark.quick_cases(1)

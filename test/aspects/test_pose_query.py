@@ -38,27 +38,18 @@ def test_quaternion_of_nearly_unit_length_is_normalized(off):
 
 
 @pytest.mark.parametrize(
-    'wrong',
+    ('wrong', 'norm'),
     [
-        UNIT * 1.0011,
-        UNIT * 0.9989,
-        np.zeros(4),
-        [np.nan, 0, 0, 1],
-        [0, 0, np.inf, 1],
-        [1e200, 1e200, 0, 0],
-        [5e-324, 0, 0, 0],
+        (UNIT * 1.0011, '1.0011'),
+        (UNIT * 0.9989, '0.9989'),
+        (np.zeros(4), '0'),
+        ([np.nan, 0, 0, 1], 'nan'),
+        ([1e200, 1e200, 0, 0], 'inf'),
     ],
 )
-def test_error_for_quaternion_of_another_norm(wrong):
-    with np.errstate(over='ignore'):
-        norm = np.linalg.norm(wrong)
-    with pytest.raises(InvalidValueError) as error:
+def test_error_for_quaternion_of_another_norm(wrong, norm):
+    with pytest.raises(InvalidValueError, match=f'of norm {norm}: expected .* 1 within 0.001'):
         unit_orientation(wrong)
-    numbers = ', '.join(f'{number:.6g}' for number in wrong)
-    assert str(error.value) == (
-        f'invalid orientation ({numbers}) of norm {norm:.6g}: expected a quaternion x, y, z, w of '
-        'norm 1 within 0.001'
-    )
 
 
 @pytest.mark.parametrize('degrees', [0.0, 1.0, 2.999, 3.001, 20.0])

@@ -244,31 +244,12 @@ def test_order_of_the_file_does_not_matter():
 
 
 def test_surface_without_an_inside_is_no_solid():
-    """A closed band with half a turn, both rims on one point: every edge has two triangles."""
-    n = 12
-    turns = 2 * np.pi * np.arange(n) / n
-    rim = np.array(
-        [
-            [
-                (20 + r * np.cos(t / 2)) * np.cos(t),
-                (20 + r * np.cos(t / 2)) * np.sin(t),
-                r * np.sin(t / 2),
-            ]
-            for r in (5, -5)
-            for t in turns
-        ]
-    )
-    band = [
-        face
-        for i in range(n)
-        for j, a, b in [((i + 1) % n, *((0, n) if i < n - 1 else (n, 0)))]
-        for face in ((i, j + a, i + n), (j + a, j + b, i + n))
-    ]
-    edge = [*range(n), *range(n, 2 * n)]
-    fan = [(edge[k], 2 * n, edge[(k + 1) % (2 * n)]) for k in range(2 * n)]
-    mesh = Mesh([*rim, (0, 0, 40)], band + fan, process=False)
+    """The projective plane: every edge has two triangles, but it has only one side."""
+    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5), (0, 5, 1)]
+    faces += [(1, 2, 4), (2, 3, 5), (3, 4, 1), (4, 5, 2), (5, 1, 3)]
+    corners = np.random.default_rng(1).uniform(-20, 20, (6, 3))
     with pytest.raises(PartError, match='cannot be flipped to face the same way'):
-        part_of(mesh)
+        part_of(Mesh(corners, faces, process=False))
 
 
 # -- Several bodies -------------------------------------------------------------------------------

@@ -7,10 +7,10 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.aspects.find import find_aspects, join_minima
+from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part import loading
-from resting_aspects_ros.part.hull import FINE, GOOD, MAX_CORNERS
+from resting_aspects_ros.part.hull import FINE, MAX_CORNERS
 from resting_aspects_ros.part.loading import part_from_bytes
 
 # Of more than MAX_CORNERS corners, and how many aspects each has.
@@ -149,16 +149,3 @@ def test_result_does_not_depend_on_order_and_scale(solids):
     large = part(mesh.faces, 64.0)  # a power of two: nothing is rounded
     np.testing.assert_allclose(large.hull_vertices, 64 * one.hull_vertices, rtol=1e-14)
     assert large.hull_error == pytest.approx(64 * one.hull_error)
-
-
-@pytest.mark.slow
-def test_aspects_of_300_000_noisy_triangles(solids, solid):
-    ball = solids.icosphere(7)
-    assert len(ball.faces) > 300_000
-    noise = 1 + 3e-4 * np.random.default_rng(2).standard_normal((len(ball.vertices), 1))
-    part = solid(trimesh.Trimesh(ball.vertices * noise * [3, 2, 1], ball.faces, process=False))
-    assert part.hull_error < 2 * GOOD * part.hull_radius
-    aspects = find_aspects(part)
-    assert len(aspects) == 2
-    assert len(aspects.classes()) == 1
-    assert aspects.symmetry.order == 4

@@ -299,20 +299,6 @@ def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
 # -- The decision of the aspect -------------------------------------------------------------------
 
 
-def test_still_parts_in_bullet_would_stay_in_their_aspect(part, mat, monkeypatch):
-    shape, n = part('t_prism'), 12
-    aspects = find_aspects(shape)
-    job = make_job(shape, mat, 1, until_still=True, engine=BULLET)
-    called = drop_range(job, 0, n)
-    monkeypatch.setattr(settling, 'REST_WINDOW', 25.0)
-    stayed = drop_range(job, 0, n)
-    assert (stayed.status == RestStatus.SETTLED).all()
-    np.testing.assert_array_equal(
-        aspects.classify(stayed.orientation), aspects.classify(called.orientation)
-    )
-    np.testing.assert_allclose(stayed.time_to_rest, called.time_to_rest, rtol=1e-12)
-
-
 @pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
     # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
@@ -370,14 +356,6 @@ def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, 
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
-def test_drops_that_do_not_settle_do_not_depend_on_other_drops(part, mat, assert_same_poses):
-    job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
-    whole = drop_range(job, 0, 6)
-    assert (whole.status == RestStatus.UNSETTLED).all()
-    for k in range(6):
-        assert_same_poses(drop_range(job, k, k + 1), whole.between(k, k + 1))
-
-
 @pytest.mark.parametrize('name', ['l_bracket', 'washer'])
 def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_same_poses, name):
     """Also of different parts and conditions, each with its own arrays."""
@@ -422,21 +400,7 @@ def test_maximum_seed_and_index_are_supported(part, mat, engine):
     assert len(drop_range(job, low, low + 2)) == 2
 
 
-@pytest.mark.parametrize(('first', 'end'), [(5, 5), (6, 5), (-1, 1)])
-def test_invalid_range_of_drops_is_rejected(part, mat, first, end):
-    job = make_job(part('tetrahedron'), mat, 1)
-    with pytest.raises(ValueError, match=f'^invalid drops {first} to {end - 1}: expected'):
-        drop_range(job, first, end)
-
-
 # -- Parts of every kind --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('engine', [KERNEL, BULLET])
-@pytest.mark.parametrize('changes', [{'rolling_friction': 0.0}, {'spinning_friction': 0.1}])
-def test_parts_with_edges_rest_with_any_rolling_friction(drop, part, changes, engine):
-    poses = drop(part('l_bracket'), 20, engine=engine, **changes)
-    assert (poses.status == RestStatus.SETTLED).all()
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 12)])

@@ -64,22 +64,6 @@ def test_invalid_values_are_rejected(plan, asked, expected):
         plan(**asked)
 
 
-@pytest.mark.parametrize(
-    'asked',
-    [
-        {'drops': 1},
-        {'drops': MAX_DROPS},
-        {'seed': 0},
-        {'seed': MAX_SEED},
-        {'first_drop': MAX_SEED - 100},
-    ],
-)
-def test_the_bounds_are_allowed(plan, asked):
-    _, run = plan(**asked)
-    for name, value in asked.items():
-        assert getattr(run, name) == value
-
-
 def test_sequence_is_equal_for_the_same_drops(plan, surfaces):
     _, run = plan()
     _, same = plan(drops=5, first_drop=50, run_id='other', started=9)

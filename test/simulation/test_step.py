@@ -14,7 +14,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.actions import Step, _supported, make_action
+from resting_aspects_ros.simulation.actions import Step, make_action
 from resting_aspects_ros.simulation.bullet_engine import (
     CLEARANCE,
     GROUP,
@@ -153,17 +153,6 @@ def test_plate_falls_over_the_edge_as_computed(
     assert spin[-1] == pytest.approx(second[2, -1], rel=0.01)
 
 
-def test_thin_plate_on_a_sharp_edge_has_the_known_motion():
-    # Without thickness and roller: w^2 = 2 d sin(th) / (k2 + d^2), and
-    # tan(th) = friction k2 / (k2 + 3 d^2) at the slip.
-    length, d, friction = 1.8, 0.3, 0.5
-    first, _ = plate_motion(length, 0.0, 0.0, d, friction, 0.0)
-    k2 = length**2 / 12
-    angle, spin = first[0], first[2]
-    np.testing.assert_allclose(spin**2, 2 * d * np.sin(angle) / (k2 + d**2), atol=1e-7)
-    assert math.tan(angle[-1]) == pytest.approx(friction * k2 / (k2 + 3 * d**2), rel=1e-6)
-
-
 # -- Parts that fall from a belt ------------------------------------------------------------------
 
 
@@ -204,16 +193,6 @@ def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
     front = states.position[:, 0] / shape.hull_radius
     assert (front < 0).all()
     assert {aspect.id for aspect in aspects.aspects} > {*(rows[front < -0.1] + 1)} != set()
-
-
-def test_support_needs_contacts_all_around_the_middle():
-    square = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]], dtype=float)
-    assert _supported([square], 0.1)
-    assert not _supported([square], -0.1)
-    legs = [square * 0.1 + [-0.9, 0], square * 0.1 + [0.9, 0]]
-    assert _supported(legs, 1.0)
-    assert _supported(legs, 0.9)
-    assert not _supported(legs, 0.5)
 
 
 @pytest.fixture(scope='module')
@@ -297,23 +276,6 @@ def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat)
     poses = drop_range(job, 0, 12)
     assert (poses.status == RestStatus.SETTLED).all()
     # The wall gives energy to the parts that it pushes, which is no error of the engine.
-
-
-@pytest.mark.slow
-def test_finer_steps_give_the_same_shares(part, mat):
-    n = 1000
-    shape = part('u_bracket')
-    aspects = find_aspects(shape)
-    rows = np.arange(n) % len(aspects)
-
-    def shares(refinement):
-        job = step_job(shape, mat, LOW, refinement=refinement)
-        ids = aspects.classify(drop_range(job, 0, n).orientation)
-        return np.array([(ids == k + 1).mean() for k in range(len(aspects))])
-
-    assert len(set(rows)) == len(aspects)
-    # Three standard errors of the difference of two shares of 1000 parts.
-    assert abs(shares(1) - shares(2)).max() < 3 * math.sqrt(2 * 0.25 / n)
 
 
 # -- Refused values -------------------------------------------------------------------------------
