@@ -310,7 +310,7 @@ class CurvedEdges:
     @cached_property
     def _chords(self) -> Flags:
         """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
-        widths = self._widths
+        widths = self.widths
         triangles = (self._corners == 3)[self._hull.sides].all(axis=1)
         ratio = np.where(self._inside & triangles, MAX_IRREGULARITY, MAX_CHORD_RATIO)[:, None]
         return self.curved[:, None] & (widths <= ratio * widths[:, ::-1])
@@ -354,7 +354,7 @@ class CurvedEdges:
         return np.array([len(edges) for edges in self._hull.edges_of_facets])
 
     @cached_property
-    def _widths(self) -> Array:
+    def widths(self) -> Array:
         """(e, 2) how far the facets on both sides extend from each edge, R."""
         hull = self._hull
         first = hull.points[hull.ends[:, 0]]
@@ -379,7 +379,7 @@ class CurvedEdges:
         The surface turns across a flat of width w by the share w / (w + v) of the angle to a flat
         of width v at both ends; an arc that turns by t rises by w t / 8 above its chord.
         """
-        widths = self._widths
+        widths = self.widths
         share = widths / widths.sum(axis=1, keepdims=True)
         return np.asarray(widths * share * self._hull.angles[:, None] / 4)
 
@@ -416,7 +416,7 @@ class CurvedEdges:
         """Return whether two steps, from a facet over an edge of it, and the flats are similar."""
         for (edge, facet), (next_edge, _) in ((one, other), (other, one)):
             side = self._sides[edge].index(facet)
-            wide = self._widths[edge, 1 - side] / self._widths[edge, side]
+            wide = self.widths[edge, 1 - side] / self._widths[edge, side]
             limit = MAX_RATIO if wide < WIDE else MAX_TANGENT_RATIO
             if self._angles[edge] > limit * self._angles[next_edge] or wide < 1 / MAX_RATIO:
                 return False

@@ -21,7 +21,6 @@ from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     Quantity,
     check_name,
-    check_quantities,
     described_kind,
     made_from,
     quantities_of,
@@ -89,7 +88,7 @@ class Kick(Action):
         for name, share in derived.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, share * self.speed)
-        check_quantities(self)
+        super().__post_init__()
 
     @property
     def has_effect(self) -> bool:
@@ -219,9 +218,6 @@ class Nozzle(Action):
         high=100.0,
         default=0.0,
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     @property
     def has_effect(self) -> bool:
@@ -382,7 +378,7 @@ class Vibration(Action):
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.duration < 2 * self._ramp:
             raise InvalidValueError(
                 f'invalid duration {self.duration:g}: expected at least {2 * self._ramp:g} s, two '
@@ -557,7 +553,7 @@ class Step(Action):
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.edge_radius > self.step_height:
             raise InvalidValueError(
                 f'invalid edge radius {self.edge_radius:g}: expected at most the step height, '

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Optional, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Optional, TypeVar
 
 from pydantic import create_model
 
@@ -87,6 +87,23 @@ def check_quantities(values: Any) -> None:
     """Replace the quantities of a frozen dataclass by floats; raises InvalidValueError."""
     for name, each in quantities_of(values).items():
         object.__setattr__(values, name, each.check(name, getattr(values, name)))
+
+
+class Described:
+    """The base of frozen dataclasses with a kind, whose quantities are checked when one is made.
+
+    Flags, keys of files, documents and texts follow from the quantities.
+    """
+
+    kind: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The quantities by name, SI units."""
+        return {name: getattr(self, name) for name in quantities_of(self)}
 
 
 def check_name(what: str, name: Any) -> str:

@@ -24,7 +24,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import named, read_input
 from resting_aspects_ros.part.mesh_files import read_triangles
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, check_size
-from resting_aspects_ros.simulation.conditions import check_quantities, quantities_of, quantity
+from resting_aspects_ros.simulation.conditions import Described, quantity
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
@@ -51,11 +51,10 @@ LENGTH = 10.0
 Contacts = Mapping[str, PairValues]
 
 
-class Kind:
+class Kind(Described):
     """A kind of surroundings: bodies in the scene frame, level unless they have a roll or a pitch.
 
-    It is a frozen dataclass whose dimensions are declared by `quantity`. Keys of files, documents
-    and texts follow from them.
+    It is a frozen dataclass whose dimensions are declared by `quantity`.
 
     Attributes
     ----------
@@ -73,21 +72,12 @@ class Kind:
         The mesh, if there is one and it is known.
     """
 
-    kind: ClassVar[str]
     body_names: ClassVar[tuple[str, ...]] = ('floor',)
     free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 0.0)
     place: ClassVar[str] = 'on a'
     loss: ClassVar[str] = 'they left the surroundings'
     file: 'MeshFile | None' = None
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """Dimensions by name, SI units."""
-        return {name: getattr(self, name) for name in quantities_of(self)}
 
     @property
     def texts(self) -> dict[str, str]:
@@ -492,7 +482,7 @@ class MeshSurface(Kind):
     file: MeshFile | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.unit not in UNITS:
             raise InvalidValueError(
                 f'invalid unit {shown(self.unit)}: expected one of {", ".join(UNITS)}'
