@@ -13,18 +13,17 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.input_files import named, read_yaml
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import Random, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     Quantity,
-    check_name,
     described_kind,
     made_from,
     quantities_of,
     quantity,
+    read_entries,
 )
 from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_along
 from resting_aspects_ros.simulation.starts import (
@@ -743,11 +742,7 @@ class Actions:
     @classmethod
     def read(cls, path: Path) -> 'Actions':
         """Read a file of the form of config/actions.yaml; raises InvalidValueError."""
-        document = read_yaml(path, 'actions file')
-        label = named('actions file', path)
-        if not isinstance(document, dict) or not document:
-            raise InvalidValueError(f'invalid {label}: expected a mapping of names to actions')
-        return cls({name: _named_action(label, name, entry) for name, entry in document.items()})
+        return cls(read_entries(path, 'actions file', 'an action', 'actions', _named_action))
 
 
 def make_action(kind: str, values: Mapping[str, Any]) -> Action:
@@ -758,11 +753,7 @@ def make_action(kind: str, values: Mapping[str, Any]) -> Action:
     return made_from(KINDS, 'action', kind, values)
 
 
-def _named_action(label: str, name: object, entry: object) -> NamedAction:
-    try:
-        name = check_name('an action', name)
-        kind, values, source = described_kind('action', entry, KINDS)
-        time = values.pop('time', DEFAULT_TIME)
-        return NamedAction(name, make_action(kind, values), time, source)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{label}, {shown(name)}: {error}') from None
+def _named_action(name: str, entry: Any) -> NamedAction:
+    kind, values, source = described_kind('action', entry, KINDS)
+    time = values.pop('time', DEFAULT_TIME)
+    return NamedAction(name, make_action(kind, values), time, source)
