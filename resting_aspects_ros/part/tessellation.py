@@ -416,7 +416,7 @@ class CurvedEdges:
         """Return whether two steps, from a facet over an edge of it, and the flats are similar."""
         for (edge, facet), (next_edge, _) in ((one, other), (other, one)):
             side = self._sides[edge].index(facet)
-            wide = self.widths[edge, 1 - side] / self._widths[edge, side]
+            wide = self.widths[edge, 1 - side] / self.widths[edge, side]
             limit = MAX_RATIO if wide < WIDE else MAX_TANGENT_RATIO
             if self._angles[edge] > limit * self._angles[next_edge] or wide < 1 / MAX_RATIO:
                 return False
