@@ -148,7 +148,7 @@ def tree(request, monkeypatch):
 @pytest.mark.quick_cases(1)
 def test_near_and_nearest_agree_with_exhaustive_search(tree):
     triangles = fan(100)
-    points = np.random.default_rng(1).uniform(-1, 1, (200, 3)) * [1, 1, 0.8]
+    points = np.random.default_rng(1).uniform(-1, 1, (80, 3)) * [1, 1, 0.8]
     points[0] = 0, 0, 0.7
     expected = distances(triangles, points)
     grid = 0.02  # half of what is between the points of the grid

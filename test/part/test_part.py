@@ -306,13 +306,18 @@ def test_unusual_size_is_a_warning_that_suggests_units(sides, unit, expected):
         assert word in warnings[0]
 
 
+@pytest.fixture(scope='module')
+def bracket():
+    return part_from_bytes(stl(l_bracket()), 'stl', 'l')
+
+
 @given(
     offset=st.tuples(*[st.integers(-(2**22), 2**22)] * 3),
     file_format=st.sampled_from(['binary STL', 'OBJ', 'binary PLY']),
 )
-def test_a_part_moved_by_whole_millimetres_is_the_same_part(offset, file_format):
+def test_a_part_moved_by_whole_millimetres_is_the_same_part(bracket, offset, file_format):
     """Whole numbers are exact in float32 up to 16,777,216."""
-    near = part_from_bytes(stl(l_bracket()), 'stl', 'l')
+    near = bracket
     mesh = l_bracket()
     mesh.apply_translation(np.array(offset) * 3)
     data, mesh_format = files_of(mesh)[file_format]

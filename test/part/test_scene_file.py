@@ -13,6 +13,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.part import scene_files
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.loading import load_part, part_from_bytes
 
@@ -262,9 +263,8 @@ def test_missing_package_is_named_with_its_installation(monkeypatch):
         part_from_bytes(THREE, '3mf', 'p')
 
 
-def test_zip_that_would_fill_the_memory_is_refused():
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, 'w', zipfile.ZIP_DEFLATED) as new:
-        new.writestr('3D/3dmodel.model', bytes(300 << 20))
-    with pytest.raises(PartError, match=f'has {300 << 20} bytes after unpacking: expected at'):
-        part_from_bytes(packed.getvalue(), '3mf', 'p')
+def test_zip_that_would_fill_the_memory_is_refused(monkeypatch):
+    assert scene_files.UNPACKED < 2**30
+    monkeypatch.setattr(scene_files, 'UNPACKED', 1000)
+    with pytest.raises(PartError, match=r'bytes after unpacking: expected at most 1000'):
+        part_from_bytes(THREE, '3mf', 'p')

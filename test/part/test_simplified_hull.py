@@ -17,12 +17,7 @@ from resting_aspects_ros.part.loading import part_from_bytes
 FINE_SOLIDS = [
     ('prism', (1700,), 3),
     ('filleted_box', ((10, 14, 20), 2, 24), 6),
-    ('rounded_cylinder', (10, 20, 3, 128, 16), 3),
     ('ellipsoid', (30, 20, 10, 5, 3), 2),
-    ('random_cylinder', (4000,), 3),
-    ('d_shaft', (4000, 9.5), 4),
-    ('rounded_cylinder', (5, 30, 5, 96, 24), 1),
-    ('uv_sphere', (60,), 1),
 ]
 
 
@@ -34,10 +29,6 @@ def directions(n):
 def shares_of(landscape):
     groups = join_minima(landscape)
     return [landscape.basin_shares[[*g.minima, *g.drained]].sum() for g in groups]
-
-
-def cylinder(sides):
-    return trimesh.creation.cylinder(10, 20, sections=sides)
 
 
 @pytest.fixture
@@ -78,7 +69,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS[:4])
+@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     full, part = whole(mesh), solid(mesh)
@@ -108,10 +99,10 @@ def test_flat_sides_keep_their_corners(solids, solid, whole):
             assert kept.issuperset(map(tuple, flat.tolist()))
 
 
-@pytest.mark.parametrize('sides', [2000, pytest.param(5000, marks=pytest.mark.slow)])
-def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid, sides):
+def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid):
     pose = solids.a_turn(0)
-    hull = Landscape(solid(solids.turned(cylinder(sides), pose))).hull
+    cylinder = trimesh.creation.cylinder(10, 20, sections=2000)
+    hull = Landscape(solid(solids.turned(cylinder, pose))).hull
     lean = np.abs(hull.normals @ pose[:, 2])
     ends = lean > 0.9
     assert np.count_nonzero(ends) == 2

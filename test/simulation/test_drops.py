@@ -159,25 +159,12 @@ def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
 
 
 @pytest.mark.slow
-def test_half_the_time_step_of_bullet_keeps_the_probabilities(drop, part, mat):
-    # Two samples of 2000 tell a shift of a share of 0.3 by 3.3 standard errors, 0.05, of 0.07 by
-    # 0.03; `make validate` makes 50,000 of each part.
-    shape, n = part('l_bracket'), 2000
-    job = make_job(shape, mat, 1, refinement=2, engine=BULLET)
-    assert job.time_step == make_job(shape, mat, 1, engine=BULLET).time_step / 2
-    both = (drop(shape, n, engine=BULLET), drop_range(job, 0, n))
-    counts = [count_poses(find_aspects(shape), poses).counts for poses in both]
-    assert chi2_contingency(counts).pvalue > LEVEL
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', ['l_bracket', 't_prism', 'cylinder_d20_h20'])
+@pytest.mark.parametrize(('name', 'surface'), [('l_bracket', 'rubber_mat'), ('t_prism', 'steel')])
 def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
-    # Samples of 400 tell differences of 0.1; `make validate` compares larger ones.
+    # Samples of 250 tell differences of 0.13; `make validate` compares larger ones.
     shape = part(name)
     counts = []
-    for engine, n in ((KERNEL, 4000), (BULLET, 400)):
+    for engine, n in ((KERNEL, 4000), (BULLET, 250)):
         job = make_job(shape, surfaces.get(surface), 1, engine=engine)
         counts.append(count_poses(find_aspects(shape), drop_range(job, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
@@ -479,9 +466,9 @@ def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat, engine):
 
     tracemalloc.start()
     try:
-        before = drop(range(3))
-        after = drop(range(3, 9))
+        before = drop(range(2))
+        after = drop(range(2, 6))
     finally:
         tracemalloc.stop()
-    # PyBullet's binding keeps what it reads corners from: 6 x 2562 x 3 numbers, 1.1 MB.
+    # PyBullet's binding keeps what it reads corners from: 4 x 2562 x 3 numbers, 0.7 MB.
     assert after - before < 50_000
