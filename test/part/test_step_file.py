@@ -11,7 +11,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError, PartError
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.loading import load_part, part_from_bytes
-from resting_aspects_ros.part.scene_files import DEVIATIONS
+from resting_aspects_ros.part.scene_files import DEVIATIONS, glb_from_step, read_scene
 
 FLOAT32 = 3e-7
 BOX = box_faces((10, 20, 30))
@@ -39,6 +39,12 @@ def sheet(file, name, at):
     return file.sheet(name, file.polygons(corners, faces[4:5]))
 
 
+def in_glb(file):
+    """Return a function that gives a body of a STEP file, which is converted only once."""
+    data, _ = glb_from_step(file.text().encode(), 'file')
+    return lambda body=None: part_from_bytes(data, 'glb', 'p', body=body)
+
+
 def check_box(part, sides, centre, **tolerance):
     volume = np.prod(sides) * 1e-9
     assert part.volume == pytest.approx(volume, rel=4 * FLOAT32)
@@ -58,10 +64,12 @@ def test_box_has_its_size_and_aspects(save):
 @pytest.mark.parametrize(('unit', 'scale'), [('.CENTI.', 10), ('$', 1000), ('.MICRO.', 1e-3)])
 def test_unit_is_that_of_the_file(save, unit, scale):
     path = save(step_text(BOX[0] / scale, BOX[1], unit), 'box.stp')
-    check_box(load_part(path), (10, 20, 30), (5, 10, 15), rtol=1e-5)
-    assert load_part(path, unit='mm').part_sha256 == load_part(path).part_sha256
+    check_box(load_part(path, unit='mm'), (10, 20, 30), (5, 10, 15), rtol=1e-5)
+
+
+def test_other_unit_than_that_of_the_file_is_refused(save):
     with pytest.raises(InvalidValueError, match='expected none, because the file has its own'):
-        load_part(path, unit='cm')
+        load_part(save(step_text(*BOX)), unit='cm')
 
 
 def test_cylinder_is_within_the_deviation_of_its_formula(save):
@@ -80,9 +88,9 @@ def test_cavity_belongs_to_its_solid(save):
     inner = file.polygons(*box_faces((5, 5, 5), (2, 2, 2)))
     hollow = file.solid('hollow', file.polygons(*BOX), inner)
     file.product('part', [hollow, box(file, 'beside', (5, 5, 5), (50, 0, 0))])
-    part = load_part(save(file), body='hollow')
-    assert part.volume == pytest.approx((6000 - 125) * 1e-9, rel=4 * FLOAT32)
-    assert load_part(save(file), body=2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
+    body = in_glb(file)
+    assert body('hollow').volume == pytest.approx((6000 - 125) * 1e-9, rel=4 * FLOAT32)
+    assert body(2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
 
 
 @pytest.mark.parametrize('order', [(0, 1, 2), (1, 2, 0)])
@@ -128,21 +136,24 @@ def assembly():
     return file
 
 
+@pytest.fixture(scope='module')
+def assembled():
+    return in_glb(assembly())
+
+
 @pytest.mark.parametrize(
     ('body', 'height', 'middle'),
     [(1, 30, 15), ('bolt:1', 30, 15), ('nut:1', 5, 32.5), (3, 5, 37.5)],
 )
-def test_touching_bodies_of_an_assembly_can_be_chosen(save, body, height, middle):
-    part = load_part(save(assembly()), body=body)
+def test_touching_bodies_of_an_assembly_can_be_chosen(assembled, body, height, middle):
+    part = assembled(body)
     check_box(part, (10, 10, height), (5, 5, middle))
-    assert part.body in (1, 2, 3)
     # What is sent to other nodes and written to logs has everything that is needed.
-    sent = part_from_bytes(part.mesh_bytes, part.mesh_format, 'p', unit=part.unit, body=part.body)
-    assert sent.part_sha256 == part.part_sha256
+    assert assembled(part.body).part_sha256 == part.part_sha256
 
 
-def test_touching_bodies_are_one_part_unless_one_is_chosen(save):
-    part = load_part(save(assembly()))
+def test_touching_bodies_are_one_part_unless_one_is_chosen(assembled):
+    part = assembled()
     check_box(part, (10, 10, 40), (5, 5, 20))
     (warning,) = part.warnings
     for word in ('3 bodies', "1: 'bolt:1' 10 x 10 x 30 mm", 'nut:1', 'nut:2', '--body'):
@@ -150,14 +161,14 @@ def test_touching_bodies_are_one_part_unless_one_is_chosen(save):
 
 
 @pytest.mark.parametrize('body', [0, 4, 'nut', True])
-def test_error_for_an_unknown_body_lists_the_bodies(save, body):
+def test_error_for_an_unknown_body_lists_the_bodies(assembled, body):
     with pytest.raises(InvalidValueError, match='invalid body') as caught:
-        load_part(save(assembly()), body=body)
+        assembled(body)
     for word in ('1 to 3', 'bolt:1', 'nut:1', 'nut:2'):
         assert word in str(caught.value)
 
 
-def test_solids_of_one_product_have_their_own_names(save):
+def test_solids_of_one_product_have_their_own_names():
     file = StepFile()
     solids = [
         box(file, 'cover', (10, 20, 5), (0, 0, 30)),
@@ -165,14 +176,14 @@ def test_solids_of_one_product_have_their_own_names(save):
         box(file, "don''t", (5, 5, 5), (50, 0, 0)),
     ]
     file.product('box', solids)
-    path = save(file)
+    body = in_glb(file)
     with pytest.raises(PartError, match='has 3 bodies') as caught:
-        load_part(path)
+        body()
     for word in ("1: 'base'", "2: 'cover'", '3: "don\'t"', '--body'):
         assert word in str(caught.value)
-    check_box(load_part(path, body='base'), (10, 20, 30), (5, 10, 15))
-    check_box(load_part(path, body='cover'), (10, 20, 5), (5, 10, 32.5))
-    check_box(load_part(path, body="don't"), (5, 5, 5), (52.5, 2.5, 2.5))
+    check_box(body('base'), (10, 20, 30), (5, 10, 15))
+    check_box(body('cover'), (10, 20, 5), (5, 10, 32.5))
+    check_box(body("don't"), (5, 5, 5), (52.5, 2.5, 2.5))
 
 
 NAMES = {
@@ -188,25 +199,27 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize('written', NAMES)
-def test_name_of_a_solid_is_that_of_the_cad_program(save, written):
+def test_names_of_solids_are_those_of_the_cad_program():
+    """The first three are equal, so that they are numbered."""
     file = StepFile()
-    solids = [box(file, written, (10, 20, 30)), box(file, 'other', (10, 20, 35), (50, 0, 0))]
-    file.product('box', solids)
-    check_box(load_part(save(file), body=NAMES[written]), (10, 20, 30), (5, 10, 15))
+    sizes = range(20, 20 - len(NAMES), -1)
+    places = [(50 * k, 0, 0) for k in range(len(NAMES))]
+    given = zip(NAMES, sizes, places, strict=True)
+    file.product('box', [box(file, name, (10, 10, size), at) for name, size, at in given])
+    scene = read_scene(glb_from_step(file.text().encode(), 'file')[0], 'glb', 'file')
+    names = [body.name for body in scene.bodies]
+    assert [name.removesuffix(f'_{k}') for k, name in enumerate(names)] == list(NAMES.values())
 
 
-def test_names_of_bodies_are_unique(save):
+def test_names_of_bodies_are_unique():
     file = StepFile()
     pair = file.product(
         'pair', [box(file, '', (10, 10, 10)), box(file, '', (10, 10, 5), (0, 0, 20))]
     )
     file.assembly('whole', [('left', pair, (0, 0, 0)), ('right', pair, (50, 0, 0))])
-    with pytest.raises(PartError, match='has 4 bodies') as caught:
-        load_part(save(file))
-    names = [text.split("'")[1] for text in str(caught.value).partition('(')[2].split(': ')[1:5]]
-    assert len(set(names)) == 4
-    middles = [load_part(save(file), body=name).centre_of_mass[0] for name in names]
+    scene = read_scene(glb_from_step(file.text().encode(), 'file')[0], 'glb', 'file')
+    assert len({body.name for body in scene.bodies}) == 4
+    middles = [body.triangles.vertices[:, 0].mean() for body in scene.bodies]
     np.testing.assert_allclose(sorted(middles), [0.005, 0.005, 0.055, 0.055], rtol=FLOAT32)
 
 
