@@ -202,16 +202,6 @@ def test_yaml_selects_a_body_of_the_mesh(folder):
     assert volumes == pytest.approx([48e-6, 6e-6])
 
 
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize('name', ['pin.yaml', 'cover.yaml'])
-def test_pipe_instead_of_a_file_is_rejected(folder, name):
-    os.mkfifo(folder / name)
-    library = PartLibrary(folder)
-    with pytest.raises(PartError, match=r'is a pipe \(FIFO\): expected a regular file'):
-        library.load(Path(name).stem)
-    assert library.load('bush').name == 'bush'
-
-
 def test_invalid_file_does_not_affect_other_parts(folder):
     sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']
     for k, text in enumerate(sheets):

@@ -124,7 +124,6 @@ def test_warning_states_the_simplification_error(solids, solid, whole):
     assert share == pytest.approx(part.hull_error / part.hull_radius, rel=0.5)  # one
 
 
-@pytest.mark.slow
 def test_result_does_not_depend_on_order_and_scale(solids):
     mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)
