@@ -221,7 +221,6 @@ def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, 
     mesh = getattr(solids, name)(*arguments)
     plain = find_aspects(solid(mesh))
     turn = solids.a_turn(7)
-    assert_same(find_aspects(solid(turned(mesh, turn))), plain, turn)
     far = turned(mesh, turn, (1000, -300, 200))
     assert_same(find_aspects(solid(far)), plain, turn)
     large = turned(mesh, turn).apply_scale(1000)

@@ -34,14 +34,14 @@ def is_clear_of(aspect, direction):
     return bool((aspect.directions @ direction).max() < np.cos(np.radians(3)))
 
 
-def small_shapes(family):
-    """Two of 20 random shapes, with a known number of aspects and few corners, if any are known.
+def small_shape(family):
+    """One of 20 random shapes, with a known number of aspects and few corners, if any are known.
 
-    Also gives the generators after these.
+    Also gives the generator after it.
     """
     generators = [np.random.default_rng(seed) for seed in range(20)]
     shapes = [(family(generator), generator) for generator in generators]
-    return sorted(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))[:2]
+    return min(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))
 
 
 # The symmetry of a ball with a flat takes seconds; some are among the cases below.
@@ -50,9 +50,9 @@ def small_shapes(family):
     for name in FAMILIES
 ])  # fmt: skip
 def test_random_parts_have_the_aspects_of_the_landscape(name):
-    for shape, generator in small_shapes(FAMILIES[name]):
-        part, truth = fuzz_aspects.random_part(shape, generator)
-        assert (shape.name, list(fuzz_aspects.differences(shape, part, truth))) == (shape.name, [])
+    shape, generator = small_shape(FAMILIES[name])
+    part, truth = fuzz_aspects.random_part(shape, generator)
+    assert list(fuzz_aspects.differences(shape, part, truth)) == []
 
 
 @pytest.mark.slow

@@ -45,7 +45,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 500)])
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
     body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
@@ -228,7 +228,7 @@ def random_solid(seed):
     return trimesh.convex.convex_hull(both)
 
 
-@pytest.mark.parametrize('which', [*EXAMPLES, *range(8)])
+@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', 'cylinder_d20_h20', *range(4)])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
@@ -248,13 +248,12 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
 
 
-@pytest.mark.parametrize('seed', [7, 8])
-def test_the_lowest_of_many_close_corners_is_found(solid, surfaces, seed):
+def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
     # Neighbours so close to each other that facets are flat only within the tolerance.
-    points = np.random.default_rng(seed).normal(size=(3000, 3))
+    points = np.random.default_rng(7).normal(size=(3000, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
     shape = solid(trimesh.convex.convex_hull(points))
-    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 500)
+    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 200)
     assert (poses.status == RestStatus.SETTLED).all()
     lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
     assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
@@ -421,6 +420,7 @@ THIN = [
 ]
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 20)])
 @pytest.mark.parametrize(('make', 'changes'), THIN)
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine, n):
@@ -430,7 +430,7 @@ def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
-@pytest.mark.parametrize(('scale', 'height'), [(20, 1e-3), (0.05, 1e-3), (20, 2.0)])
+@pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
 def test_very_small_and_very_large_parts_rest_in_an_aspect(
     part, solid, mat, scale, height, engine, n
 ):
@@ -440,15 +440,15 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
 
 
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 100), (BULLET, 1)])
-def test_hull_with_many_vertices_is_supported(solid, mat, engine, n):
+def test_hull_with_many_vertices_is_supported(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
     assert len(ball.hull_vertices) == 3000  # of 10242
-    conditions = mat.changed(rolling_friction=0.05)
-    poses = drop_range(make_job(ball, conditions, 1, engine=engine), 0, n)
-    assert (poses.status == RestStatus.SETTLED).all()
-    height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
-    assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
+    for engine, n in ((KERNEL, 50), (BULLET, 1)):
+        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
+        poses = drop_range(job, 0, n)
+        assert (poses.status == RestStatus.SETTLED).all()
+        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
+        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
 
 
 @pytest.mark.parametrize('engine', [KERNEL, pytest.param(BULLET, marks=pytest.mark.slow)])
