@@ -160,7 +160,7 @@ def test_plate_keeps_its_side_on_a_low_step(solid, mat):
     flat = solid(trimesh.creation.box((20, 16, 3)))
     job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
     aspects = find_aspects(flat)
-    n = 2 * len(aspects) * 10
+    n = len(aspects) * 10
     ids = aspects.classify(drop_range(job, 0, n).orientation)
     rows = np.arange(n) % len(aspects) + 1
     large = rows <= 2
