@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -89,7 +88,7 @@ class RestingShape:
         for facet in face:
             for edge in hull.edges_of_facets[facet]:
                 other = int(hull.sides[edge].sum()) - facet
-                if other not in known and self._curved[edge] and self._alike(facet, other, edge):
+                if other not in known and self._continues[edge]:
                     known.add(other)
                     face.append(other)
         if known & set(minima[~own].tolist()):
@@ -100,21 +99,11 @@ class RestingShape:
         return face
 
     @cached_property
-    def _curved(self) -> npt.NDArray[np.bool_]:
-        return CurvedEdges(self.landscape.hull).curved
-
-    def _alike(self, facet: int, other: int, edge: int) -> bool:
-        """Return whether two facets have similar widths, measured from the edge between them."""
-        one, two = self._width(facet, edge), self._width(other, edge)
-        return max(one, two) < MAX_WIDTH_RATIO * min(one, two)
-
-    def _width(self, facet: int, edge: int) -> float:
-        """Return how far a facet extends from one of its edges, R."""
-        hull = self.landscape.hull
-        start, end = hull.points[hull.ends[edge]]
-        arms = hull.points[hull.corners(facet)] - start
-        along = (end - start) / np.linalg.norm(end - start)
-        return float(np.linalg.norm(arms - np.outer(arms @ along, along), axis=1).max())
+    def _continues(self) -> Flags:
+        """(e,) whether a curved side continues over each edge, to a facet of a similar width."""
+        edges = CurvedEdges(self.landscape.hull)
+        alike = edges.widths.max(axis=1) < MAX_WIDTH_RATIO * edges.widths.min(axis=1)
+        return np.asarray(edges.curved & alike)
 
 
 def solid_angle(shape: RestingShape) -> Array:

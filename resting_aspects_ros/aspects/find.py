@@ -160,8 +160,7 @@ def _surface_points(corners: Array, number: int) -> tuple[Array, Array]:
 # Barriers below this share of the height of the centre of mass in the higher minimum are noise:
 # the part leaves the minimum if it is tilted by 2.6 degrees.
 NOISE_BARRIER = 1e-3
-# A side whose facets are within this angle is flat, rad: its steps are noise.
-ONE_FLAT = np.radians(3.0)
+
 # Depth of a flat below a curved side as a multiple of the barrier to the next flat, at most: 4 for
 # an equilateral triangle on a sphere.
 MAX_RISE = 4.0
@@ -300,8 +299,7 @@ def _joined(landscape: Landscape, groups: _Groups, edges: CurvedEdges, k: int) -
     inner &= saddles.between[:, 0] != saddles.between[:, 1]
     heights = saddles.heights[inner] / landscape.radius
     heights = heights[heights <= max(top, low[k] + 2 * rise)]
-    side = landscape.hull.normals[edges.sides == edges.sides[facets[0]]]
-    curved &= bool(angle_between(side, landscape.directions[minima[0]]).max() > ONE_FLAT)
+
     return JoinedMinima(
         minima=minima,
         drained=np.flatnonzero(own & groups.drained),

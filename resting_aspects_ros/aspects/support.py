@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, Aspect, AspectSet, Sweep
 from resting_aspects_ros.part.hull import COPLANAR, smallest_rectangle
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.surface import connected
 from resting_aspects_ros.part.tessellation import CURVED_STEP
 from resting_aspects_ros.rotations import angle_between, rotate
 
@@ -111,9 +110,7 @@ def _labels(faces: Indices, touching: npt.NDArray[np.bool_], count: int) -> Indi
     pairs = [
         faces[touching[:, a] & touching[:, b]][:, (a, b)] for a, b in ((0, 1), (1, 2), (2, 0))
     ]
-    a, b = np.concatenate(pairs).T
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return connected(count, np.concatenate(pairs))
 
 
 def _holes(faces: Indices) -> int:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.part.hull import outward_hull
+from resting_aspects_ros.part.mass import triangle_points
 from resting_aspects_ros.part.near import TriangleTree, subdivide
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import sagittas
@@ -123,7 +124,7 @@ class SurfaceMatch:
         self._hull = TriangleTree(triangles, skins)
         feet = np.einsum('ij,ij->i', normals, triangles[:, 0])[:, None] * normals
         # Skins are not used here, because a foot outside the hull is not one.
-        bare = TriangleTree(triangles, np.zeros(len(triangles)))
+        bare = TriangleTree(triangles)
         reach, none = np.full(len(feet), ON_HULL), np.zeros(len(feet))
         touching = np.flatnonzero(bare.near(feet, reach, none))
         few = touching[_thinned(feet[touching], normals[touching], MAX_FEET)]
@@ -319,18 +320,11 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
 def _quadrature(triangles: Array) -> tuple[Array, Array]:
     """Return points (n, 3) and weights (n,) that integrate degree 6 over triangles.
 
-    They are Gauss points of a square with one side collapsed to a corner. So the moments of a
-    surface do not depend on its division into triangles.
+    So the moments of a surface do not depend on its division into triangles.
     """
-    at, share = np.polynomial.legendre.leggauss(4)
-    u, v = (side.ravel() for side in np.meshgrid((at + 1) / 2, (at + 1) / 2))
-    weight = np.outer(share, share).ravel() * v
-    barycentric = np.stack([1 - v, v * (1 - u), v * u], axis=1)
-    corners = np.ascontiguousarray(np.moveaxis(triangles, 1, 0))
-    a, b, c = corners
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    points = (barycentric @ corners.reshape(3, -1)).reshape(-1, 3)
-    return points, np.outer(weight, area).ravel()
+    barycentric, weights = triangle_points(4)
+    points = (barycentric @ np.moveaxis(triangles, 1, 0).reshape(3, -1)).reshape(-1, 3)
+    return points, np.outer(weights, np.linalg.norm(_normals(triangles), axis=1)).ravel()
 
 
 def pair_rotations(landmarks: Array) -> Array:

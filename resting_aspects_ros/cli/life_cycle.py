@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
-from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.system import Interruption, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table

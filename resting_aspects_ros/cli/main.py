@@ -36,8 +36,7 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.input_files import MAX_PATH
-from resting_aspects_ros.simulation.interruption import catch
-from resting_aspects_ros.system import SIGNALS
+from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
 INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'

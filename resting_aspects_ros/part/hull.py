@@ -118,9 +118,6 @@ def coplanar_facets(hull: Polyhedron, facet: int) -> list[int]:
 
 def polyhedron(points: Array) -> Polyhedron:
     """Return the convex hull of points (n, 3), in units of R, around the origin inside it."""
-    # Worker processes use the class without SciPy, which reduces their start time to a fraction.
-    from scipy.spatial import ConvexHull
-
     hull = ConvexHull(points)
     triangles = hull.simplices.astype(np.int64)
     a, b, c = np.moveaxis(points[triangles], 1, 0)
@@ -311,15 +308,17 @@ def simplify_hull(
     samples = np.random.default_rng(23).permutation(len(points))[:SAMPLES]
     furthest = 0.0
     while True:
-        triangles = kept[ConvexHull(points[kept]).simplices]
-        out, owner = _outside(points[samples], points[triangles], furthest)
+        tree = TriangleTree(points[kept[ConvexHull(points[kept]).simplices]])
+        about = max(1.01 * furthest, GOOD)
+        out, owner = tree.distances(points[samples], about)
         furthest = float(out.max())
         new = samples[_round(points[samples], out, owner, KDTree(points[kept]))]
         room = max_corners - len(kept)
         if furthest <= FINE or room <= 0 or (len(new) > room and furthest <= GOOD):
             break
         kept = np.union1d(kept, new[:room])
-    return corners[kept], size * float(_outside(points, points[triangles], furthest)[0].max())
+    about = max(1.01 * furthest, GOOD)
+    return corners[kept], size * float(tree.distances(points, about)[0].max())
 
 
 def _first(points: Array, triangles: Indices, normals: Array, max_corners: int) -> Indices:
@@ -383,23 +382,6 @@ def _bends(polygon: Array, first: int, last: int, cut: float) -> list[int]:
     if off.max() <= cut:
         return []
     return [*_bends(polygon, first, k, cut), k, *_bends(polygon, k, last, cut)]
-
-
-def _outside(points: Array, triangles: Array, about: float) -> tuple[Array, Indices]:
-    """Return the distances of points (n, 3) from triangles (f, 3, 3), and the nearest triangles.
-
-    about : float
-        Expected distance; it only affects the time.
-    """
-    tree = TriangleTree(triangles, np.zeros(len(triangles)))
-    out, owner = np.zeros(len(points)), np.zeros(len(points), dtype=np.int64)
-    left, reach = np.arange(len(points)), max(1.01 * about, GOOD)
-    while len(left):
-        near, owner_near, ways = tree.nearest(points[left], reach)
-        out[left[near]] = np.linalg.norm(ways, axis=1)
-        owner[left[near]] = owner_near
-        left, reach = np.delete(left, near), 2 * reach
-    return out, owner
 
 
 def _round(points: Array, out: Array, owner: Indices, kept: KDTree) -> Indices:

@@ -2,7 +2,7 @@
 
 import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -304,6 +304,10 @@ def _check_possible(inertia: Array, mass: float, arms: Array, label: str) -> Non
 # -- Higher moments -------------------------------------------------------------------------------
 
 
+# Number of points of triangles at a time, to limit the memory.
+_CHUNK = 20_000
+
+
 def triangle_points(number: int) -> tuple[Array, Array]:
     """Return barycentric points (p, 3) and weights (p,) for integrals over a triangle.
 
@@ -319,6 +323,31 @@ def triangle_points(number: int) -> tuple[Array, Array]:
     across = v * (1 - u)
     share = np.outer(weights, weights).ravel() * (1 - u)
     return np.stack([1 - u - across, u, across], axis=1), share / share.sum()
+
+
+def _surface_points(vertices: Array, faces: Faces, number: int) -> Iterator[tuple[Array, Array]]:
+    """Yield points (3, m) of a surface with weights (m,), for moments of the solid inside.
+
+    By the divergence theorem the integral of a homogeneous polynomial f of degree n over the solid
+    is that of f (x . normal) / (n + 3) over its surface, which is the sum of the weighted values
+    of f / (n + 3). For ``number`` see triangle_points.
+    """
+    barycentric, weights = triangle_points(number)
+    step = max(1, _CHUNK // len(weights))
+    for first in range(0, len(faces), step):
+        corners = vertices[faces[first : first + step]]
+        # The area of each triangle, multiplied by the distance of its plane from the origin.
+        cone = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 2
+        points = np.einsum('pc,fcd->dfp', barycentric, corners).reshape(3, -1)
+        yield points, np.outer(cone, weights).ravel()
+
+
+def _powers(values: Array, most: int) -> Array:
+    """Return the powers 0 to ``most`` of values (n,), (most + 1, n)."""
+    found = np.ones((most + 1, len(values)))
+    for k in range(most):
+        found[k + 1] = found[k] * values
+    return found
 
 
 # -- Two equal principal moments ------------------------------------------------------------------
@@ -339,8 +368,6 @@ DEFINING, NOISE = 1e-3, 3e-6
 ROUNDED_ANGLE = 1e-9
 # From this number of triangles on, they are so small that their centroids are enough.
 _MANY_FACES = 50_000
-# Number of points of triangles at a time, to limit the memory.
-_CHUNK = 20_000
 
 Powers = tuple[int, int, int]
 
@@ -474,21 +501,14 @@ def _high_powers() -> list[Powers]:
 
 
 def _moments(along: Array, faces: Faces, powers: Sequence[Powers]) -> Complex:
-    """Return moments of a solid; see `intrinsic_frame.higher_moments` for the surface integral."""
+    """Return the integrals of (x + i y)^n z^m (x^2 + y^2)^k over a solid, for powers (n, m, k)."""
     degrees = np.array([n + m + 2 * k for n, m, k in powers])
     number = int(degrees.max()) // 2 + 1 if len(faces) < _MANY_FACES else 1
-    barycentric, weights = triangle_points(number)
     orders, row = np.unique([n for n, _, _ in powers], return_inverse=True)
     others = sorted({(m, k) for _, m, k in powers})
     column = [others.index((m, k)) for _, m, k in powers]
     total = np.zeros((len(orders), len(others)), dtype=np.complex128)
-    step = max(1, _CHUNK // len(weights))
-    for first in range(0, len(faces), step):
-        corners = along[faces[first : first + step]]
-        # The area of each triangle, multiplied by the distance of its plane from the origin.
-        cone = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 2
-        x, y, z = np.einsum('pc,fcd->dfp', barycentric, corners).reshape(3, -1)
-        share = np.outer(cone, weights).ravel()
+    for (x, y, z), share in _surface_points(along, faces, number):
         heights = _powers(z, max(m for m, _ in others))
         squares = _powers(x**2 + y**2, max(k for _, k in others)) * share
         factors = np.array([heights[m] * squares[k] for m, k in others])
@@ -498,14 +518,6 @@ def _moments(along: Array, faces: Faces, powers: Sequence[Powers]) -> Complex:
             plane[k] = plane[k - 1] * (x + 1j * y) ** rise
         total += plane @ factors.T
     return np.asarray(total[row, column] / (degrees + 3))
-
-
-def _powers(values: Array, most: int) -> Array:
-    """Return the powers 0 to ``most`` of values (n,), (most + 1, n)."""
-    found = np.ones((most + 1, len(values)))
-    for k in range(most):
-        found[k + 1] = found[k] * values
-    return found
 
 
 # -- The frame ------------------------------------------------------------------------------------
@@ -526,21 +538,10 @@ POWERS = np.array(
         *([2, 1, 1], [1, 2, 1], [1, 1, 2]),
     ]
 )
-# A rule that integrates polynomials of degree 4 over a triangle: barycentric coordinates and
-# weights (Dunavant, International Journal for Numerical Methods in Engineering 21, 1985).
-_NEAR, _FAR = 0.445948490915965, 0.091576213509771
-_POINTS = np.array([np.roll([1 - 2 * a, a, a], k) for a in (_NEAR, _FAR) for k in range(3)])
-_WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
-
-# Number of triangles at a time, whose arrays fit into the cache of a processor.
-_MOMENT_CHUNK = 4096
 
 
 def higher_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
     """Return the moments of a solid that can depend on the signs of the axes.
-
-    By the divergence theorem the integral of a homogeneous polynomial f of degree n over the solid
-    is that of f (x . normal) / (n + 3) over its surface.
 
     Parameters
     ----------
@@ -556,28 +557,11 @@ def higher_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
     moments : (19,) float64
         Integrals of x^i y^j z^k with the rows i, j, k of POWERS, m^6 and m^7.
     """
-    along = vertices @ axes
     total = np.zeros(len(POWERS))
-    for first in range(0, len(faces), _MOMENT_CHUNK):
-        total += _surface_integrals(along[faces[first : first + _MOMENT_CHUNK]])
+    for points, share in _surface_points(vertices @ axes, faces, 3):
+        x, y, z = (_powers(each, 3) for each in points)
+        total += np.array([x[i] * y[j] * z[k] for i, j, k in POWERS.tolist()]) @ share
     return np.asarray(total / (POWERS.sum(axis=1) + 3))
-
-
-def _surface_integrals(triangles: Array) -> Array:
-    """Return the integrals of x^i y^j z^k (x . normal) over triangles, (m, 3, 3)."""
-    # By corner, then by axis, so that each coordinate of all triangles is contiguous in memory.
-    corners = np.ascontiguousarray(np.moveaxis(triangles, 0, 2))
-    # The area of each triangle, multiplied by the distance of its plane from the origin.
-    cone = np.einsum('ij,ij->j', corners[0], np.cross(corners[1], corners[2], axis=0)) / 2
-    total = np.zeros((4, 4, 4))
-    for weights, share in zip(_POINTS, _WEIGHTS, strict=True):
-        points = np.tensordot(weights, corners, axes=1)
-        square = points * points
-        powers = np.stack([np.ones_like(points), points, square, square * points])
-        x, y, z = np.moveaxis(powers, 1, 0)
-        products = (y[:, None] * z[None]).reshape(16, -1)
-        total += share * ((cone * x) @ products.T).reshape(4, 4, 4)
-    return np.asarray(total[tuple(POWERS.T)])
 
 
 def principal_frame(inertia: Array) -> tuple[Array, Array]:

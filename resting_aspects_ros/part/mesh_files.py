@@ -130,20 +130,20 @@ _INVALID_OBJ_LINE = re.compile(
 _INVALID_WORD = re.compile(rb'(?<!\S)(?!' + _ANY_NUMBER + rb'(?!\S))\S+')
 
 
-def read_obj(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_obj(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     """Return the vertices and faces of an OBJ file, and the words of the coordinates."""
     data = _checked_obj(data, label)
     rows = [line.split()[1:] for line in re.findall(rb'^v [^\n]*', data, re.MULTILINE)]
     return *_read_with_trimesh(data, 'obj', label), rows
 
 
-def read_ply(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_ply(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     """Return the vertices and faces of a PLY file, and the words of the coordinates."""
     data, rows = _checked_ply(data, label)
     return *_read_with_trimesh(data, 'ply', label), rows
 
 
-def read_off(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_off(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     """Return the vertices and faces of an OFF file, and the words of the coordinates."""
     rows, polygons = _off_rows(data, label)
     vertices = np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
@@ -351,8 +351,10 @@ _STL_HEADER = 84  # 80 arbitrary bytes, then the number of triangles
 # Normal and three corners in float32, then two bytes of attributes.
 _STL_ROW = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attributes', '<u2')])
 _STL_TRIANGLE = _STL_ROW.itemsize
-_STL_VERTEX = re.compile(
-    rb'^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$', re.IGNORECASE | re.MULTILINE
+_STL_CORNER = rb''.join([rb'[ \t]+(' + _ANY_NUMBER + rb')'] * 3) + rb'[ \t]*$'
+_STL_VERTEX = re.compile(rb'^[ \t]*vertex' + _STL_CORNER, re.IGNORECASE | re.MULTILINE)
+_INVALID_STL_LINE = re.compile(
+    rb'^[ \t]*vertex\b(?!' + _STL_CORNER + rb')[^\n]*', re.IGNORECASE | re.MULTILINE
 )
 
 
@@ -477,44 +479,28 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces, Words]:
         for word in (b'solid', b'endsolid', b'facet', b'endfacet', b'vertex')
     }
     check_count(lines[b'facet'], label)
-    corners = _STL_VERTEX.findall(text)
     if lines[b'solid'] != lines[b'endsolid']:
         raise PartError(
             f"{label} is truncated: it has {lines[b'solid']} 'solid' and "
             f"{lines[b'endsolid']} 'endsolid', expected the same number of both"
         )
-    if not lines[b'facet'] == lines[b'endfacet'] == lines[b'vertex'] / 3 == len(corners) / 3:
+    if not lines[b'facet'] == lines[b'endfacet'] == lines[b'vertex'] / 3:
         raise PartError(
             f"{label} is a broken ASCII STL: {lines[b'facet']} 'facet', "
-            f"{lines[b'endfacet']} 'endfacet' and {len(corners)} corners with three "
-            "numbers, expected one 'endfacet' and three corners for each facet"
+            f"{lines[b'endfacet']} 'endfacet' and {lines[b'vertex']} 'vertex', expected one "
+            "'endfacet' and three corners for each facet"
         )
-    try:
-        if b'_' in b''.join(itertools.chain.from_iterable(corners)):
-            raise ValueError  # Python reads 1_0 as 10
-        words = map(float, itertools.chain.from_iterable(corners))
-        vertices = np.fromiter(words, dtype=np.float64, count=3 * len(corners)).reshape(-1, 3)
-    except ValueError:
-        number, word = _not_a_number(text)
+    broken = _INVALID_STL_LINE.search(text)
+    if broken:
+        number = text.count(b'\n', 0, broken.start()) + 1
         raise PartError(
-            f'{label} is a broken ASCII STL: it has the coordinate {shown(word)} in line {number},'
-            ' expected a number'
-        ) from None
-    faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
-    return vertices, faces, corners
-
-
-def _not_a_number(text: bytes) -> tuple[int, str]:
-    """Return the first coordinate that is not a number, and the number of its line."""
-    for match in _STL_VERTEX.finditer(text):
-        for word in match.groups():
-            try:
-                valid = b'_' not in word and float(word) is not None
-            except ValueError:
-                valid = False
-            if not valid:
-                return text.count(b'\n', 0, match.start()) + 1, word.decode(errors='replace')
-    raise AssertionError
+            f'{label} is a broken ASCII STL: it has {_shown(broken)} in line '
+            f'{number}, expected three numbers'
+        )
+    corners = _STL_VERTEX.findall(text)
+    words = map(float, itertools.chain.from_iterable(corners))
+    vertices = np.fromiter(words, dtype=np.float64, count=3 * len(corners)).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3), corners
 
 
 def _count_lines(word: bytes, text: bytes) -> int:
@@ -531,7 +517,7 @@ def _finite(vertices: Vertices, label: str) -> Vertices:
     return vertices
 
 
-_READERS = {'stl': _read_stl, 'obj': read_obj, 'ply': read_ply, 'off': read_off}
+_READERS = {'stl': _read_stl, 'obj': _read_obj, 'ply': _read_ply, 'off': _read_off}
 
 
 def _or(words: tuple[str, ...]) -> str:

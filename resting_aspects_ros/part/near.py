@@ -25,12 +25,13 @@ class TriangleTree:
     array and the children of a node follow from its number.
     """
 
-    def __init__(self, corners: Array, skins: Array) -> None:
+    def __init__(self, corners: Array, skins: Array | None = None) -> None:
         """Build the tree of triangles (m, 3 corners, 3), m.
 
         skins : (m,) float64, maximum distance of the true surface from each triangle, m, which is
-        used as the thickness of the triangle.
+        used as the thickness of the triangle; by default 0.
         """
+        skins = np.zeros(len(corners)) if skins is None else skins
         self._corners, self._skins = corners, skins
         depth = int(np.ceil(np.log2(len(corners))))
         order = np.arange(2**depth) % len(corners)
@@ -86,6 +87,21 @@ class TriangleTree:
             found.append((point[first], triangle[first], apart[first]))
         point, triangle, apart = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return point, triangle, apart
+
+    def distances(self, points: Array, about: float) -> tuple[Array, Indices]:
+        """Return the distances (n,) of points (n, 3), m, and the nearest triangles (n,).
+
+        about : float
+            Expected distance, more than 0; it only affects the time.
+        """
+        found, owner = np.zeros(len(points)), np.zeros(len(points), dtype=np.int64)
+        left, reach = np.arange(len(points)), about
+        while len(left):
+            near, triangle, ways = self.nearest(points[left], reach)
+            found[left[near]] = np.linalg.norm(ways, axis=1)
+            owner[left[near]] = triangle
+            left, reach = np.delete(left, near), 2 * reach
+        return found, owner
 
     def _pairs(
         self, points: Array, reach: Array, found: Found | None = None

@@ -4,8 +4,6 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree
 
 from resting_aspects_ros.arrays import Array, Faces
@@ -14,6 +12,7 @@ from resting_aspects_ros.part.hull import convex_hull, outward_hull, simplify_hu
 from resting_aspects_ros.part.mesh_files import without_unused
 from resting_aspects_ros.part.near import TriangleTree
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.surface import connected
 
 # A part that fills at least this share of its convex hull is treated as convex.
 CONVEX = 0.98
@@ -113,9 +112,7 @@ def _decomposed(part: Part) -> ConvexPieces:
 
 def _without_cavities(vertices: Array, faces: Faces) -> Faces:
     """Return the faces of the shells that face outward."""
-    ends = faces[:, [0, 1, 2, 1, 2, 0]].reshape(-1, 2).T
-    graph = coo_matrix((np.ones(ends.shape[1]), ends), shape=(len(vertices),) * 2)
-    shell = connected_components(graph, directed=False)[1][faces[:, 0]]
+    shell = connected(len(vertices), faces[:, [0, 1, 1, 2]].reshape(-1, 2))[faces[:, 0]]
     corners = (vertices - vertices.mean(axis=0))[faces]
     volumes = np.bincount(shell, weights=np.linalg.det(corners))
     return np.asarray(faces[volumes[shell] > 0])
@@ -198,11 +195,5 @@ def _samples(triangles: Array) -> Array:
 
 def _distances(points: Array, triangles: Array) -> Array:
     """Return the distances (n,) of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    tree = TriangleTree(triangles, np.zeros(len(triangles)))
-    found, left = np.zeros(len(points)), np.arange(len(points))
-    reach = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) * THRESHOLD
-    while len(left):
-        near, _, ways = tree.nearest(points[left], reach)
-        found[left[near]] = np.linalg.norm(ways, axis=1)
-        left, reach = np.delete(left, near), 2 * reach
-    return found
+    about = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) * THRESHOLD
+    return TriangleTree(triangles).distances(points, about)[0]

@@ -137,8 +137,6 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
 
 def _load(data: bytes, mesh_format: str, label: str) -> Any:
     """Return the trimesh scene."""
-    import trimesh
-
     if mesh_format == '3mf':
         try:
             import lxml  # noqa: F401 trimesh reads XML with it

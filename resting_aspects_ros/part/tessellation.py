@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.part.hull import Polyhedron
+from resting_aspects_ros.part.surface import connected
 
 # Maximum step of the mesh of a curved side: that of a circle of 15 sides or more (24 degrees). A
 # circle with fewer sides is a prism with flat sides.
@@ -30,8 +29,8 @@ MARGIN = 1.25
 
 
 @dataclass(frozen=True, eq=False)
-class _Edges:
-    """Edges between two triangles.
+class MeshEdges:
+    """The edges of triangles.
 
     ends : (k, 2) int64, vertices; sides : (k, 2) int64, triangles; angle : (k,) float64, between
     their normals, rad.
@@ -69,7 +68,7 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(twice, axis=1) / 2
     normals = twice / np.maximum(2 * area, np.finfo(float).tiny)[:, None]
-    edges = _edges(faces, normals)
+    edges = mesh_edges(faces, normals)
     blunt = edges.angle <= CURVED_STEP
     corners = np.zeros(len(vertices), dtype=bool)
     corners[edges.ends[~blunt]] = True
@@ -102,10 +101,11 @@ def _fullness(size: Array, covariance: Array) -> Array:
     return np.asarray(np.minimum(size / (CONVEX * root), 1.0))
 
 
-def _edges(faces: Indices, normals: Array) -> _Edges:
-    """Return the edges; those that are not shared by exactly two triangles count as sharp.
+def mesh_edges(faces: Indices, normals: Array) -> MeshEdges:
+    """Return the edges of triangles (m, 3) with unit normals (m, 3).
 
-    Such edges have an angle of pi and their first two triangles (or a single one, twice).
+    Those that are not shared by exactly two triangles count as sharp: they have an angle of pi and
+    their first two triangles (or a single one, twice).
     """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -120,7 +120,7 @@ def _edges(faces: Indices, normals: Array) -> _Edges:
     a, b = normals[sides[:, 0]], normals[sides[:, 1]] * sign[:, None]
     angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum('ij,ij->i', a, b))
     ends = np.stack([low, high], axis=1)[order[first]]
-    return _Edges(ends, sides, np.where(count == 2, angle, np.pi))
+    return MeshEdges(ends, sides, np.where(count == 2, angle, np.pi))
 
 
 def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
@@ -129,10 +129,7 @@ def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
     If the steps of a fine curved mesh are below FLAT_ANGLE, connected triangles are not coplanar;
     then each triangle is a facet.
     """
-    count = len(normals)
-    links = (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1]))
-    graph = coo_array(links, shape=(count, count))
-    facet = connected_components(graph, directed=False)[1].astype(np.int64)
+    facet = connected(len(normals), pairs)
     mean = np.stack([np.bincount(facet, weights=area * side) for side in normals.T], axis=1)
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1), np.finfo(float).tiny)[:, None]
     apart = np.linalg.norm(normals - mean[facet], axis=1) * (area > 0)
@@ -313,7 +310,7 @@ class CurvedEdges:
     @cached_property
     def _chords(self) -> Flags:
         """(e, 2) whether the facet on each side of an edge is a flat of a curved side there."""
-        widths = self._widths
+        widths = self.widths
         triangles = (self._corners == 3)[self._hull.sides].all(axis=1)
         ratio = np.where(self._inside & triangles, MAX_IRREGULARITY, MAX_CHORD_RATIO)[:, None]
         return self.curved[:, None] & (widths <= ratio * widths[:, ::-1])
@@ -343,14 +340,6 @@ class CurvedEdges:
         return depth
 
     @cached_property
-    def sides(self) -> Indices:
-        """(f,) number of the curved side of each facet: those connected by curved edges."""
-        hull = self._hull
-        count = len(hull.normals)
-        links = coo_array((self.curved, tuple(hull.sides.T)), shape=(count, count))
-        return np.asarray(connected_components(links, directed=False)[1])
-
-    @cached_property
     def step(self) -> Array:
         """(f,) maximum angle, rad, of the steps of the curved side at each facet."""
         most = np.zeros(len(self._hull.normals))
@@ -365,7 +354,7 @@ class CurvedEdges:
         return np.array([len(edges) for edges in self._hull.edges_of_facets])
 
     @cached_property
-    def _widths(self) -> Array:
+    def widths(self) -> Array:
         """(e, 2) how far the facets on both sides extend from each edge, R."""
         hull = self._hull
         first = hull.points[hull.ends[:, 0]]
@@ -390,7 +379,7 @@ class CurvedEdges:
         The surface turns across a flat of width w by the share w / (w + v) of the angle to a flat
         of width v at both ends; an arc that turns by t rises by w t / 8 above its chord.
         """
-        widths = self._widths
+        widths = self.widths
         share = widths / widths.sum(axis=1, keepdims=True)
         return np.asarray(widths * share * self._hull.angles[:, None] / 4)
 
@@ -427,7 +416,7 @@ class CurvedEdges:
         """Return whether two steps, from a facet over an edge of it, and the flats are similar."""
         for (edge, facet), (next_edge, _) in ((one, other), (other, one)):
             side = self._sides[edge].index(facet)
-            wide = self._widths[edge, 1 - side] / self._widths[edge, side]
+            wide = self.widths[edge, 1 - side] / self.widths[edge, side]
             limit = MAX_RATIO if wide < WIDE else MAX_TANGENT_RATIO
             if self._angles[edge] > limit * self._angles[next_edge] or wide < 1 / MAX_RATIO:
                 return False

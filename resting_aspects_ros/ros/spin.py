@@ -23,7 +23,7 @@ from rclpy.task import Future
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, one_line, shown
 from resting_aspects_ros.ros.parameters import Parameter, help_text, unknown_parameters
-from resting_aspects_ros.simulation.interruption import catch
+from resting_aspects_ros.system import catch
 
 # Constants of Linux: <time.h>, <signal.h>.
 _CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2

@@ -13,19 +13,17 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.input_files import named, read_yaml
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import Random, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     Quantity,
-    check_name,
-    check_quantities,
     described_kind,
     made_from,
     quantities_of,
     quantity,
+    read_entries,
 )
 from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_along
 from resting_aspects_ros.simulation.starts import (
@@ -89,7 +87,7 @@ class Kick(Action):
         for name, share in derived.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, share * self.speed)
-        check_quantities(self)
+        super().__post_init__()
 
     @property
     def has_effect(self) -> bool:
@@ -220,9 +218,6 @@ class Nozzle(Action):
         default=0.0,
     )
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     @property
     def has_effect(self) -> bool:
         """Whether the jet can move a part."""
@@ -261,21 +256,12 @@ class Nozzle(Action):
         """Return points and directions (n, 3) in part axes, and whether (n,) the part is hit."""
         n = len(aside)
         direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
-        height = self.height - _height(states.orientation, body)
+        height = self.height - depth_along(states.orientation, -Z, body.corners)
         origin = np.stack([np.zeros(n), aside, height], axis=-1)
         inverse = states.orientation * _CONJUGATE
         along = rotate(inverse, np.tile(direction, (n, 1)))
         point, met = _first_hit(rotate(inverse, origin), along, body)
         return point, along, met
-
-
-def _height(orientation: Array, body: Body) -> Array:
-    """Return the heights (n,) of the centre of mass above the lowest point of the hull, m."""
-    down = rotate(orientation * _CONJUGATE, np.tile([0.0, 0.0, -1.0], (len(orientation), 1)))
-    x, y, z = down.T[:, :, None]
-    hull = body.corners
-    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
-    return reach
 
 
 def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -391,7 +377,7 @@ class Vibration(Action):
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.duration < 2 * self._ramp:
             raise InvalidValueError(
                 f'invalid duration {self.duration:g}: expected at least {2 * self._ramp:g} s, two '
@@ -566,7 +552,7 @@ class Step(Action):
     )
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.edge_radius > self.step_height:
             raise InvalidValueError(
                 f'invalid edge radius {self.edge_radius:g}: expected at most the step height, '
@@ -756,11 +742,7 @@ class Actions:
     @classmethod
     def read(cls, path: Path) -> 'Actions':
         """Read a file of the form of config/actions.yaml; raises InvalidValueError."""
-        document = read_yaml(path, 'actions file')
-        label = named('actions file', path)
-        if not isinstance(document, dict) or not document:
-            raise InvalidValueError(f'invalid {label}: expected a mapping of names to actions')
-        return cls({name: _named_action(label, name, entry) for name, entry in document.items()})
+        return cls(read_entries(path, 'actions file', 'an action', 'actions', _named_action))
 
 
 def make_action(kind: str, values: Mapping[str, Any]) -> Action:
@@ -771,11 +753,7 @@ def make_action(kind: str, values: Mapping[str, Any]) -> Action:
     return made_from(KINDS, 'action', kind, values)
 
 
-def _named_action(label: str, name: object, entry: object) -> NamedAction:
-    try:
-        name = check_name('an action', name)
-        kind, values, source = described_kind('action', entry, KINDS)
-        time = values.pop('time', DEFAULT_TIME)
-        return NamedAction(name, make_action(kind, values), time, source)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{label}, {shown(name)}: {error}') from None
+def _named_action(name: str, entry: Any) -> NamedAction:
+    kind, values, source = described_kind('action', entry, KINDS)
+    time = values.pop('time', DEFAULT_TIME)
+    return NamedAction(name, make_action(kind, values), time, source)

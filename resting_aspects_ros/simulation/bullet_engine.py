@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -127,7 +127,7 @@ def over_edge(
     part that is beyond the edge, FAILED for one that failed, and UNSETTLED for others.
     ``make_world`` returns a world with a minimum number of time steps per T.
     """
-    at = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
+    at = InitialState(*(each.copy() for each in (*states.arrays, states.elapsed)))
     status = np.full(len(at.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
     everyone = np.arange(len(status))
     at.position[:, 2] += REST_MARGIN
@@ -191,7 +191,10 @@ class EdgeWorld(BeltWorld):
         self._upper = edge.belt_speed * job.time_unit / job.radius
         self._radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._height = edge.height / job.radius
-        self._shape = compound(_in_body(job), self._client)
+        # In the body frame, R.
+        inverse = job.axes * [-1, -1, -1, 1]
+        pieces = [rotate(inverse, corners) / job.radius for corners in edge.pieces]
+        self._shape = compound(tuple(pieces), self._client)
         box = -FAR, -self._radius, self._height, self._upper
         self._belt, self._belt_state = self._add_box(*box), _box_state(*box)
         self._add_box(-FAR, 0.0, self._height - self._radius - DROP, 0.0)
@@ -248,15 +251,16 @@ class EdgeWorld(BeltWorld):
             now += 1 / EDGE_CHECKS_PER_T
             at.elapsed[moving] += 1 / EDGE_CHECKS_PER_T
             found = self._states(bodies, moving)
-            sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
+            sound = found.finite & (found.position[:, 2] > -MAX_DEPTH)
+            beyond, landing = self._beyond(found), self._landing(found)
             timed_out = at.elapsed[moving] >= limit
             passed = sound & beyond & (landing | landed | timed_out)
             low = sound & ~beyond & landing & (not landed)
             status[moving[~sound]] = RestStatus.FAILED
             status[moving[passed]] = RestStatus.SETTLED
             rows, found = moving[sound], found.select(sound)
-            at.position[rows], at.orientation[rows] = found.position, found.orientation
-            at.velocity[rows], at.spin[rows] = found.velocity, found.spin
+            for whole, part in zip(at.arrays, found.arrays, strict=True):
+                whole[rows] = part
             self._change_steps(at, moving[passed], self._job.steps_per_t)
             self._change_steps(at, moving[low], self._job.steps(LANDING_STEPS_PER_T))
             early.append(moving[low])
@@ -300,18 +304,6 @@ class EdgeWorld(BeltWorld):
         """Return how far the hulls (n,) reach below their centres after a turn."""
         turned = product(np.tile(turn, (len(at.orientation), 1)), at.orientation)
         return depth_of(turned, self._job.hull)
-
-    def _sound(self, at: States) -> npt.NDArray[np.bool_]:
-        numbers = (at.position, at.orientation, at.velocity, at.spin)
-        sound = np.isfinite(np.hstack(numbers)).all(axis=1)
-        return np.asarray(sound & (at.position[:, 2] > -MAX_DEPTH))
-
-
-def _in_body(job: DropJob) -> tuple[Array, ...]:
-    """Return the corners of the pieces of the part in the body frame, R."""
-    assert job.edge is not None
-    inverse = job.axes * [-1, -1, -1, 1]
-    return tuple(rotate(inverse, corners) / job.radius for corners in job.edge.pieces)
 
 
 class WallWorld(BeltWorld):

@@ -325,8 +325,7 @@ class World:
                 contactProcessingThreshold=0,
                 activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
-        rows = (states.position, states.orientation, states.velocity, states.spin)
-        starts = list(zip(*(each.tolist() for each in rows), strict=True))
+        starts = list(zip(*(each.tolist() for each in states.arrays), strict=True))
         self._apply_inertia(bodies, starts)
         for body, start in zip(bodies, starts, strict=True):
             self._collide(body, PART_GROUP, SURFACE_GROUP)
@@ -367,12 +366,12 @@ class World:
             Time after which all parts have ended, T.
         """
         bodies = self._add(states)
-        last = [np.array(each) for each in _arrays(states)]
+        last = [np.array(each) for each in states.arrays]
         moving, now = np.arange(len(states.position)), 0.0
         while len(moving) and now < limit:
             now = self._until_check(now)
             here = self._states(bodies, moving)
-            for whole, part in zip(last, _arrays(here), strict=True):
+            for whole, part in zip(last, here.arrays, strict=True):
                 whole[moving] = part
             over = ended(here)
             for i in moving[over].tolist():
@@ -437,10 +436,6 @@ class World:
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
         return States(position, orientation, velocity, spin)
-
-
-def _arrays(states: States) -> tuple[Array, Array, Array, Array]:
-    return states.position, states.orientation, states.velocity, states.spin
 
 
 @lru_cache(maxsize=16)

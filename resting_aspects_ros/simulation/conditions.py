@@ -7,11 +7,11 @@ documentation are tested against it.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Optional, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Optional, TypeVar
 
 from pydantic import create_model
 
@@ -89,6 +89,23 @@ def check_quantities(values: Any) -> None:
         object.__setattr__(values, name, each.check(name, getattr(values, name)))
 
 
+class Described:
+    """The base of frozen dataclasses with a kind, whose quantities are checked when one is made.
+
+    Flags, keys of files, documents and texts follow from the quantities.
+    """
+
+    kind: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The quantities by name, SI units."""
+        return {name: getattr(self, name) for name in quantities_of(self)}
+
+
 def check_name(what: str, name: Any) -> str:
     """Return the name of an entry of a YAML file, such as 'a surface'; InvalidValueError."""
     if isinstance(name, str) and name.isidentifier() and len(name) <= MAX_NAME:
@@ -97,6 +114,27 @@ def check_name(what: str, name: Any) -> str:
         f'invalid name {shown(name)} of {what}: expected at most {MAX_NAME} letters, digits and '
         '_, without spaces, a letter first, such as my_table'
     )
+
+
+def read_entries(
+    path: Path, kind: str, what: str, entries: str, make: Callable[[str, Any], T]
+) -> dict[str, T]:
+    """Return what the entries of a YAML file describe, by their names.
+
+    ``make`` returns what an entry of a name describes. Raises InvalidValueError, with the file.
+    """
+    document, label = read_yaml(path, kind), named(kind, path)
+    if not isinstance(document, dict) or not document:
+        raise InvalidValueError(f'invalid {label}: expected a mapping of names to {entries}')
+    found: dict[str, T] = {}
+    for name, entry in document.items():
+        where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
+        try:
+            check_name(what, name)
+            found[name] = make(name, entry)
+        except InvalidValueError as error:
+            raise InvalidValueError(f'{where}: {error}') from None
+    return found
 
 
 def described_kind(
@@ -463,22 +501,11 @@ class Surfaces:
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
         """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
-        document = read_yaml(path, 'surfaces file')
-        label = named('surfaces file', path)
-        if not isinstance(document, dict) or not document:
-            raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
-        sets: dict[str, DropConditions] = {}
-        sources: dict[str, str] = {}
-        for name, entry in document.items():
-            where = f'{label}, {name}' if isinstance(name, str) and name.isidentifier() else label
-            try:
-                check_name('a surface', name)
-                given = validated(SurfaceEntry, entry, expected=EXPECTED)
-                sets[name] = _conditions(name, given)
-                sources[name] = one_line(str(given.source))
-            except InvalidValueError as error:
-                raise InvalidValueError(f'{where}: {error}') from None
-        return cls(sets, sources)
+        found = read_entries(path, 'surfaces file', 'a surface', 'conditions', _surface)
+        return cls(
+            {name: conditions for name, (conditions, _) in found.items()},
+            {name: source for name, (_, source) in found.items()},
+        )
 
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:
@@ -499,8 +526,9 @@ def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
     return changes
 
 
-def _conditions(name: str, given: Any) -> DropConditions:
-    """Return the conditions of a checked entry; raises InvalidValueError."""
+def _surface(name: str, entry: Any) -> tuple[DropConditions, str]:
+    """Return the conditions and the source of an entry; raises InvalidValueError."""
+    given = validated(SurfaceEntry, entry, expected=EXPECTED)
     lists: dict[str, list[float]] = given.uncertainty
     sizes = {len(each) for each in lists.values()}
     if len(sizes) > 1 or not all(MIN_SAMPLES <= size <= MAX_SAMPLES for size in sizes):
@@ -514,4 +542,4 @@ def _conditions(name: str, given: Any) -> DropConditions:
     found = DropConditions(surface=name, height_of=HeightOf[given.height_of], **values)
     for each in samples:
         found.changed(**each)
-    return dataclasses.replace(found, uncertainty=samples)
+    return dataclasses.replace(found, uncertainty=samples), one_line(str(given.source))

@@ -9,6 +9,8 @@ from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.part.near import TriangleTree, subdivide
+from resting_aspects_ros.part.tessellation import mesh_edges
+from resting_aspects_ros.simulation.scene import clipped
 
 # -- Convex polygons ------------------------------------------------------------------------------
 
@@ -91,28 +93,8 @@ def polygon_from(polygon: Array, normals: Array, offsets: Array) -> Array:
     low, high = polygon.min(axis=0) - 1.0, polygon.max(axis=0) + 1.0
     found = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     for normal, offset in zip(normals, offsets, strict=True):
-        found = _cut(found, normal, float(offset))
+        found = clipped(found, normal, float(offset))
     return found
-
-
-def clipped(points: Array, polygon: Array) -> Array:
-    """Return those of the points (n, 2) that are inside a convex polygon."""
-    normals, offsets = edge_planes(polygon)
-    inside = (points @ normals.T - offsets < -SLIVER / 10).all(axis=1)
-    return np.asarray(points[inside])
-
-
-def _cut(polygon: Array, normal: Array, offset: float) -> Array:
-    kept: list[Array] = []
-    above = polygon @ normal - offset
-    for k in range(len(polygon)):
-        one, other = above[k], above[(k + 1) % len(polygon)]
-        if one <= 0:
-            kept.append(polygon[k])
-        if (one <= 0) != (other <= 0):
-            share = one / (one - other)
-            kept.append(polygon[k] + share * (polygon[(k + 1) % len(polygon)] - polygon[k]))
-    return np.array(kept).reshape(-1, 2)
 
 
 # -- Curved sides ---------------------------------------------------------------------------------
@@ -210,7 +192,7 @@ class _Surface:
     """Triangles (m, 3, 3) with points on them."""
 
     def __init__(self, corners: Array) -> None:
-        self.tree = TriangleTree(corners, np.zeros(len(corners)))
+        self.tree = TriangleTree(corners)
         pieces = subdivide(corners, SPACING, MAX_PIECES)[0]
         self.points = np.unique(pieces.reshape(-1, 3), axis=0)
 
@@ -230,31 +212,22 @@ class Bends:
     """The angles between the triangles (m, 3, 3) of a mesh that share an edge."""
 
     def __init__(self, corners: Array) -> None:
-        _, rows = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-        ends = rows.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)[1].ravel()
-        order = np.argsort(edge, kind='stable')
-        count = np.bincount(edge)
-        first = (np.cumsum(count) - count)[count == 2]
-        one, other = order[first], order[first + 1]
-        self._neighbour = np.full(len(edge), -1)
-        self._neighbour[one], self._neighbour[other] = other // 3, one // 3
-        ways = np.roll(corners, -1, axis=1) - corners
-        self._length = np.linalg.norm(ways, axis=2).ravel()
-        normals = np.cross(ways[:, 0], ways[:, 1])
+        points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        cosine = (normals[one // 3] * normals[other // 3]).sum(axis=1)
-        self._angle = np.full(len(edge), np.pi)
-        self._angle[one] = self._angle[other] = np.arccos(np.clip(cosine, -1, 1))
+        self._edges = mesh_edges(faces.reshape(-1, 3), normals)
+        ends = points[self._edges.ends]
+        self._length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
     def sagitta(self, which: Indices, width: float) -> float:
         """Return the height of the arc that a flat side of triangles replaces; infinite if none.
 
         An arc that bends by an angle at each edge of its chords of a width is this far from them.
         """
-        edges = (3 * which[:, None] + np.arange(3)).ravel()
-        outline = edges[~np.isin(self._neighbour[edges], which)]
-        length, angle = self._length[outline], self._angle[outline]
+        one, other = np.isin(self._edges.sides, which).T
+        ends = self._edges.sides[:, 0] == self._edges.sides[:, 1]
+        outline = (one != other) | (one & ends)
+        length, angle = self._length[outline], self._edges.angle[outline]
         gentle = angle < GENTLE
         if length[gentle].sum() <= length.sum() / 2:
             return np.inf
@@ -415,7 +388,8 @@ class _Side:
             if not len(bottom):
                 continue
             below = np.vstack([bottom, bottom.mean(axis=0)])
-            thickness = self._thickness(clipped(below, polygon))
+            inside = (below @ normals.T - offsets < -SLIVER / 10).all(axis=1)
+            thickness = self._thickness(below[inside])
             if thickness >= depth:
                 break
             depth = thickness

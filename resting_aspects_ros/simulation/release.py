@@ -12,13 +12,19 @@ from resting_aspects_ros.rotations import (
     canonical,
     composed,
     down_in_part,
+    product,
     random_orientations,
     rotate,
     turned_down,
 )
-from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.job import BULLET, DropJob
-from resting_aspects_ros.simulation.scene import depth_along, in_scene_axes, in_tray_axes, released
+from resting_aspects_ros.simulation.scene import (
+    depth_along,
+    heights_at_touch,
+    in_scene_axes,
+    in_tray_axes,
+)
 from resting_aspects_ros.simulation.starts import Starts, States
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
@@ -127,14 +133,19 @@ def _started(
     )
 
 
+def _thrown(c: DropConditions, random: Random, n: int) -> tuple[Array, Array, Array]:
+    """Return orientations, tray from part, velocities and spins at release, SI, tray axes."""
+    of_part = random_orientations(random, n)
+    deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
+    velocity = random.standard_normal((n, 3)) * deviations
+    return of_part, velocity, random.standard_normal((n, 3)) * c.spin
+
+
 def _released(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are dropped in random orientations."""
     c, unit = job.conditions, job.time_unit
-    of_part = random_orientations(random, n)
-    deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
-    velocity = random.standard_normal((n, 3)) * deviations * unit / job.radius
-    spin = random.standard_normal((n, 3)) * c.spin * unit
-
+    of_part, velocity, spin = _thrown(c, random, n)
+    velocity, spin = velocity * unit / job.radius, spin * unit
     of_body = body_from_part(of_part, job.axes)
     depth = depth_of(of_body, job.hull)
     height = np.full(n, c.height / job.radius)
@@ -156,9 +167,22 @@ def _released(job: DropJob, random: Random, n: int) -> InitialState:
 def _in_scene(job: DropJob, random: Random, n: int) -> InitialState:
     """Return the initial states of parts that are released in surroundings, scene frame."""
     scene, c, unit = job.scene, job.conditions, job.time_unit
-    corners = job.hull * job.radius
-    position, of_body, velocity, spin = released(scene, c, corners, job.axes, random, n)
-    position /= job.radius
+    of_part, velocity, spin = _thrown(c, random, n)
+    place = random.random((n, 2))
+    if scene.orientation is not None:
+        of_part = np.tile(scene.orientation, (n, 1))
+    x, y = (low + (high - low) * place[:, k] for k, (low, high) in enumerate(scene.region))
+    base = scene.in_scene(np.stack([x, y, np.zeros(n)], axis=1))
+    of_body = in_scene_axes(scene, product(of_part, np.tile(job.axes, (n, 1))))
+    lift = heights_at_touch(scene, base, of_body, job.hull * job.radius)
+    if c.height_of is HeightOf.CENTRE_OF_MASS:
+        lift = np.maximum(
+            lift, heights_at_touch(scene, base, of_body, np.zeros((1, 3))) + c.height
+        )
+    else:
+        lift = lift + c.height
+    position = (base - lift[:, None] * scene.down) / job.radius
+    velocity, spin = scene.in_scene(velocity), scene.in_scene(spin)
     elapsed = np.zeros(n)
     fall = c.height / job.radius - START_CLEARANCE
     still = c.speed_horizontal == c.speed_vertical == c.spin == 0

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.rotations import Random, product, random_orientations, rotate
-from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
+from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.simulation.conditions import DropConditions
 
 X, Y, Z = np.eye(3)
 
@@ -226,57 +226,6 @@ def make_scene(conditions: DropConditions, radius: float) -> Scene:
 STEEP = 0.02
 
 
-def supports(scene: Scene) -> list[HalfSpace]:
-    """Return the planes that a part can meet when it falls, scene frame."""
-    return [plane for plane in scene.faces if -float(plane.normal @ scene.down) > STEEP]
-
-
-def released(
-    scene: Scene,
-    conditions: DropConditions,
-    corners: Array,
-    axes: Array,
-    random: Random,
-    n: int,
-) -> tuple[Array, Array, Array, Array]:
-    """Return position, orientation, velocity and spin of n parts at release, SI, scene frame.
-
-    Parameters
-    ----------
-    corners : (k, 3) float
-        Corners of the hull relative to the centre of mass, body axes, m.
-    axes : (4,) float
-        Unit quaternion xyzw, part from body.
-
-    Returns
-    -------
-    position : (n, 3) float
-        Of the centre of mass.
-    orientation : (n, 4) float
-        Scene from body.
-    velocity, spin : (n, 3) float
-    """
-    c = conditions
-    of_part = random_orientations(random, n)
-    deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
-    velocity = random.standard_normal((n, 3)) * deviations
-    spin = random.standard_normal((n, 3)) * c.spin
-    place = random.random((n, 2))
-    if scene.orientation is not None:
-        of_part = np.tile(scene.orientation, (n, 1))
-    x, y = (low + (high - low) * place[:, k] for k, (low, high) in enumerate(scene.region))
-    base = scene.in_scene(np.stack([x, y, np.zeros(n)], axis=1))
-    of_body = in_scene_axes(scene, product(of_part, np.tile(axes, (n, 1))))
-    touching = _heights(scene, base, of_body, corners)
-    if c.height_of is HeightOf.CENTRE_OF_MASS:
-        nothing = np.zeros((1, 3))
-        lift = np.maximum(touching, _heights(scene, base, of_body, nothing) + c.height)
-    else:
-        lift = touching + c.height
-    position = base - lift[:, None] * scene.down
-    return position, of_body, scene.in_scene(velocity), scene.in_scene(spin)
-
-
 def in_scene_axes(scene: Scene, orientation: Array) -> Array:
     """Return orientations (n, 4), tray from body, as orientations scene from body."""
     if scene.level:
@@ -304,9 +253,20 @@ def depth_along(orientation: Array, direction: Array, corners: Array) -> Array:
     return reach
 
 
-def _heights(scene: Scene, base: Array, orientation: Array, corners: Array) -> Array:
-    """Return the heights (n,) of the centre of mass above z = 0 at which bodies touch first."""
-    planes = supports(scene)
+def heights_at_touch(scene: Scene, base: Array, orientation: Array, corners: Array) -> Array:
+    """Return the heights (n,) of the centre of mass above z = 0 at which bodies touch first.
+
+    Parameters
+    ----------
+    base : (n, 3) float
+        The points at z = 0 above which they are, scene frame, m.
+    orientation : (n, 4) float
+        Scene from body.
+    corners : (k, 3) float
+        Corners of the hull relative to the centre of mass, body axes, m.
+    """
+    # The planes that a part can meet when it falls.
+    planes = [plane for plane in scene.faces if -float(plane.normal @ scene.down) > STEEP]
     if not planes:
         return scene.ground + depth_along(orientation, scene.down, corners)
     found = []
@@ -358,21 +318,22 @@ def ground_below(
     highest: float | None = None
     for triangle in corners[near.all(axis=1)]:
         polygon = triangle
-        for axis in (0, 1):
-            polygon = _clipped(_clipped(polygon, axis, 1.0, low[axis]), axis, -1.0, -high[axis])
+        for axis, low_side, high_side in zip((X, Y), low, high, strict=True):
+            polygon = clipped(clipped(polygon, -axis, -low_side), axis, high_side)
         if len(polygon):
             top = float(polygon[:, 2].max())
             highest = top if highest is None else max(highest, top)
     return highest
 
 
-def _clipped(polygon: Array, axis: int, sign: float, bound: float) -> Array:
-    """Return the part of a polygon (k, 3) where sign times the coordinate is at least bound."""
+def clipped(polygon: Array, normal: Array, offset: float) -> Array:
+    """Return the part of a polygon (k, d) of points x with ``normal @ x <= offset``."""
+    above = (polygon @ normal - offset).tolist()
     kept: list[Array] = []
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        one, other = sign * a[axis] - bound, sign * b[axis] - bound
-        if one >= 0:
-            kept.append(a)
-        if (one >= 0) != (other >= 0):
-            kept.append(a + (b - a) * (one / (one - other)))
-    return np.array(kept).reshape(-1, 3)
+    for k, (one, other) in enumerate(zip(above, [*above[1:], *above[:1]], strict=True)):
+        if one <= 0:
+            kept.append(polygon[k])
+        if (one <= 0) != (other <= 0):
+            along = polygon[(k + 1) % len(polygon)] - polygon[k]
+            kept.append(polygon[k] + one / (one - other) * along)
+    return np.array(kept).reshape(-1, polygon.shape[1])

@@ -154,7 +154,7 @@ class Settling:
 
     def _failed(self, states: States) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically."""
-        sound = finite(states)
+        sound = states.finite
         # For parts that can gain energy from what moves, no growth is counted up to this check.
         gains = np.full(len(sound), self._shaken)
         gains |= ~self._clear(states) & (self._job.wall_speed != 0)
@@ -237,12 +237,6 @@ class Settling:
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
 
 
-def finite(states: States) -> npt.NDArray[np.bool_]:
-    """Return which bodies (n,) have finite states."""
-    numbers = (states.position, states.orientation, states.velocity, states.spin)
-    return np.asarray(np.isfinite(np.hstack(numbers)).all(axis=1))
-
-
 def turned_by(orientation: Array, other: Array) -> Array:
     """Return the maximum change (n,) of a component between unit quaternions (n, 4).
 
@@ -317,7 +311,7 @@ class SceneSettling(Settling):
 
     def _failed(self, states: States) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically."""
-        sound = finite(states)
+        sound = states.finite
         radius = self._job.radius
         for plane in self._scene.half_spaces:
             height = states.position @ plane.normal - plane.offset / radius

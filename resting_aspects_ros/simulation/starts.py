@@ -20,11 +20,7 @@ from resting_aspects_ros.rotations import (
     product,
     rotate,
 )
-from resting_aspects_ros.simulation.conditions import (
-    DropConditions,
-    Noise,
-    quantities_of,
-)
+from resting_aspects_ros.simulation.conditions import Described, DropConditions, Noise
 from resting_aspects_ros.simulation.scene import Scene, level_plane
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -83,11 +79,19 @@ class States:
     velocity: Array
     spin: Array
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array, Array]:
+        """The four arrays, in the order of the fields."""
+        return self.position, self.orientation, self.velocity, self.spin
+
+    @property
+    def finite(self) -> npt.NDArray[np.bool_]:
+        """Which parts (n,) have finite states."""
+        return np.asarray(np.isfinite(np.hstack(self.arrays)).all(axis=1))
+
     def select(self, which: npt.NDArray[Any]) -> 'States':
         """Return the states of some of the parts."""
-        return States(
-            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
-        )
+        return States(*(each[which] for each in self.arrays))
 
 
 class Starts(Protocol):
@@ -215,15 +219,13 @@ def _with_noise(states: States, noise: Noise, random: Random) -> States:
 # -- Actions on parts at rest ---------------------------------------------------------------------
 
 
-class Action:
+class Action(Described):
     """What a feeder does to parts at rest.
 
-    A kind of action is a frozen dataclass whose fields are declared by `quantity`. Flags, keys of
-    files, documents and texts follow from them. All randomness comes from the generator that
-    ``applied`` receives.
+    A kind of action is a frozen dataclass whose fields are declared by `quantity`. All randomness
+    comes from the generator that ``applied`` receives.
     """
 
-    kind: ClassVar[str] = ''
     # Whether parts fall from an edge, which only Bullet simulates.
     has_edge: ClassVar[bool] = False
     # Whether it can leave a part untouched, of which the user is warned.
@@ -233,11 +235,6 @@ class Action:
     def has_effect(self) -> bool:
         """Whether the action can move a part at all."""
         return True
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """Its values by name, SI units."""
-        return {name: getattr(self, name) for name in quantities_of(self)}
 
     @property
     def motion(self) -> 'Vibration | None':
@@ -269,8 +266,6 @@ class Action:
 class Body:
     """What an impulse acts on: a part, in SI units and part axes.
 
-    inertia : (3, 3)
-        About the centre of mass.
     corners : (k, 3)
         Of the convex hull, relative to the centre of mass.
     normals, offsets : (f, 3) and (f,)
@@ -281,11 +276,10 @@ class Body:
     moments, axes : (3,) and (3, 3)
         Principal moments of inertia, and the principal axes as columns.
     compliance : (3, 3)
-        Inverse of the inertia.
+        Inverse of the inertia about the centre of mass.
     """
 
     mass: float
-    inertia: Array
     corners: Array
     normals: Array
     offsets: Array
@@ -469,7 +463,6 @@ def body_of(part: Part) -> Body:
     moments, axes = np.linalg.eigh(part.inertia)
     return Body(
         mass=part.mass,
-        inertia=part.inertia,
         corners=corners,
         normals=normals,
         offsets=(corners[triangles[:, 0]] * normals).sum(axis=1),

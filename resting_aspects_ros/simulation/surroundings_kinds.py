@@ -24,7 +24,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import named, read_input
 from resting_aspects_ros.part.mesh_files import read_triangles
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, check_size
-from resting_aspects_ros.simulation.conditions import check_quantities, quantities_of, quantity
+from resting_aspects_ros.simulation.conditions import Described, quantity
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
@@ -51,11 +51,10 @@ LENGTH = 10.0
 Contacts = Mapping[str, PairValues]
 
 
-class Kind:
+class Kind(Described):
     """A kind of surroundings: bodies in the scene frame, level unless they have a roll or a pitch.
 
-    It is a frozen dataclass whose dimensions are declared by `quantity`. Keys of files, documents
-    and texts follow from them.
+    It is a frozen dataclass whose dimensions are declared by `quantity`.
 
     Attributes
     ----------
@@ -73,21 +72,12 @@ class Kind:
         The mesh, if there is one and it is known.
     """
 
-    kind: ClassVar[str]
     body_names: ClassVar[tuple[str, ...]] = ('floor',)
     free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 0.0)
     place: ClassVar[str] = 'on a'
     loss: ClassVar[str] = 'they left the surroundings'
     file: 'MeshFile | None' = None
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """Dimensions by name, SI units."""
-        return {name: getattr(self, name) for name in quantities_of(self)}
 
     @property
     def texts(self) -> dict[str, str]:
@@ -155,11 +145,10 @@ class Plane(Kind):
 
 
 @dataclass(frozen=True)
-class Slope(Kind):
+class Slope(Plane):
     """An infinite inclined plane; x is downhill."""
 
     kind: ClassVar[str] = 'slope'
-    free: ClassVar[int] = 2
 
     angle: float = _angle('angle', 'inclination', low=0.0)
 
@@ -172,10 +161,6 @@ class Slope(Kind):
     def tilt(self) -> tuple[float, float]:
         """See Kind."""
         return 0.0, self.angle
-
-    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
-        """See Kind."""
-        return (_floor('floor', contacts),)
 
 
 @dataclass(frozen=True)
@@ -190,7 +175,8 @@ class Wall(Kind):
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
-        return _floor('floor', contacts), HalfSpace('wall', contacts['wall'], X, Y)
+        floor, wall = self.body_names[:2]
+        return _floor(floor, contacts), HalfSpace(wall, contacts[wall], X, Y)
 
 
 @dataclass(frozen=True)
@@ -220,30 +206,26 @@ class VGroove(Kind):
 
 
 @dataclass(frozen=True)
-class Chute(Kind):
+class Chute(Wall):
     """A belt and a wall at a right angle, an L, rolled towards the wall and pitched along x."""
 
     kind: ClassVar[str] = 'chute'
     place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('belt', 'wall')
-    free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (-0.5, 0.5)
 
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(45))
     pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
 
-    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
-        """See Kind."""
-        return _floor('belt', contacts), HalfSpace('wall', contacts['wall'], X, Y)
-
 
 @dataclass(frozen=True)
-class Corner(Kind):
+class Corner(Wall):
     """A plane, a wall along x and a wall across x, tilted towards both walls."""
 
     kind: ClassVar[str] = 'corner'
     place: ClassVar[str] = 'in a'
     body_names: ClassVar[tuple[str, ...]] = ('floor', 'wall', 'end_wall')
+    free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(20))
@@ -251,11 +233,8 @@ class Corner(Kind):
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
-        return (
-            _floor('floor', contacts),
-            HalfSpace('wall', contacts['wall'], X, Y),
-            HalfSpace('end_wall', contacts['end_wall'], Y, -X),
-        )
+        end = HalfSpace('end_wall', contacts['end_wall'], Y, -X)
+        return *super().bodies(contacts), end
 
 
 @dataclass(frozen=True)
@@ -503,7 +482,7 @@ class MeshSurface(Kind):
     file: MeshFile | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.unit not in UNITS:
             raise InvalidValueError(
                 f'invalid unit {shown(self.unit)}: expected one of {", ".join(UNITS)}'

@@ -3,8 +3,6 @@
 import asyncio
 import logging
 import os
-import pickle
-import socket
 import sys
 import threading
 from collections import deque
@@ -14,8 +12,7 @@ from contextlib import closing, suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
-from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from multiprocessing.connection import Connection, Pipe
 from subprocess import DEVNULL, Popen, TimeoutExpired
 from typing import Any, Protocol, TypeVar
 
@@ -217,7 +214,7 @@ class LocalWorkers:
             processes = list(self._processes)
         for process in processes:
             process.kill()
-        # No thread waits for a process any more, because the connections are shut down.
+        # No thread waits for a process any more, because its end of the connection is closed.
         self._threads.shutdown(cancel_futures=True)
         for process in processes:
             process.wait()
@@ -265,8 +262,7 @@ class _Process:
             raise EngineError('Bullet runs in processes that need Linux or macOS')
         self._job: DropJob | None = None
         self._lost = False
-        self._socket, theirs = socket.socketpair()
-        self._connection = Connection(os.dup(self._socket.fileno()))
+        self._connection, theirs = Pipe()
         # The parent handles the signals. A terminal sends them to all of its processes, and a
         # process inherits the signals that its parent blocks.
         with blocked_signals(), theirs:
@@ -299,47 +295,33 @@ class _Process:
         return not self._lost and self._process.poll() is None
 
     def kill(self) -> None:
-        """Kill the process and shut down the connection, which ends all waiting for it."""
-        with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
+        """Kill the process, which closes its end of the connection: nothing waits for it."""
         self._process.kill()
 
     def wait(self) -> None:
-        """Wait until a killed process has ended, or until the timeout, and release its socket."""
+        """Wait until a killed process has ended, or until the timeout."""
         with suppress(TimeoutExpired):
             self._process.wait(_END_TIMEOUT)
-        self._socket.close()
 
 
 def serve(descriptor: int) -> None:
-    """Serve the connection with this file descriptor; never returns."""
+    """Serve the connection with this file descriptor until the parent has ended."""
     if hasattr(os, 'nice'):
         os.nice(NICENESS)
     connection = Connection(descriptor)
-    tasks: SimpleQueue[bytes] = SimpleQueue()
-    threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()
+    job: DropJob | None = None
     with suppress(Exception):
         # Import the engine before the first task arrives. A failure is raised again by the task.
         import_module(_ENGINE)
-    job = None
-    while True:
-        task = tasks.get()
-        try:
-            sent_job, first, end = pickle.loads(task)  # noqa: S301 - from the parent
-            job = job if sent_job is None else sent_job
-            answer: object = import_module(_ENGINE).drop_range(job, first, end)
-        except Exception as error:  # noqa: BLE001 - the parent reports it
-            answer = error
-        connection.send(answer)
-
-
-def _receive(connection: Connection, tasks: 'SimpleQueue[bytes]') -> None:
-    """Queue incoming tasks, and exit when the parent exits, even in the middle of a chunk."""
-    try:
+    with suppress(EOFError, OSError):
         while True:
-            tasks.put(connection.recv_bytes())
-    except (EOFError, OSError):
-        os._exit(0)
+            sent_job, first, end = connection.recv()
+            job = job if sent_job is None else sent_job
+            try:
+                answer: object = import_module(_ENGINE).drop_range(job, first, end)
+            except Exception as error:  # noqa: BLE001 - the parent reports it
+                answer = error
+            connection.send(answer)
 
 
 # -- A cluster ------------------------------------------------------------------------------------

@@ -18,35 +18,10 @@ def hull(points):
     return trimesh.convex.convex_hull(RADIUS * np.asarray(points))
 
 
-def ball(kind, n, level, flats=1):
-    """A ball of radius 1, about n points around, with flats at z = -level and perhaps level."""
+def ball(kind, n, level):
+    """A ball of radius 1, about n points around, with a flat at z = -level."""
     points = part_families.ball(n, kind, np.random.default_rng(1))
-    points = part_families.cut(points, -level)
-    return hull(points if flats == 1 else part_families.cut(points * [1, 1, -1], -level))
-
-
-def bar(length, n, radius):
-    """A bar of n sides in mm, about z."""
-    outline = part_families.circle(n, radius)
-    return trimesh.convex.convex_hull(part_families.extruded(outline, length))
-
-
-def disc(thickness):
-    return hull(part_families.extruded(part_families.circle(64), thickness / RADIUS))
-
-
-def capsule(level):
-    """A capsule 4 radii long about y, with a flat at z = -level."""
-    angles = part_families.arc(np.pi / 2, 32)
-    profile = [(np.cos(t), end * (1 + np.sin(t))) for t in angles for end in (-1, 1)]
-    points = part_families.revolved(profile, 32)[:, [1, 2, 0]]
     return hull(part_families.cut(points, -level))
-
-
-def oblate(height, level):
-    """An ellipsoid about z with a flat at this share of its height."""
-    points = part_families.ball(40, 'uv', None) * [1, 1, height]
-    return hull(part_families.cut(points, -level * height))
 
 
 def is_down(aspect, direction):
@@ -59,14 +34,14 @@ def is_clear_of(aspect, direction):
     return bool((aspect.directions @ direction).max() < np.cos(np.radians(3)))
 
 
-def small_shapes(family):
-    """Two of 20 random shapes, with a known number of aspects and few corners, if any are known.
+def small_shape(family):
+    """One of 20 random shapes, with a known number of aspects and few corners, if any are known.
 
-    Also gives the generators after these.
+    Also gives the generator after it.
     """
     generators = [np.random.default_rng(seed) for seed in range(20)]
     shapes = [(family(generator), generator) for generator in generators]
-    return sorted(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))[:2]
+    return min(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))
 
 
 # The symmetry of a ball with a flat takes seconds; some are among the cases below.
@@ -75,14 +50,14 @@ def small_shapes(family):
     for name in FAMILIES
 ])  # fmt: skip
 def test_random_parts_have_the_aspects_of_the_landscape(name):
-    for shape, generator in small_shapes(FAMILIES[name]):
-        part, truth = fuzz_aspects.random_part(shape, generator)
-        assert (shape.name, list(fuzz_aspects.differences(shape, part, truth))) == (shape.name, [])
+    shape, generator = small_shape(FAMILIES[name])
+    part, truth = fuzz_aspects.random_part(shape, generator)
+    assert list(fuzz_aspects.differences(shape, part, truth)) == []
 
 
 @pytest.mark.slow
 def test_many_random_parts_have_the_aspects_of_the_landscape():
-    assert list(fuzz_aspects.findings(range(280), 1)) == []
+    assert list(fuzz_aspects.findings(range(30), 1)) == []
 
 
 @pytest.mark.quick_cases(2)
@@ -105,10 +80,10 @@ def test_a_wrong_number_of_aspects_is_found():
 
 
 @pytest.mark.quick_cases(2)
-@pytest.mark.parametrize(('kind', 'n', 'level'), [
-    *[('ico', 80, level) for level in (0.98, 0.95, 0.92)],
-    *[('uv', 48, level) for level in (0.99, 0.95, 0.92)],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('kind', 'n', 'level'),
+    [('ico', 80, 0.98), ('uv', 48, 0.92), ('ico', 80, 0.92), ('uv', 48, 0.99)],
+)
 def test_a_ball_with_a_flat_rests_on_it_and_opposite_to_it(solid, kind, n, level):
     aspects = find_aspects(solid(ball(kind, n, level))).aspects
     assert len(aspects) == 2
@@ -118,14 +93,6 @@ def test_a_ball_with_a_flat_rests_on_it_and_opposite_to_it(solid, kind, n, level
     (round_side,) = (a for a in aspects if a is not flat[0])
     assert round_side.sweep.curved
     assert is_clear_of(round_side, [0, 0, -1])
-
-
-def test_a_ball_with_two_flats_rests_on_them_and_between_them(solid):
-    aspects = find_aspects(solid(ball('ico', 40, 0.95, flats=2))).aspects
-    assert [a.sweep.curved for a in aspects] == [False, False, True]
-    assert sorted(a.down_in_part[2].round(3) for a in aspects[:2]) == [-1, 1]
-    assert is_clear_of(aspects[2], [0, 0, -1])
-    assert is_clear_of(aspects[2], [0, 0, 1])
 
 
 def test_a_pose_between_a_flat_and_the_round_side_of_a_ball_is_in_no_aspect(solid):
@@ -167,58 +134,3 @@ def test_a_shaft_with_a_flat_rocks_on_its_round_side(solid, level):
     assert is_clear_of(arc, [0, 1, 0])
     assert arc.down_in_part[1] < 0
     assert sum(is_down(a, [0, 1, 0]) for a in aspects) == 1
-
-
-@pytest.mark.parametrize('length', [1000, 2000])
-def test_a_long_square_bar_rests_on_its_four_sides(solid, length):
-    aspects = find_aspects(solid(bar(length, 4, np.sqrt(0.5)))).aspects
-    assert [a.sweep.name for a in aspects] == ['POINT'] * 4
-    # From the side, 0.5 mm high, over the edge.
-    assert [a.min_barrier for a in aspects] == pytest.approx(
-        [(np.sqrt(0.5) - 0.5) * 1e-3] * 4, rel=1e-4
-    )
-
-
-def test_a_needle_of_many_sides_rolls(solid):
-    (aspect,) = find_aspects(solid(bar(100, 24, 0.025))).aspects
-    assert aspect.sweep.name == 'RING'
-    assert len(aspect.directions) == 24
-
-
-@pytest.mark.parametrize('thickness', [0.3, 0.1])
-def test_a_thin_disc_does_not_rest_on_its_rim(solid, thickness):
-    aspects = find_aspects(solid(disc(thickness)))
-    assert [a.sweep.name for a in aspects.aspects] == ['POINT', 'POINT']
-    assert all(np.abs(a.directions[:, 2]).min() > np.cos(np.radians(3)) for a in aspects.aspects)
-    quarter = np.sqrt(0.5)
-    on_rim = [[quarter, 0, 0, quarter], [0, quarter, 0, quarter], [0.5, 0.5, 0.5, 0.5]]
-    assert aspects.classify(on_rim).tolist() == [0, 0, 0]
-    assert aspects.classify([[0, 0, 0, 1], [1, 0, 0, 0]]).all()
-
-
-def test_a_disc_with_flat_chamfers_stands_on_its_rim(solid):
-    rise = 0.2 * np.tan(np.radians(24))
-    rim = 0.3 - 2 * rise
-    aspects = find_aspects(solid(hull(part_families.chamfered(64, 0.3, 0.2, rise)))).aspects
-    assert sorted(a.sweep.name for a in aspects) == ['POINT', 'POINT', 'RING']
-    ring = next(a for a in aspects if a.sweep.curved)
-    # From the rim over its edge; the flats of the mesh are below the edges of the rim.
-    barrier = np.hypot(1, rim / 2) - 1
-    assert ring.min_barrier == pytest.approx(RADIUS * 1e-3 * barrier, rel=0.01)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('level', [0.8, 0.95])
-def test_a_capsule_with_a_flat_rests_on_it_and_opposite_to_it(solid, level):
-    aspects = find_aspects(solid(capsule(level))).aspects
-    assert len(aspects) == 2
-    assert [is_down(a, [0, 0, -1]) for a in aspects] == [True, False]
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('level', [0.85, 0.95])
-def test_an_ellipsoid_with_a_flat_rests_on_it_and_opposite_to_it(solid, level):
-    aspects = find_aspects(solid(oblate(0.6, level))).aspects
-    assert len(aspects) == 2
-    assert [is_down(a, [0, 0, -1]) for a in aspects] == [True, False]
-    assert aspects[1].directions[: aspects[1].level, 2].min() > 0.8

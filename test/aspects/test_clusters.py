@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     Clusters,
@@ -24,11 +23,7 @@ from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)
-# Parts with flat sides only.
-POLYHEDRA = (
-    *('angle_45x30x8', 'box_10x20x30', 'hex_nut', 'l_bracket', 't_prism', 'tetrahedron'),
-    'u_bracket',
-)
+
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -156,28 +151,6 @@ def test_clusters_of_no_direction_and_of_one():
     assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
 
 
-def test_input_directions_are_unchanged():
-    down = scattered(7)
-    before = down.copy()
-    find_clusters(down, TOLERANCE)
-    np.testing.assert_array_equal(down, before)
-
-
-@pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
-def test_clusters_of_many_directions(kind):
-    generator, n = np.random.default_rng(1), 50_000
-    noise = generator.standard_normal((n, 3))
-    down = {
-        'equal': lambda: np.tile([0, 0, -1.0], (n, 1)),
-        'nearly equal': lambda: unit([0, 0, -1] + 1e-5 * noise),
-        'apart': lambda: unit(around(np.array([0, 5.6])).repeat(n // 2, axis=0) + 1e-3 * noise),
-        'uniform': lambda: unit(noise),
-    }[kind]()
-    clusters = find_clusters(down, TOLERANCE)
-    assert clusters.counts.sum() == n
-    assert len(clusters) == (2 if kind == 'apart' else 1)
-
-
 @pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
 def test_tolerance_outside_limits_is_rejected(degrees):
     with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):
@@ -201,24 +174,6 @@ def test_agreement_of_every_pose_in_a_small_example():
     assert found.agree.tolist() == [*[True] * 3, *[False] * 6, True, True, False]
 
 
-def test_part_without_aspects_has_no_agreement(part):
-    found = find_agreement(np.zeros(3, dtype=np.int64), 0, clusters_of([1, 1, 2]))
-    assert not found.agree.any()
-    differences = find_differences(found, AspectSet('', ()), np.tile([0, 0, -1.0], (3, 1)))
-    assert differences.nearest.tolist() == [0, 0, 0]
-    assert np.isinf(differences.angle).all()
-
-
-def test_nearest_aspect_agrees_with_exhaustive_search(part):
-    aspects = find_aspects(part('l_bracket'))
-    down = down_in_part(random_orientations(np.random.default_rng(1), 2000))
-    table = np.array([a.down_in_part for a in aspects.aspects])
-    angle = np.arccos(np.clip(down @ table.T, -1, 1))
-    nearest, least = aspects.locate(down)
-    np.testing.assert_array_equal(nearest, angle.argmin(axis=1) + 1)
-    np.testing.assert_allclose(least, angle.min(axis=1), atol=1e-7)
-
-
 def test_differences_list_the_poses_and_both_results(part):
     aspects = find_aspects(part('box_10x20x30'))
     flat = np.array([a.orientation for a in aspects.aspects] * 2)
@@ -232,39 +187,21 @@ def test_differences_list_the_poses_and_both_results(part):
     assert clusters.counts[found.cluster[0] - 1] == 1
 
 
-@pytest.mark.parametrize('name', POLYHEDRA)
-def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
-    shape, n = part(name), 1000
+@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket', 't_prism'])
+def test_both_agree_on_dropped_and_tilted_poses_near_a_facet(part, surfaces, name):
+    """Parts with flat sides only, and some poses in no aspect."""
+    shape, n = part(name), 500
+    aspects, generator = find_aspects(shape), np.random.default_rng(5)
     poses = drop_range(make_job(shape, surfaces.get(), 11), 0, n)
-    orientation = poses.orientation[poses.status == RestStatus.SETTLED]
-    assert len(orientation) > 0.99 * n
-    assert np.count_nonzero(near_and_agreed(shape, orientation)) > 0.99 * n
-
-
-@pytest.mark.parametrize('name', POLYHEDRA)
-def test_both_agree_on_tilted_poses_near_a_facet_among_outliers(part, name):
-    shape = part(name)
-    generator = np.random.default_rng(5)
-    shown = np.array([a.orientation for a in find_aspects(shape).aspects])
-    flat = shown[generator.integers(0, len(shown), 500)]
-    tilt = generator.standard_normal((500, 3)) * [1, 1, 0]
-    tilt *= np.radians(generator.uniform(0, 0.999, (500, 1))) / np.linalg.norm(
-        tilt, axis=1, keepdims=True
-    )
-    yaw = Rotation.from_rotvec(generator.uniform(-np.pi, np.pi, (500, 1)) * [0, 0, 1])
-    near = (yaw * Rotation.from_rotvec(tilt) * Rotation.from_quat(flat)).as_quat()
-    poses = np.concatenate([near, random_orientations(generator, 30)])
-    assert np.count_nonzero(near_and_agreed(shape, poses)) >= 500
-
-
-def near_and_agreed(shape, orientation):
-    """Return which poses are within a degree of an aspect; both classifiers agree on them."""
-    aspects = find_aspects(shape)
-    down = down_in_part(orientation)
-    ids = aspects.classify(orientation)
+    dropped = poses.orientation[poses.status == RestStatus.SETTLED]
+    tilt = generator.standard_normal((len(dropped), 3)) * [1, 1, 0]
+    tilt *= np.radians(0.9) / np.linalg.norm(tilt, axis=1, keepdims=True)
+    tilted = (Rotation.from_rotvec(tilt) * Rotation.from_quat(dropped)).as_quat()
+    xyzw = np.concatenate([dropped, tilted, random_orientations(generator, 30)])
+    ids, down = aspects.classify(xyzw), down_in_part(xyzw)
     agree = find_agreement(ids, len(aspects), find_clusters(down, TOLERANCE)).agree
     nearest, angle = aspects.locate(down)
     near = angle <= np.radians(1)
+    assert np.count_nonzero(near) > 2 * 0.99 * n
     assert agree[near].all()
     assert (ids[near] == nearest[near]).all()
-    return near

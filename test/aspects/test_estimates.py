@@ -15,7 +15,6 @@ from resting_aspects_ros.errors import InvalidValueError
 
 # The coordinates in an STL are float32.
 FLOAT32 = 1e-5
-GOLDEN = (1 + np.sqrt(5)) / 2
 
 
 @pytest.fixture(scope='module')
@@ -74,41 +73,10 @@ def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
         np.testing.assert_allclose(predicted(of, method), shares(expected), atol=FLOAT32)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('thickness', [0.1, 0.577, 3.0])
-def test_coin_rests_on_its_rim_with_h_over_its_diagonal(solids, shape, thickness):
-    of = shape(solids.prism(256, 5.0, 10 * thickness))
-    side = next(a.id for a in of.aspects.aspects if a.rolls)
-    # A polygon of n sides differs from a circle by 1 - cos(pi / n), 7.5e-5.
-    expected = thickness / np.hypot(thickness, 1)
-    for method in ('solid_angle', 'quasi_static', 'rolling'):
-        assert predicted(of, method)[side - 1] == pytest.approx(expected, abs=1e-4)
-
-
-def octahedron(solids):
-    return solids.hull(10 * np.concatenate([np.eye(3), -np.eye(3)]))
-
-
-def dodecahedron(solids):
-    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    arms = [(0, s / GOLDEN, t * GOLDEN) for s in (-1, 1) for t in (-1, 1)]
-    return solids.hull(10 * np.concatenate([signs, *(np.roll(arms, k, axis=1) for k in range(3))]))
-
-
-def regular(solids, faces):
-    return {
-        4: solids.tetrahedron,
-        6: lambda: solids.box(9, 9, 9),
-        8: lambda: octahedron(solids),
-        12: lambda: dodecahedron(solids),
-        20: lambda: solids.icosphere(0),
-    }[faces]()
-
-
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
+@pytest.mark.parametrize('faces', [4, 20])
 def test_regular_solid_is_uniform_without_symmetry_classes(solids, shape, faces):
-    of = shape(solids.turned(regular(solids, faces), solids.a_turn(4)))
+    mesh = solids.tetrahedron() if faces == 4 else solids.icosphere(0)
+    of = shape(solids.turned(mesh, solids.a_turn(4)))
     for method, each in METHODS.items():
         np.testing.assert_allclose(predicted(of, method), np.full(faces, 1 / faces), rtol=1e-12)
         # The energy of an edge is a difference of lengths that agree within a tenth.
@@ -152,6 +120,8 @@ def test_estimates_do_not_depend_on_scale_and_rotation(solids, shape):
         other = shape(moved)
         for method in METHODS:
             expected = predicted(plain, method)
+            assert expected.sum() == pytest.approx(1)
+            assert (expected > 0).all()
             np.testing.assert_allclose(predicted(other, method), expected, atol=2e-4)
 
 
@@ -209,24 +179,6 @@ def test_methods_not_defined_for_a_curved_side(solids, shape):
         np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_curved_face_of_half_ball_and_half_round_bar_is_complete(solids, shape):
-    height = 3 / 8  # of the centre of mass, of the radius
-    ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
-    flat = (1 - height / np.hypot(height, 1)) / 2  # of all directions
-    curved = [a.sweep.curved for a in ball.aspects.aspects]
-    np.testing.assert_allclose(ball.probabilities, np.where(curved, 1 - flat, flat), atol=2e-3)
-    bar = shape(solids.half_round_bar(48))
-    down = np.array([a.down_in_part for a in bar.aspects.aspects])
-    # Its flat side is 20 x 40 mm; an end is half a disc, seen from the middle of the bar.
-    flat = rectangle(10, 20, 4 / (3 * np.pi) * 10)
-    ends = bar.facet_angles[np.abs(bar.landscape.hull.normals[:, 2]) > 0.99].sum()
-    weight = np.where(down[:, 1] < -0.9, flat, 4 * np.pi - flat - ends)
-    weight[np.abs(down[:, 2]) > 0.9] = ends / 2
-    assert sorted(weight) == [ends / 2, ends / 2, flat, 4 * np.pi - flat - ends]
-    np.testing.assert_allclose(predicted(bar, 'solid_angle'), shares(weight), atol=3e-3)
-
-
 @pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
 def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
     """The top of a cube is a ridge of two slopes that are nearly coplanar."""
@@ -260,12 +212,3 @@ def test_single_aspect_has_probability_one(solids, shape):
 def test_unknown_method_is_rejected(solids, shape):
     with pytest.raises(InvalidValueError, match="invalid method 'guess': expected one of solid_"):
         estimate(shape(solids.box(1, 2, 3)), 'guess')
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_probabilities_of_any_part_sum_to_one(solids, shape, seed):
-    of = shape(solids.irregular(seed))
-    for method in METHODS:
-        found = predicted(of, method)
-        assert found.sum() == pytest.approx(1)
-        assert (found > 0).all()

@@ -75,25 +75,10 @@ CASES = [
     ('box', (0.3, 0.2, 25), 4),  # a needle: its ends are below noise
     ('box', (60, 50, 0.5), 2),  # a plate: so are its sides
 ]  # fmt: skip
-FINE_CASES = [
-    ('prism', (256, 10.0, 20.0), 3),
-    ('rounded_cylinder', (10, 20, 6, 64, 8), 3),
-    *[('filleted_box', (sides, 3, 8), 6) for sides in ((10, 10, 10), (10, 14, 20), (10, 12, 30))],
-    ('rounded_prism', (8, 9, 3, 10), 10),
-    ('icosphere', (3,), 1),
-    ('uv_sphere', (32,), 1),
-    ('random_sphere', (2000,), 1),
-    ('random_sphere', (1000, (1.4, 1, 0.7)), 2),
-    ('random_cylinder', (2000,), 3),
-    ('ellipsoid', (14, 10, 7, 3, 5), 2),
-]
 
 
 @pytest.mark.quick_cases(20)
-@pytest.mark.parametrize(
-    ('name', 'arguments', 'aspects'),
-    [*CASES, *(pytest.param(*case, marks=pytest.mark.slow) for case in FINE_CASES)],
-)
+@pytest.mark.parametrize(('name', 'arguments', 'aspects'), CASES)
 def test_aspects_of_various_shapes(solids, solid, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     for seed in (None, 1):

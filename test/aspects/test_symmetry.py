@@ -4,18 +4,28 @@ from itertools import product
 
 import numpy as np
 import pytest
+import solids
 import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.spatial import Delaunay, KDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
-from trimesh.creation import box, capsule, cone, cylinder, icosahedron, icosphere, torus, uv_sphere
+from trimesh.creation import (
+    box,
+    capsule,
+    cone,
+    cylinder,
+    extrude_polygon,
+    icosahedron,
+    icosphere,
+    torus,
+    uv_sphere,
+)
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.symmetry import find_symmetry
 
-GOLDEN = (1 + np.sqrt(5)) / 2
 NO_LANDMARKS = np.zeros((0, 3))
 turns = st.integers(0, 2**32 - 1).map(
     lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
@@ -35,56 +45,21 @@ def circle(radius, sides, centre=(0.0, 0.0), phase=0.0):
     return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
 
 
-def inside(points, outline):
-    """Whether points are inside a star-shaped outline, counter-clockwise about its mean."""
-    middle = outline.mean(axis=0)
-    angle = np.arctan2(*(outline - middle).T[::-1])
-    at = points - middle
-    turn = np.argsort(angle)
-    which = turn[np.searchsorted(angle[turn], np.arctan2(at[:, 1], at[:, 0])) % len(turn) - 1]
-    a, b = outline[which], np.roll(outline, -1, axis=0)[which]
-    return (b - a)[:, 0] * (points - a)[:, 1] - (b - a)[:, 1] * (points - a)[:, 0] > 0
-
-
-def sheet(outline, holes, z, up):
-    """A flat face with holes at a height; convex outlines are needed where there are holes."""
-    if holes:
-        points = np.concatenate([outline, *holes])
-        simplices = Delaunay(points).simplices
-        middles = points[simplices].mean(axis=1)
-        keep = inside(middles, outline)
-        for hole in holes:
-            keep &= ~inside(middles, hole)
-        triangles = points[simplices[keep]]
-    else:
-        middle = np.broadcast_to(outline.mean(axis=0), outline.shape)
-        triangles = np.stack([middle, outline, np.roll(outline, -1, axis=0)], axis=1)
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    left = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
-    triangles = np.where((left == up)[:, None, None], triangles, triangles[:, ::-1])
-    return np.concatenate([triangles, np.full((*triangles.shape[:2], 1), z)], axis=2)
-
-
-def wall(outline, low, high, outward=True):
+def wall(outline, low, high):
     a, b = outline, np.roll(outline, -1, axis=0)
     at = [np.column_stack([p, np.full(len(p), z)]) for z in (low, high) for p in (a, b)]
-    triangles = np.concatenate(
-        [np.stack([at[0], at[1], at[3]], 1), np.stack([at[0], at[3], at[2]], 1)]
-    )
-    return triangles if outward else triangles[:, ::-1]
+    return np.concatenate([np.stack([at[0], at[1], at[3]], 1), np.stack([at[0], at[3], at[2]], 1)])
 
 
 def plate(outline, height, holes=(), depth=None):
     """A plate with holes, through or to a depth from the top; mm."""
-    floor = 0.0 if depth is None else height - depth
-    parts = [sheet(outline, holes, height, True), wall(outline, 0, height)]
-    parts += [sheet(outline, holes if depth is None else (), 0.0, False)]
-    for hole in holes:
-        parts.append(wall(hole, floor, height, outward=False))
-        if depth is not None:
-            parts.append(sheet(hole, (), floor, True))
-    triangles = np.concatenate(parts)
-    return trimesh.Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    if depth is None:
+        return extrude_polygon(Polygon(outline, holes), height)
+    pockets = [extrude_polygon(Polygon(hole), depth + 1) for hole in holes]
+    for pocket in pockets:
+        pocket.apply_translation((0, 0, height - depth))
+    whole = extrude_polygon(Polygon(outline), height)
+    return trimesh.boolean.difference([whole, *pockets], engine='manifold')
 
 
 def around(mesh_radius, count, size, sides=24, phase=0.3):
@@ -121,49 +96,14 @@ def twisted(angle, sides=3):
     return hull(np.concatenate(ends))
 
 
-def scaled(mesh, factors):
-    return mesh.copy().apply_transform(np.diag([*factors, 1]))
-
-
-def turned(mesh, matrix, shift=(0, 0, 0)):
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = matrix, shift
-    return mesh.copy().apply_transform(pose)
-
-
-def irregular():
-    points = np.random.default_rng(3).standard_normal((14, 3)) * [1.0, 1.4, 1.9]
-    return hull(points)
-
-
-def tetrahedron():
-    return hull([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)])
-
-
-def octahedron():
-    return hull([*np.eye(3), *-np.eye(3)])
-
-
-def dodecahedron():
-    corners = list(product((-1, 1), repeat=3))
-    for a, b in product((-GOLDEN, GOLDEN), (-1 / GOLDEN, 1 / GOLDEN)):
-        corners += [(0, b, a), (b, a, 0), (a, 0, b)]
-    return hull(corners)
-
-
 def cut_corner(size):
     """A cube of 9 without one corner, so that only the turns about that diagonal are left."""
     points = [p for p in product((0.0, 0.9), repeat=3) if p != (0.9, 0.9, 0.9)]
     return hull([*points, *(0.9 - size * np.eye(3)[i] for i in range(3))])
 
 
-def frustum(sides):
-    ends = [np.column_stack([circle(r, sides), np.full(sides, z)]) for r, z in ((1, 0), (0.6, 1))]
-    return hull(np.concatenate(ends))
-
-
-def thread(radius, depth, pitch, height, outward, sides=36, steps=6):
-    """The wall of a helical V groove from a radius on, and its outlines below and above."""
+def thread(radius, depth, pitch, height, sides=36, steps=6):
+    """The inner wall with a helical V groove, and its outlines below and above."""
     z = np.linspace(0, height, int(np.ceil(height / pitch * steps)) + 1)
     angle = 2 * np.pi * np.arange(sides) / sides
     turn = z[:, None] / pitch - angle / (2 * np.pi)
@@ -173,8 +113,8 @@ def thread(radius, depth, pitch, height, outward, sides=36, steps=6):
     beside = np.roll(at, -1, axis=1)
     triangles = [np.stack([at[:-1], beside[:-1], beside[1:]], axis=2)]
     triangles.append(np.stack([at[:-1], beside[1:], at[1:]], axis=2))
-    wall_ = np.concatenate(triangles).reshape(-1, 3, 3)
-    return wall_ if outward else wall_[:, ::-1], at[0, :, :2], at[-1, :, :2]
+    inner = np.concatenate(triangles).reshape(-1, 3, 3)[:, ::-1]
+    return inner, at[0, :, :2], at[-1, :, :2]
 
 
 def hexagon(width, sides=36):
@@ -192,27 +132,23 @@ def ring(outline, hole, z, up):
     return np.concatenate([triangles, np.full((*triangles.shape[:2], 1), z)], axis=2)
 
 
-def soup(parts):
-    triangles = np.concatenate(parts).reshape(-1, 3)
+def threaded_nut(width, height, pitch, minor, depth):
+    inner, low, high = thread(minor, depth, pitch, height)
+    outer = hexagon(width)
+    faces = [ring(outer, high, height, True), ring(outer, low, 0.0, False)]
+    triangles = np.concatenate([inner, wall(outer, 0, height), *faces]).reshape(-1, 3)
     return trimesh.Trimesh(triangles, np.arange(len(triangles)).reshape(-1, 3))
 
 
-def threaded_nut(width, height, pitch, minor, depth):
-    inner, low, high = thread(minor, depth, pitch, height, outward=False)
-    outer = hexagon(width)
-    faces = [ring(outer, high, height, True), ring(outer, low, 0.0, False)]
-    return soup([inner, wall(outer, 0, height), *faces])
-
-
-def threaded_bolt(width, head, length, pitch, minor, depth):
-    shaft, low, high = thread(minor, depth, pitch, length, outward=True)
-    outer = hexagon(width)
-    ends = [sheet(high, (), length, True), sheet(outer, (), -head, False)]
-    return soup([shaft, wall(outer, -head, 0), ring(outer, low, 0.0, True), *ends])
+def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
+    """A circle with vertices at uneven distances."""
+    shift = np.random.default_rng(seed).uniform(-0.3, 0.3, sides)
+    angle = 2 * np.pi * (np.arange(sides) + shift) / sides
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
 
 
 FINITE = {
-    'tetrahedron': (tetrahedron, 12),
+    'tetrahedron': (solids.tetrahedron, 12),
     'cube': (lambda: box((9, 9, 9)), 24),
     'box': (lambda: box((9, 12, 20)), 4),
     'square_box': (lambda: box((9, 9, 20)), 8),
@@ -220,13 +156,12 @@ FINITE = {
     'near_cube': (lambda: box((9, 9, 9 * 0.97)), 8),
     'nearer_cube': (lambda: box((9, 9, 9 * 0.99)), 8),
     'cube_with_a_cut_corner': (lambda: cut_corner(0.1), 3),
-    'octahedron': (octahedron, 24),
     'icosahedron': (icosahedron, 60),
-    'dodecahedron': (dodecahedron, 60),
-    'triaxial_ellipsoid': (lambda: scaled(icosphere(3), (10, 13, 18)), 4),
+    'triaxial_ellipsoid': (lambda: solids.ellipsoid(10, 13, 18, 3), 4),
+    'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 9.9, 9.8, 3), 4),
     'twisted_prism': (lambda: twisted(0.35), 6),
     'its_mirror_image': (lambda: twisted(-0.35), 6),
-    'irregular': (irregular, 1),
+    'irregular': (lambda: solids.irregular(3), 1),
     'disc_with_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 2), 2), 1),
     'disc_with_small_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 0.2), 0.5), 1),
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
@@ -238,8 +173,8 @@ FINITE = {
     'gear_on_a_hub': (gear_on_a_hub, 20),
     'gear_on_a_shaft': (lambda: gear_on_a_hub(both=True), 40),
     'ratchet': (lambda: plate(gear(20, RATCHET), 5), 20),
-    **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 4, 5, 7, 9, 12)},
-    **{f'pyramid_{n}': (lambda n=n: pyramid(n, 3), n) for n in (3, 4, 7)},
+    **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 4, 7, 12)},
+    **{f'pyramid_{n}': (lambda n=n: pyramid(n, 3), n) for n in (3, 4)},
 }
 AXIAL = {
     'cylinder_16': (lambda: cylinder(10, 20, sections=16), 2),
@@ -249,22 +184,17 @@ AXIAL = {
     'pin_16': (lambda: cylinder(1, 20, sections=16), 2),
     'cylinder_of_like_moments': (lambda: cylinder(10, 20 * 0.9, sections=32), 2),
     'cone': (lambda: cone(10, 20, sections=48), 1),
-    'frustum_16': (lambda: frustum(16), 1),
-    'frustum_64': (lambda: frustum(64), 1),
+    'frustum': (lambda: solids.revolved([(10, 0), (6, 10)], 16), 1),
     'washer_48_30': (lambda: plate(circle(10, 48), 2, [circle(5, 30)]), 2),
     'washer_16_20': (lambda: plate(circle(10, 16), 2, [circle(5, 20)]), 2),
     # So fine that the strips beside its top and bottom are rings, flat but for noise.
     'ring_60_400': (lambda: torus(10, 3, major_sections=60, minor_sections=400), 2),
     'cup': (lambda: plate(circle(10, 48), 12, [circle(7, 40)], 6), 1),
     'capsule': (lambda: capsule(20, 8, count=(32, 32)), 2),
-    'long_ellipsoid': (lambda: scaled(icosphere(3), (10, 10, 18)), 2),
-    'flat_ellipsoid': (lambda: scaled(icosphere(3), (10, 10, 6)), 2),
+    'long_ellipsoid': (lambda: solids.ellipsoid(10, 10, 18, 3), 2),
+    'flat_ellipsoid': (lambda: solids.ellipsoid(10, 10, 6, 3), 2),
+    'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 10, 9.9, 3), 2),
 }
-FINE = ('ring_60_400', 'cylinder_256', 'capsule', 'washer_16_20')
-LARGE = (
-    *('gear_of_57', 'gear_on_a_shaft', 'gear_on_a_hub', 'disc_with_eight_holes', 'prism_9'),
-    *('disc_with_three_holes', 'dodecahedron', 'nearer_cube', 'prism_12', 'octahedron'),
-)
 SPHERES = {
     'icosphere_80': lambda: icosphere(1, 10),
     'icosphere_320': lambda: icosphere(2, 10),
@@ -272,13 +202,6 @@ SPHERES = {
     'uv_sphere_32': lambda: uv_sphere(10, (32, 32)),
     'uv_sphere_20_40': lambda: uv_sphere(10, (20, 40)),
 }
-
-
-def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
-    """A circle with vertices at uneven distances."""
-    shift = np.random.default_rng(seed).uniform(-0.3, 0.3, sides)
-    angle = 2 * np.pi * (np.arange(sides) + shift) / sides
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
 
 
 EXAMPLES = {
@@ -290,11 +213,6 @@ EXAMPLES = {
     'u_bracket': 2,
     'tetrahedron': 12,
 }
-
-
-def slow(*names):
-    """Names of solids that take long."""
-    return [pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 def found(symmetry):
@@ -322,18 +240,17 @@ def assert_maps_corners(part, rotations):
 
 
 @pytest.mark.quick_cases(4)
-@pytest.mark.parametrize('name', [*(name for name in FINITE if name not in LARGE), *slow(*LARGE)])
+@pytest.mark.parametrize('name', FINITE)
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
-    part = solid(make())
-    symmetry = find_aspects(part).symmetry
+    symmetry = find_aspects(solid(make())).symmetry
     assert found(symmetry) == ('finite', order)
     assert symmetry.axis is None
     assert_is_group(symmetry)
 
 
 @pytest.mark.quick_cases(2)
-@pytest.mark.parametrize('name', [*(name for name in AXIAL if name not in FINE), *slow(*FINE)])
+@pytest.mark.parametrize('name', AXIAL)
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
     part = solid(make())
@@ -346,35 +263,11 @@ def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     )
 
 
-@pytest.mark.parametrize(('sides', 'level'), [(32, 0.97), (32, 0.99), (64, 0.99)])
-def test_shaft_with_a_flat_is_no_body_of_revolution(solid, sides, level):
+def test_shaft_with_a_flat_is_no_body_of_revolution(solid):
     """The flat is as wide as two or three of the flats that the mesh makes of the round side."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outline = outline[outline[:, 1] < level]
-    half = np.sqrt(1 - level**2)
-    corners = 10 * np.array([*outline, (half, level), (-half, level)])
-    hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (-20, 20)])
-    part = solid(hull)
-    aspects = find_aspects(part)
+    aspects = find_aspects(solid(solids.d_shaft(32, 9.7)))
     assert found(aspects.symmetry) == ('finite', 2)  # it can be turned end over end
     assert len(aspects.classes()) == 3
-
-
-def extruded(outline, length):
-    return trimesh.creation.extrude_polygon(Polygon(outline), length)
-
-
-def filleted_bar(length, radius, chords):
-    """A bar of 10 x 10 mm with fillets of this radius, of this number of chords for 90 degrees."""
-    a = np.linspace(0, np.pi / 2, chords + 1)
-    theta, phi = np.meshgrid(a, a)
-    octant = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
-    ).reshape(-1, 3)
-    inner = np.array([5.0, 5.0, length / 2]) - radius
-    corners = [(inner + radius * octant) * signs for signs in product((-1, 1), repeat=3)]
-    return trimesh.convex.convex_hull(np.concatenate(corners))
 
 
 L_PROFILE = [(0, 0), (2, 0), (2, 0.4), (0.4, 0.4), (0.4, 1.2), (0, 1.2)]
@@ -382,40 +275,26 @@ SLENDER = {
     'strip_1000': (lambda: box((1000, 1, 0.1)), 4, [1, 1, 2, 2]),
     'strip_200': (lambda: box((200, 1, 0.8)), 4, [1, 1, 2, 2]),
     'square_bar': (lambda: box((1000, 1, 1)), 8, [1, 1, 1, 1]),
-    'l_profile': (lambda: extruded(L_PROFILE, 300), 1, [1, 2, 3]),
-    'triangular_rod': (lambda: extruded([(0, 0), (4 / 3, 0), (0, 1)], 800), 1, [1, 2, 3]),
-    'coarse_fillets': (lambda: filleted_bar(50, 3, 2), 8, [1, 1, 1, 1, 2, 2]),
-    'finer_fillets': (lambda: filleted_bar(50, 4.5, 6), 8, [1, 1, 1, 1]),
-    'wide_fillets': (lambda: filleted_bar(50, 4, 3), 8, [*4 * [1], *8 * [2], *4 * [3]]),
+    'l_profile': (lambda: plate(L_PROFILE, 300), 1, [1, 2, 3]),
+    'triangular_rod': (lambda: plate([(0, 0), (4 / 3, 0), (0, 1)], 800), 1, [1, 2, 3]),
+    'coarse_fillets': (lambda: solids.filleted_box((10, 10, 50), 3, 2), 8, [1, 1, 1, 1, 2, 2]),
+    'finer_fillets': (lambda: solids.filleted_box((10, 10, 50), 4.5, 6), 8, [1, 1, 1, 1]),
+    'wide_fillets': (
+        lambda: solids.filleted_box((10, 10, 50), 4, 3),
+        8,
+        [1] * 4 + [2] * 8 + [3] * 4,
+    ),
 }
 
 
-@pytest.mark.quick_cases(4)
-@pytest.mark.parametrize('seed', [None, 1, 2])
+@pytest.mark.quick_cases(3)
+@pytest.mark.parametrize('turn', [np.eye(3), solids.a_turn(1)], ids=['straight', 'turned'])
 @pytest.mark.parametrize('name', SLENDER)
-def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, seed):
+def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, turn):
     make, order, classes = SLENDER[name]
-    turn = np.eye(3) if seed is None else Rotation.random(random_state=seed).as_matrix()
-    aspects = find_aspects(solid(turned(make(), turn, (0, 0, 0))))
+    aspects = find_aspects(solid(solids.turned(make(), turn)))
     assert found(aspects.symmetry) == ('finite', order)
     assert [a.symmetry_class for a in aspects.aspects] == classes
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('scale', 'expected'),
-    [
-        ((1, 0.99, 0.98), ('finite', 4)),
-        ((1, 0.985, 0.97), ('finite', 4)),
-        ((1, 1, 0.99), ('axial', 2)),
-        ((1, 1, 1.01), ('axial', 2)),
-    ],
-)
-def test_nearly_round_ellipsoids_have_their_axes(solid, scale, expected):
-    points = icosphere(3, 10).vertices * scale
-    aspects = find_aspects(solid(trimesh.convex.convex_hull(points)))
-    assert found(aspects.symmetry) == expected
-    assert len(aspects.classes()) == 1
 
 
 def test_slopes_of_one_side_do_not_limit_the_order(solid):
@@ -449,25 +328,7 @@ def test_groups_of_the_example_parts(part, name):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['cylinder_d20_h20', 'washer'])
-def test_round_example_parts_can_be_turned_end_over_end(part, name):
-    shape = part(name)
-    assert found(find_aspects(shape).symmetry) == ('axial', 2)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    'name', ['tetrahedron', 'cube', 'near_cube', 'irregular', *slow('octahedron', 'dodecahedron')]
-)
-def test_without_landmarks_the_group_is_the_same(solid, name):
-    make, order = FINITE[name]
-    symmetry = find_symmetry(solid(make()), NO_LANDMARKS)
-    assert found(symmetry) == ('finite', order)
-    assert_is_group(symmetry)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', *slow('cube', 'icosahedron')])
+@pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', 'icosahedron'])
 def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
     part = solid(make())
@@ -477,12 +338,8 @@ def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     symmetry = find_symmetry(part, rough)
     assert found(symmetry) == ('finite', order)
     assert_maps_corners(part, symmetry.rotations)
-
-
-@pytest.mark.parametrize('name', ['cylinder_64', 'cylinder_of_like_moments'])
-def test_landmarks_may_all_be_along_one_line(solid, name):
-    ends = np.array([[0, 0, 1.0], [0, 0, -1.0]])
-    assert found(find_symmetry(solid(AXIAL[name][0]()), ends)) == ('axial', 2)
+    # The same without any.
+    assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', order)
 
 
 TURNED = {
@@ -502,7 +359,7 @@ TURNED = {
 def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divided):
     kind, make, order = TURNED[name]
     mesh = make()
-    moved = turned(mesh.subdivide() if divided else mesh, turn, (30, -50, 7))
+    moved = solids.turned(mesh.subdivide() if divided else mesh, turn, (30, -50, 7))
     part = solid(moved)
     symmetry = find_aspects(part).symmetry
     assert found(symmetry) == (kind, order)
@@ -512,43 +369,19 @@ def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divid
         assert_is_group(symmetry)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('make', 'expected'),
-    [
-        (lambda: plate(uneven(10, 48), 15), ('axial', 2)),
-        (lambda: plate(uneven(10, 48), 2, [uneven(5, 36, seed=1)]), ('axial', 2)),
-        (
-            lambda: plate(
-                uneven(10, 64),
-                3,
-                [uneven(2, 30, c, seed) for seed, c in enumerate(circle(5, 3))],
-            ),
-            ('finite', 6),
-        ),
-        (lambda: plate(circle(11, 90), 5, [gear(40, SPUR)]), ('finite', 80)),
-    ],
-    ids=['cylinder', 'washer', 'disc_with_three_holes', 'ring_gear'],
-)
-def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid, make, expected):
-    assert found(find_symmetry(solid(make()), NO_LANDMARKS)) == expected
-
-
-@pytest.mark.slow
-def test_group_of_a_hundred_thousand_triangles(solid):
-    mesh = FINITE['gear'][0]()
-    for _ in range(4):
-        mesh = mesh.subdivide()
-    part = solid(mesh)
-    assert len(part.faces) > 100_000
-    assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', 40)
+def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
+    holes = [uneven(2, 30, c, seed) for seed, c in enumerate(circle(5, 3))]
+    part = solid(plate(uneven(10, 64), 3, holes))
+    assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', 6)
+    part = solid(plate(uneven(10, 48), 15))
+    assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
 
 
 def test_rotation_of_an_n_gon_has_order_n(solid):
-    rotations = find_symmetry(solid(FINITE['prism_9'][0]()), NO_LANDMARKS).rotations
+    rotations = find_symmetry(solid(FINITE['prism_7'][0]()), NO_LANDMARKS).rotations
     upright = rotations[rotations[:, 2, 2] > 0]
     angles = np.sort(np.arctan2(upright[:, 1, 0], upright[:, 0, 0]) % (2 * np.pi))
-    np.testing.assert_allclose(angles, 2 * np.pi * np.arange(9) / 9, atol=1e-9)
+    np.testing.assert_allclose(angles, 2 * np.pi * np.arange(7) / 7, atol=1e-9)
 
 
 @pytest.mark.quick_cases(2)
@@ -588,21 +421,11 @@ def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     assert found(find_aspects(part).symmetry) == ('finite', order)
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize(
-    ('make', 'classes'),
-    [
-        (lambda: threaded_nut(5.5, 2.4, 0.5, 1.23, 0.27), [2, 6]),
-        (lambda: threaded_nut(8, 4, 0.8, 2.07, 0.43), [2, 6]),
-        (lambda: threaded_bolt(5.5, 2, 10, 0.5, 1.2, 0.3), [1, 1, 6]),
-    ],
-    ids=['nut_m3', 'nut_m5', 'bolt_m3'],
-)
-def test_modelled_threads_keep_the_sides_of_a_hexagon_in_one_class(solid, make, classes):
-    part = solid(make())
+def test_modelled_thread_keeps_the_sides_of_a_hexagon_in_one_class(solid):
+    part = solid(threaded_nut(5.5, 2.4, 0.5, 1.23, 0.27))
     assert not np.isnan(part.volume)
     aspects = find_aspects(part)
-    assert sorted(len(members) for members in aspects.classes()) == classes
+    assert sorted(len(members) for members in aspects.classes()) == [2, 6]
     assert_is_group(aspects.symmetry)
 
 

@@ -8,7 +8,7 @@ import yaml
 from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED
 from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces, surfaces_file
-from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.system import Interruption
 
 COUNTS = """
 surface: {surface}

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from resting_aspects_ros.errors import OutputError
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.optimum import OptimiseResult
+from resting_aspects_ros.system import Interruption
 
 FEW = ('--budget', 1920, '--workers', 1)
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)

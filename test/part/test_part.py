@@ -3,7 +3,6 @@
 import hashlib
 import pickle
 import struct
-import warnings
 
 import numpy as np
 import pytest
@@ -74,9 +73,6 @@ def test_box_has_the_mass_properties_of_the_formula():
     np.testing.assert_allclose(part.principal_moments, np.sort(moments), rtol=2 * FLOAT32)
     assert part.hull_radius == pytest.approx(np.sqrt(5**2 + 10**2 + 15**2) * 1e-3)
     assert part.warnings == ()
-
-
-def test_default_density_is_water():
     assert part_from_bytes(stl(box()), 'stl', 'box').mass == pytest.approx(6e-3, rel=FLOAT32)
 
 
@@ -89,15 +85,6 @@ def test_units_scale_lengths(unit):
     assert part.volume == pytest.approx(6 * metres**3)
 
 
-def test_all_formats_have_the_same_part_and_mm_by_default():
-    for file_format, (data, mesh_format) in files_of(l_bracket()).items():
-        part = part_from_bytes(data, mesh_format, 'l')
-        assert part.unit == 'mm', file_format
-        assert part.volume == pytest.approx(L_VOLUME, rel=FLOAT32), file_format
-        np.testing.assert_allclose(part.centre_of_mass, L_CENTRE, rtol=FLOAT32)
-        assert len(part.hull_vertices) == 10, file_format
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_centre_of_mass_of_a_degenerate_part_is_exact(seed):
     """It is over an edge of the long leg's end; an aspect hangs on its last digits."""
@@ -108,35 +95,6 @@ def test_centre_of_mass_of_a_degenerate_part_is_exact(seed):
         part = part_from_bytes(data, mesh_format, 'l')
         off = np.linalg.norm(part.centre_of_mass - turn.apply(L_CENTRE))
         assert off < 1e-7 * part.hull_radius
-
-
-def test_a_part_far_from_the_origin_loses_no_digits():
-    """Whole mm up to 2^24 are exact in float32, so nothing but the integrals can lose any."""
-    near, far = l_bracket(), l_bracket()
-    far.apply_translation((10000, -20000, 5000))
-    here, there = (part_from_bytes(stl(mesh), 'stl', 'l') for mesh in (near, far))
-    offset = there.centre_of_mass - here.centre_of_mass
-    np.testing.assert_allclose(offset, [10, -20, 5], rtol=1e-14)
-    np.testing.assert_allclose(there.inertia, here.inertia, atol=1e-11 * here.inertia.max())
-
-
-def test_mass_properties_are_of_the_solid_not_of_its_surface():
-    """Many vertices on one side draw their mean there, and must not draw these."""
-    vertices, faces = box().vertices.tolist(), box().faces.tolist()
-    for _ in range(40):
-        a, b, c = faces.pop(
-            next(
-                i
-                for i, face in enumerate(faces)
-                if all(vertices[corner][0] == 0 for corner in face)
-            )
-        )
-        faces += [(a, b, len(vertices)), (b, c, len(vertices)), (c, a, len(vertices))]
-        vertices.append(np.mean([vertices[a], vertices[b], vertices[c]], axis=0).tolist())
-    part = part_from_bytes(stl(trimesh.Trimesh(vertices, faces, process=False)), 'stl', 'box')
-    assert part.vertices.mean(axis=0)[0] < 0.002
-    np.testing.assert_allclose(part.centre_of_mass, [0.005, 0.010, 0.015], rtol=FLOAT32)
-    assert part.volume == pytest.approx(6e-6, rel=FLOAT32)
 
 
 def test_hull_does_not_depend_on_the_order_in_the_file():
@@ -161,33 +119,17 @@ def test_hull_keeps_fine_details_above_noise():
     assert len(part_from_bytes(stl(mesh), 'stl', 'pin').hull_vertices) == 1440
 
 
-def test_hull_does_not_contain_a_cavity():
-    outline = {(0, 0), (40, 0), (40, 10), (10, 30), (0, 30)}
-    part = part_from_bytes(stl(l_bracket()), 'stl', 'l')
-    found = {tuple(v) for v in np.round(part.hull_vertices[:, :2] * 1e3, 6).tolist()}
-    assert found == outline
-
-
-def test_given_mass_scales_the_inertia():
-    one, two = (part_from_bytes(stl(box()), 'stl', 'box', mass=mass) for mass in (1, 2))
-    assert one.mass == 1
-    np.testing.assert_allclose(two.inertia, 2 * one.inertia)
-
-
-def test_given_centre_of_mass_leaves_the_inertia():
-    solid = part_from_bytes(stl(box()), 'stl', 'box')
-    part = part_from_bytes(stl(box()), 'stl', 'box', centre_of_mass=(0.004, 0.01, 0.02))
-    assert part.centre_of_mass.tolist() == [0.004, 0.01, 0.02]
-    np.testing.assert_array_equal(part.inertia, solid.inertia)
-    assert part.hull_radius == pytest.approx(np.sqrt(6**2 + 10**2 + 20**2) * 1e-3)
-
-
-def test_given_inertia_has_the_order_of_ros():
-    part = part_from_bytes(
-        stl(box()), 'stl', 'box', mass=1, inertia=[2e-4, 1e-6, 2e-6, 1e-4, 3e-6, 1.5e-4]
-    )
+def test_given_mass_properties_replace_those_of_the_solid():
+    solid = part_from_bytes(stl(box()), 'stl', 'box', mass=1)
+    heavy = part_from_bytes(stl(box()), 'stl', 'box', mass=2, centre_of_mass=(0.004, 0.01, 0.02))
+    assert (solid.mass, heavy.centre_of_mass.tolist()) == (1, [0.004, 0.01, 0.02])
+    np.testing.assert_allclose(heavy.inertia, 2 * solid.inertia)
+    assert heavy.hull_radius == pytest.approx(np.sqrt(6**2 + 10**2 + 20**2) * 1e-3)
+    # In the order of ROS.
+    inertia = [2e-4, 1e-6, 2e-6, 1e-4, 3e-6, 1.5e-4]
+    given = part_from_bytes(stl(box()), 'stl', 'box', mass=1, inertia=inertia)
     np.testing.assert_array_equal(
-        part.inertia, [[2e-4, 1e-6, 2e-6], [1e-6, 1e-4, 3e-6], [2e-6, 3e-6, 1.5e-4]]
+        given.inertia, [[2e-4, 1e-6, 2e-6], [1e-6, 1e-4, 3e-6], [2e-6, 3e-6, 1.5e-4]]
     )
 
 
@@ -196,14 +138,11 @@ def test_given_inertia_has_the_order_of_ros():
     [
         ({'density': 0}, ['density', '0', 'above 0']),
         ({'density': float('nan')}, ['density', 'nan', 'above 0']),
-        ({'density': 1e308}, ['density', '1e+308', 'above 0']),
-        ({'mass': -1}, ['mass', '-1', 'above 0']),
         ({'mass': 'heavy'}, ['mass', "'heavy'", 'above 0']),
         ({'mass': True}, ['mass', 'True', 'above 0']),
         ({'mass': 10**400}, ['mass', '1000', 'above 0']),
         ({'mass': 1, 'density': 2}, ['density (2)', 'mass (1)', 'only one of them']),
         ({'unit': 'furlong'}, ['unit', "'furlong'", 'um, mm, cm, m, in, ft']),
-        ({'unit': ['mm']}, ['unit', "['mm']", 'um, mm']),
         ({'centre_of_mass': (0, 0)}, ['centre of mass', '(0, 0)', 'three finite numbers']),
         ({'centre_of_mass': (0, 0, float('inf'))}, ['centre of mass', 'inf', 'three finite']),
         ({'centre_of_mass': (5, 10, 15)}, ['[5.0, 10.0, 15.0]', 'inside the convex hull', '0.02']),
@@ -213,7 +152,6 @@ def test_given_inertia_has_the_order_of_ros():
         ({'inertia': [1e308] * 6}, ['inertia', '1e+308', 'six finite numbers']),
         ({'inertia': [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, ['inertia', 'symmetric']),
         ({'inertia': [1, 0, 0, -1, 0, 1]}, ['inertia', '-1', 'above 0']),
-        ({'inertia': [0] * 6}, ['inertia', '0.0', 'above 0']),
         ({'inertia': [1e-7, 0, 0, 1e-7, 0, 3e-7]}, ['inertia', '3e-07', 'sum of the other two']),
         ({'inertia': [6.5e-1, 0, 0, 5e-1, 0, 2.5e-1]}, ['inertia', '0.65', 'kg m^2?']),
     ],
@@ -262,29 +200,6 @@ def test_part_is_the_same_after_a_message():
     for name in ('centre_of_mass', 'inertia', 'hull_vertices', 'principal_axes', 'vertices'):
         np.testing.assert_array_equal(getattr(got, name), getattr(sent, name), err_msg=name)
     assert (got.mass, got.hull_radius, got.warnings) == (sent.mass, sent.hull_radius, ())
-
-
-def test_open_mesh_with_mass_properties_is_the_same_after_a_message():
-    mesh = box()
-    data = stl(trimesh.Trimesh(mesh.vertices, mesh.faces[:-1], process=False))
-    inertia = [2e-4, 1e-6, 0, 1e-4, 0, 1.5e-4]
-    sent = part_from_bytes(
-        data, 'stl', 'box', mass=1, centre_of_mass=(0.005, 0.01, 0.0), inertia=inertia
-    )
-    got = part_from_bytes(
-        data,
-        'stl',
-        'box',
-        mass=sent.mass,
-        centre_of_mass=sent.centre_of_mass,
-        inertia=sent.inertia,
-        unit='mm',
-    )
-    assert np.isnan(sent.volume)
-    assert 'not watertight' in sent.warnings[0]
-    assert 'given mass properties' in sent.warnings[0]
-    assert got.part_sha256 == sent.part_sha256
-    np.testing.assert_array_equal(got.principal_axes, sent.principal_axes)
 
 
 def test_negative_zero_becomes_zero():
@@ -342,12 +257,9 @@ def test_part_is_immutable_and_can_be_pickled():
 @pytest.mark.parametrize(
     ('stem', 'name'),
     [
-        ('box', 'box'),
         ('Teil_1', 'teil_1'),
         ('M8 washer (DIN 125)', 'm8_washer_din_125_'),
         ('10x20', 'part_10x20'),
-        ('_x', 'part_x'),
-        ('Ä', 'part_'),
         ('q' * 99, 'q' * 64),
     ],
 )
@@ -359,72 +271,53 @@ def test_default_name_is_the_file_stem(tmp_path, stem, name):
 
 
 @pytest.mark.parametrize(
-    ('make', 'expected'),
+    ('name', 'data', 'expected'),
     [
-        (lambda path: None, ['does not exist']),
-        (lambda path: path.mkdir(), ['is a folder']),
-        (lambda path: path.write_bytes(b''), ['empty', 'stl, obj, ply or off']),
+        ('bracket.stl', None, 'does not exist'),
+        ('bracket.stl', b'', 'empty'),
+        ('bracket.3ds', b'x', r'expected one of \.stl, \.obj, \.ply'),
+        ('bracket', b'x', r'expected one of \.stl, \.obj, \.ply'),
+        ('bracket.IGS', b'x', 'export an STL'),
+        ('bracket.x_t', b'x', 'export an STL'),
     ],
 )
-def test_error_for_a_path_without_a_mesh(tmp_path, make, expected):
-    path = tmp_path / 'bracket.stl'
-    make(path)
-    with pytest.raises(PartError) as caught:
-        load_part(path)
-    for word in [str(path), *expected]:
-        assert word in str(caught.value)
-
-
-@pytest.mark.parametrize('file', ['bracket.3ds', 'bracket', '.stl'])
-def test_error_for_an_unknown_format_lists_the_formats(tmp_path, file):
-    (tmp_path / file).write_bytes(stl(box()))
-    with pytest.raises(PartError, match=r'expected one of \.stl, \.obj, \.ply'):
-        load_part(tmp_path / file)
-
-
-@pytest.mark.parametrize('suffix', ['.iges', '.IGS', '.sldprt', '.x_t', '.ipt'])
-def test_error_for_a_cad_file_asks_for_an_stl(tmp_path, suffix):
-    (tmp_path / f'bracket{suffix}').write_bytes(b'ISO-10303-21;')
-    with pytest.raises(PartError, match=r'export an STL from your CAD program$'):
-        load_part(tmp_path / f'bracket{suffix}')
+def test_file_that_is_no_mesh_is_refused(tmp_path, name, data, expected):
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(PartError, match=expected) as caught:
+        load_part(tmp_path / name)
+    assert str(tmp_path / name) in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ('sides', 'unit', 'expected'),
     [
-        ((1.24, 1.63, 0.98), None, '1.24 x 1.63 x 0.98 mm with the unit mm'),
-        ((1.24, 1.63, 0.98), None, 'in inches it would be 31.5 x 41.4 x 24.89 mm'),
-        (
-            (1e4, 2e4, 3e4),
-            None,
-            'part is 10000 x 20000 x 30000 mm with the unit mm; in micrometres',
-        ),
-        ((0.01, 0.02, 0.03), None, 'in metres it would be 10 x 20 x 30 mm'),
-        ((0.01, 0.02, 0.03), 'mm', 'in metres it would be 10 x 20 x 30 mm'),
-        ((1e4, 2e4, 3e4), 'mm', 'in micrometres it would be 10 x 20 x 30 mm'),
-        ((10, 20, 30), 'ft', 'in millimetres it would be 10 x 20 x 30 mm; in centimetres it'),
+        ((1.24, 1.63, 0.98), None, ['1.24 x 1.63 x 0.98', 'in inches it would be 31.5 x 41.4 x']),
+        ((1e4, 2e4, 3e4), 'mm', ['10000 x 20000', 'in micrometres it would be 10 x 20 x 30 mm']),
+        ((0.01, 0.02, 0.03), 'mm', ['in metres it would be 10 x 20 x 30 mm']),
+        *(((size, size, size), None, []) for size in (3.1, 1999)),
+        *(((size, size, size), 'mm', []) for size in (0.1001, 1.5)),
     ],
 )
-def test_warning_for_an_unusual_size_suggests_units(sides, unit, expected):
-    (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
-    assert expected in warning
-    assert warning.endswith('Is the unit correct?')
+def test_unusual_size_is_a_warning_that_suggests_units(sides, unit, expected):
+    warnings = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
+    assert len(warnings) == bool(expected)
+    for word in expected:
+        assert word in warnings[0]
 
 
-@pytest.mark.parametrize(
-    ('size', 'unit'), [(3.1, None), (1999, None), (0.1001, 'mm'), (1.5, 'mm')]
-)
-def test_no_warning_for_a_usual_size_or_a_given_unit(size, unit):
-    assert part_from_bytes(stl(box(size, size, size)), 'stl', 'box', unit=unit).warnings == ()
+@pytest.fixture(scope='module')
+def bracket():
+    return part_from_bytes(stl(l_bracket()), 'stl', 'l')
 
 
 @given(
     offset=st.tuples(*[st.integers(-(2**22), 2**22)] * 3),
     file_format=st.sampled_from(['binary STL', 'OBJ', 'binary PLY']),
 )
-def test_a_part_moved_by_whole_millimetres_is_the_same_part(offset, file_format):
+def test_a_part_moved_by_whole_millimetres_is_the_same_part(bracket, offset, file_format):
     """Whole numbers are exact in float32 up to 16,777,216."""
-    near = part_from_bytes(stl(l_bracket()), 'stl', 'l')
+    near = bracket
     mesh = l_bracket()
     mesh.apply_translation(np.array(offset) * 3)
     data, mesh_format = files_of(mesh)[file_format]
@@ -484,12 +377,3 @@ def test_rounded_corners_far_from_the_origin_are_welded():
     part = part_from_bytes(stl(mesh), 'stl', 'l')
     assert len(part.vertices) == 12
     assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
-
-
-def test_loading_a_part_prints_nothing(capfd):
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        part_from_bytes(stl(box(1, 1e4, 1)), 'stl', 'box')
-        with pytest.raises(PartError):
-            part_from_bytes(b'ply\nformat ascii 1.0\nend_header\n', 'ply', 'box')
-    assert capfd.readouterr() == ('', '')

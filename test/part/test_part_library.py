@@ -1,9 +1,7 @@
 """The folder of parts: registration, content of YAML files, and reloading after a change."""
 
 import contextlib
-import multiprocessing
 import os
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -31,19 +29,6 @@ def test_meshes_of_all_kinds_are_registered_sorted(folder):
     for name in library.names():
         assert library.load(name).volume == pytest.approx(6e-6)
     assert library.load('cover').name == 'cover'
-
-
-def test_new_file_is_registered_at_once(folder):
-    library = PartLibrary(folder)
-    assert 'clip' not in library.names()
-    BOX.export(folder / 'clip.stl')
-    assert library.load('clip').name == 'clip'
-
-
-def test_broken_link_does_not_affect_other_parts(folder):
-    (folder / 'long.stl').symlink_to('x' * 300)
-    (folder / 'loop.stl').symlink_to('loop.stl')
-    assert PartLibrary(folder).names() == ['bush', 'cover', 'pin']
 
 
 def test_unknown_part_lists_those_that_are_registered(folder):
@@ -111,48 +96,28 @@ def test_yaml_gives_unit_and_mass_properties(folder):
     assert part.volume == pytest.approx(6e-3)
 
 
-def test_yaml_gives_density(folder):
-    (folder / 'pin.yaml').write_text('density: 7850')
-    assert PartLibrary(folder).load('pin').mass == pytest.approx(7850 * 6e-6)
-
-
-@pytest.mark.parametrize('text', ['', '# nothing yet\n', '{}'])
-def test_yaml_may_be_empty(folder, text):
-    (folder / 'pin.yaml').write_text(text)
-    assert PartLibrary(folder).load('pin').mass == pytest.approx(6e-3)
-
-
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
         ('desity: 7850', ["invalid key 'desity'", f'expected one of {KEYS}']),
         ('1: 2', ['invalid key 1', f'expected one of {KEYS}']),
         ('- unit: mm', ['not a list', 'mapping', KEYS]),
-        ('mm', ['not a str', 'mapping', KEYS]),
         ('unit: [', ['is not valid YAML']),
-        ('unit: \x00', ['is not valid YAML']),
         ('unit: !!python/name:os.system', ['is not valid YAML']),
         ('unit: furlong', ["invalid unit 'furlong'", 'um, mm, cm, m, in, ft']),
         ('unit: [mm]', ["invalid unit ['mm']", 'um, mm, cm, m, in, ft']),
         ('density: heavy', ["invalid density 'heavy'", 'finite number above 0']),
         ('density: .nan', ['invalid density nan', 'finite number above 0']),
-        ('density: .inf', ['invalid density inf', 'finite number above 0']),
-        ('density: -1', ['invalid density -1', 'finite number above 0']),
         ('density: yes', ['invalid density True', 'finite number above 0']),
         ('density:', ['invalid density None', 'finite number above 0']),
-        ('mass: [1]', ['invalid mass [1]', 'finite number above 0']),
         ('mass: 0', ['invalid mass 0', 'finite number above 0']),
         ('centre_of_mass: 1', ['invalid centre_of_mass 1', '3 finite numbers']),
         ('centre_of_mass: [1, 2]', ['invalid centre_of_mass [1, 2]', '3 finite numbers']),
         ('centre_of_mass: [1, 2, .nan]', ['[1, 2, nan]', '3 finite numbers']),
-        ('centre_of_mass: {x: 1}', ["{'x': 1}", '3 finite numbers']),
         ('inertia: [1, 0, 0, 1]', ['invalid inertia [1, 0, 0, 1]', '6 finite numbers']),
         ('body: 0', ['invalid body 0', 'an integer of at least 1']),
         ('body: true', ['invalid body True', 'an integer of at least 1']),
-        ('body: 1.0', ['invalid body 1.0', 'an integer of at least 1']),
         ('density: 0x' + 'f' * 4000, ['invalid density', 'finite number above 0']),
-        ('? 0x' + 'f' * 4000 + '\n: 1', ['invalid key', 'expected one of']),
-        ('mass: !!timestamp abc', ['is not valid YAML']),
         ('density: 1\n' + '#' * 70000, ['too large', 'at most 64 KiB']),
     ],
 )
@@ -165,25 +130,18 @@ def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, expected
     assert '\n' not in str(caught.value)
 
 
-def test_values_that_do_not_fit_the_part_are_reported(folder):
-    (folder / 'pin.yaml').write_text('density: 1\nmass: 2')
-    with pytest.raises(InvalidValueError, match=r'both a density \(1.0\) and a mass \(2.0\)'):
-        PartLibrary(folder).load('pin')
-    (folder / 'pin.yaml').write_text('centre_of_mass: [0, 0, 15.1]')
-    with pytest.raises(InvalidValueError, match='expected a point inside the convex hull'):
-        PartLibrary(folder).load('pin')
-
-
-def test_missing_body_is_rejected(folder):
-    for body in ('2', '0x' + 'f' * 4000):
-        (folder / 'pin.yaml').write_text(f'body: {body}')
-        with pytest.raises(InvalidValueError, match=r'^invalid body .*: expected 1 to 1$'):
-            PartLibrary(folder).load('pin')
-
-
-def test_folder_instead_of_yaml_is_reported(folder):
-    (folder / 'pin.yaml').mkdir()
-    with pytest.raises(PartError, match=r'pin\.yaml.* is a folder'):
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('density: 1\nmass: 2', r'both a density \(1.0\) and a mass \(2.0\)'),
+        ('centre_of_mass: [0, 0, 15.1]', 'expected a point inside the convex hull'),
+        ('body: 2', '^invalid body .*: expected 1 to 1$'),
+        ('body: 0x' + 'f' * 4000, '^invalid body .*: expected 1 to 1$'),
+    ],
+)
+def test_values_that_do_not_fit_the_part_are_reported(folder, text, expected):
+    (folder / 'pin.yaml').write_text(text)
+    with pytest.raises(InvalidValueError, match=expected):
         PartLibrary(folder).load('pin')
 
 
@@ -192,6 +150,8 @@ def test_a_part_is_read_once_until_its_files_change(folder):
     first = library.load('pin')
     assert library.load('pin') is first
 
+    (folder / 'pin.yaml').write_text('# nothing yet\n')
+    assert library.load('pin').mass == first.mass == pytest.approx(6e-3)
     (folder / 'pin.yaml').write_text('density: 2000')
     heavier = library.load('pin')
     assert heavier.mass == pytest.approx(2 * first.mass)
@@ -210,6 +170,8 @@ def test_a_part_is_read_once_until_its_files_change(folder):
     (folder / 'pin.stl').unlink()
     with pytest.raises(UnknownPartError):
         library.load('pin')
+    BOX.export(folder / 'clip.stl')
+    assert library.load('clip').name == 'clip'
 
 
 def test_invalid_mesh_raises_until_it_is_repaired(folder, monkeypatch):
@@ -240,35 +202,19 @@ def test_yaml_selects_a_body_of_the_mesh(folder):
     assert volumes == pytest.approx([48e-6, 6e-6])
 
 
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize('name', ['pin.yaml', 'cover.yaml'])
-def test_pipe_instead_of_a_file_is_rejected(folder, name):
-    os.mkfifo(folder / name)
-    library = PartLibrary(folder)
-    with pytest.raises(PartError, match=r'is a pipe \(FIFO\): expected a regular file'):
-        library.load(Path(name).stem)
-    assert library.load('bush').name == 'bush'
-
-
 def test_invalid_file_does_not_affect_other_parts(folder):
     sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']
     for k, text in enumerate(sheets):
         BOX.export(folder / f'bad_{k}.stl')
         (folder / f'bad_{k}.yaml').write_text(text)
-    (folder / 'bad_mesh.obj').write_text('v ' + '0' * 1_000_000 + 'x\n')
+    (folder / 'bad_mesh.obj').write_text('v ' + '0' * 100_000 + 'x\n')
+    BOX.export(folder / 'bad_folder.stl')
+    (folder / 'bad_folder.yaml').mkdir()
+    (folder / 'long.stl').symlink_to('x' * 300)
+    (folder / 'loop.stl').symlink_to('loop.stl')
     library = PartLibrary(folder)
     good = []
     for name in library.names():
         with contextlib.suppress(PartError):
             good.append(library.load(name).name)
     assert good == ['bush', 'cover', 'pin']
-
-
-def test_library_can_be_used_in_another_process(folder):
-    with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
-        part = pool.submit(PartLibrary(folder).load, 'pin').result()
-        (folder / 'pin.yaml').write_text('mass: !!timestamp abc')
-        with pytest.raises(PartError, match='is not valid YAML'):
-            pool.submit(PartLibrary(folder).load, 'pin').result()
-    (folder / 'pin.yaml').unlink()
-    assert part.part_sha256 == PartLibrary(folder).load('pin').part_sha256

@@ -7,36 +7,18 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.aspects.aspect_set import Sweep
-from resting_aspects_ros.aspects.find import find_aspects, join_minima
+from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part import loading
-from resting_aspects_ros.part.hull import FINE, GOOD, MAX_CORNERS
+from resting_aspects_ros.part.hull import FINE, MAX_CORNERS
 from resting_aspects_ros.part.loading import part_from_bytes
 
 # Of more than MAX_CORNERS corners, and how many aspects each has.
 FINE_SOLIDS = [
     ('prism', (1700,), 3),
-    ('random_cylinder', (4000,), 3),
-    ('d_shaft', (4000, 9.5), 4),
-    ('revolved', ([(10, 0), (6, 20)], 2000), 3),
-    ('rounded_cylinder', (10, 20, 3, 128, 16), 3),
-    ('rounded_cylinder', (8, 1.6, 0.4, 256, 8), 3),
-    ('rounded_cylinder', (5, 30, 5, 96, 24), 1),
     ('filleted_box', ((10, 14, 20), 2, 24), 6),
-    ('filleted_box', ((10, 14, 20), 4, 24), 6),
-    ('filleted_box', ((10, 12, 30), 0.2, 24), 6),
-    ('icosphere', (5,), 1),
-    ('uv_sphere', (60,), 1),
     ('ellipsoid', (30, 20, 10, 5, 3), 2),
-    ('ellipsoid', (10, 10, 20, 5, 5), 1),
 ]
-QUICK = (0, 7)
-FINE_SOLIDS = [
-    case if k in QUICK else pytest.param(*case, marks=pytest.mark.slow)
-    for k, case in enumerate(FINE_SOLIDS)
-]
-FEW = [FINE_SOLIDS[k] for k in (*QUICK, 4, 12)]
 
 
 def directions(n):
@@ -47,10 +29,6 @@ def directions(n):
 def shares_of(landscape):
     groups = join_minima(landscape)
     return [landscape.basin_shares[[*g.minima, *g.drained]].sum() for g in groups]
-
-
-def cylinder(sides):
-    return trimesh.creation.cylinder(10, 20, sections=sides)
 
 
 @pytest.fixture
@@ -91,7 +69,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FEW)
+@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     full, part = whole(mesh), solid(mesh)
@@ -105,19 +83,14 @@ def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, 
     assert out.max() == pytest.approx(part.hull_error, rel=1e-6)
 
 
-def test_corners_are_vertices_of_the_mesh_in_order(solids, solid, whole):
-    mesh = solids.filleted_box((10, 14, 20), 2, 24)
-    corners = {tuple(corner) for corner in whole(mesh).hull_vertices.tolist()}
-    kept = [tuple(corner) for corner in solid(mesh).hull_vertices.tolist()]
-    assert corners.issuperset(kept)
-    assert kept == sorted(kept)
-
-
 def test_flat_sides_keep_their_corners(solids, solid, whole):
     """Each of six sides has four corners, where the fillets begin."""
     mesh = solids.filleted_box((10, 14, 20), 4, 24)
     full, part = whole(mesh), solid(mesh)
-    kept = {tuple(corner) for corner in part.hull_vertices.tolist()}
+    corners = [tuple(corner) for corner in part.hull_vertices.tolist()]
+    assert corners == sorted(corners)
+    kept = set(corners)
+    assert kept < {tuple(corner) for corner in full.hull_vertices.tolist()}
     for axis in range(3):
         for side in (1, -1):
             reach = side * full.hull_vertices[:, axis]
@@ -126,40 +99,14 @@ def test_flat_sides_keep_their_corners(solids, solid, whole):
             assert kept.issuperset(map(tuple, flat.tolist()))
 
 
-@pytest.mark.slow
-def test_a_cylinder_of_1700_sides_has_the_aspects_of_one_of_256(solids, solid):
-    parts = [solid(cylinder(n)) for n in (1700, 256)]
-    assert len(parts[0].hull_vertices) < 2 * 1700
-    fine, coarse = (
-        {aspect.sweep: aspect for aspect in find_aspects(part).aspects} for part in parts
-    )
-    assert set(fine) == set(coarse) == {Sweep.POINT, Sweep.RING}
-    sagitta = 10e-3 * (1 - np.cos(np.pi / 256))
-    for sweep, one in fine.items():
-        assert one.multiplicity == coarse[sweep].multiplicity
-        assert one.com_height == pytest.approx(coarse[sweep].com_height, abs=sagitta)
-        assert one.min_barrier == pytest.approx(coarse[sweep].min_barrier, abs=sagitta)
-        assert one.basin_share == pytest.approx(coarse[sweep].basin_share, abs=1e-4)
-
-
-@pytest.mark.parametrize('sides', [2000, pytest.param(5000, marks=pytest.mark.slow)])
-def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid, sides):
+def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid):
     pose = solids.a_turn(0)
-    hull = Landscape(solid(solids.turned(cylinder(sides), pose))).hull
+    cylinder = trimesh.creation.cylinder(10, 20, sections=2000)
+    hull = Landscape(solid(solids.turned(cylinder, pose))).hull
     lean = np.abs(hull.normals @ pose[:, 2])
     ends = lean > 0.9
     assert np.count_nonzero(ends) == 2
     assert lean[~ends].max() < FINE
-
-
-@pytest.mark.slow
-def test_a_thin_lens_keeps_its_rim(solids, solid, whole):
-    """Its corners are near the planes of the facets, however far they are from the facets."""
-    mesh = solids.ellipsoid(30, 20, 0.06, 5)
-    full, part = whole(mesh), solid(mesh)
-    assert part.hull_error < GOOD * part.hull_radius
-    lost = np.ptp(full.hull_vertices, axis=0) - np.ptp(part.hull_vertices, axis=0)
-    assert (lost <= 2 * part.hull_error).all()
 
 
 def test_warning_states_the_simplification_error(solids, solid, whole):
@@ -177,7 +124,6 @@ def test_warning_states_the_simplification_error(solids, solid, whole):
     assert share == pytest.approx(part.hull_error / part.hull_radius, rel=0.5)  # one
 
 
-@pytest.mark.slow
 def test_result_does_not_depend_on_order_and_scale(solids):
     mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)
@@ -193,16 +139,3 @@ def test_result_does_not_depend_on_order_and_scale(solids):
     large = part(mesh.faces, 64.0)  # a power of two: nothing is rounded
     np.testing.assert_allclose(large.hull_vertices, 64 * one.hull_vertices, rtol=1e-14)
     assert large.hull_error == pytest.approx(64 * one.hull_error)
-
-
-@pytest.mark.slow
-def test_aspects_of_300_000_noisy_triangles(solids, solid):
-    ball = solids.icosphere(7)
-    assert len(ball.faces) > 300_000
-    noise = 1 + 3e-4 * np.random.default_rng(2).standard_normal((len(ball.vertices), 1))
-    part = solid(trimesh.Trimesh(ball.vertices * noise * [3, 2, 1], ball.faces, process=False))
-    assert part.hull_error < 2 * GOOD * part.hull_radius
-    aspects = find_aspects(part)
-    assert len(aspects) == 2
-    assert len(aspects.classes()) == 1
-    assert aspects.symmetry.order == 4

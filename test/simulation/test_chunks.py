@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import EngineError
-from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, MAX_SEED, make_job, plan_run
+from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, MAX_SEED, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
     WorkerDiedError,
@@ -113,31 +113,6 @@ def campaign(planned):
         return chunks, warnings, None
 
     return drop
-
-
-def bounds_in(chunk):
-    """Cases of a first drop, a number of drops, and the chunks of this size that they have."""
-    last = (MAX_SEED + 1) // chunk * chunk
-    return [
-        (0, 1, [(0, 1)]),
-        (0, chunk, [(0, chunk)]),
-        (0, chunk + 1, [(0, chunk), (chunk, chunk + 1)]),
-        (chunk - 2, 4, [(chunk - 2, chunk), (chunk, chunk + 2)]),
-        (7, 3, [(7, 10)]),
-        (0, 0, []),
-        (MAX_SEED - chunk, chunk, [(MAX_SEED - chunk, last), (last, MAX_SEED)]),
-    ]
-
-
-@pytest.mark.parametrize('engine', CHUNKS)
-def test_drops_are_split_at_chunk_boundaries(part, surfaces, engine):
-    job = make_job(part('tetrahedron'), surfaces.get(), 5, engine=engine)
-    assert job.chunk == CHUNKS[engine]
-    for first, drops, chunks in bounds_in(job.chunk):
-        workers = Recorder(lambda: 2)
-        futures = list(submit_drops(job, first, drops, workers))
-        assert workers.asked == [(job, low, high) for low, high in chunks]
-        assert futures == workers.futures
 
 
 @given(

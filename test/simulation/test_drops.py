@@ -45,7 +45,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 500)])
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
     body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
@@ -130,21 +130,6 @@ def test_scaled_part_and_height_give_scaled_poses(part, solid, mat, engine, n):
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
 
 
-@pytest.mark.parametrize('longest', [0.5e-3, 2.0])
-def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longest):
-    # Everything scaled: the same numbers but for rounding, which lets few drops part.
-    shape, n = part('l_bracket'), 10_000
-    factor = longest / 0.04
-    other = scaled(shape, solid, factor)
-    poses = drop_range(make_job(other, mat.changed(height=mat.height * factor), 1), 0, n)
-    ids, expected = (
-        aspect_ids(find_aspects(each), p) for each, p in ((other, poses), (shape, drop(shape, n)))
-    )
-    assert paired(expected, ids) > LEVEL
-    ratio = poses.time_to_rest / drop(shape, n).time_to_rest
-    assert np.median(ratio) == pytest.approx(math.sqrt(factor), rel=1e-6)
-
-
 def paired(ids, others):
     """The probability of such changes of the aspects of the same drops, if none is preferred.
 
@@ -174,26 +159,12 @@ def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('n', [500, 2000])
-def test_half_the_time_step_of_bullet_keeps_the_probabilities(drop, part, mat, n):
-    # Two samples of 2000 tell a shift of a share of 0.3 by 3.3 standard errors, 0.05, of 0.07 by
-    # 0.03, two of 500 of twice as much; `make validate` makes 50,000 of each part.
-    shape = part('l_bracket')
-    job = make_job(shape, mat, 1, refinement=2, engine=BULLET)
-    assert job.time_step == make_job(shape, mat, 1, engine=BULLET).time_step / 2
-    both = (drop(shape, n, engine=BULLET), drop_range(job, 0, n))
-    counts = [count_poses(find_aspects(shape), poses).counts for poses in both]
-    assert chi2_contingency(counts).pvalue > LEVEL
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', ['l_bracket', 't_prism', 'cylinder_d20_h20'])
+@pytest.mark.parametrize(('name', 'surface'), [('l_bracket', 'rubber_mat'), ('t_prism', 'steel')])
 def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
-    # Samples of 400 tell differences of 0.1; `make validate` compares larger ones.
+    # Samples of 250 tell differences of 0.13; `make validate` compares larger ones.
     shape = part(name)
     counts = []
-    for engine, n in ((KERNEL, 4000), (BULLET, 400)):
+    for engine, n in ((KERNEL, 4000), (BULLET, 250)):
         job = make_job(shape, surfaces.get(surface), 1, engine=engine)
         counts.append(count_poses(find_aspects(shape), drop_range(job, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
@@ -257,7 +228,7 @@ def random_solid(seed):
     return trimesh.convex.convex_hull(both)
 
 
-@pytest.mark.parametrize('which', [*EXAMPLES, *range(20)])
+@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', 'cylinder_d20_h20', *range(4)])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
@@ -277,19 +248,18 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
 
 
-@pytest.mark.parametrize('seed', [7, 8])
-def test_the_lowest_of_many_close_corners_is_found(solid, surfaces, seed):
+def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
     # Neighbours so close to each other that facets are flat only within the tolerance.
-    points = np.random.default_rng(seed).normal(size=(3000, 3))
+    points = np.random.default_rng(7).normal(size=(3000, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
     shape = solid(trimesh.convex.convex_hull(points))
-    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 500)
+    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 200)
     assert (poses.status == RestStatus.SETTLED).all()
     lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
     assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
 
 
-@pytest.mark.parametrize('which', range(8))
+@pytest.mark.parametrize('which', range(4))
 def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     # It rocks from edge to edge, and each landing takes energy.
     job = make_job(solid(random_solid(which)), mat, 1, until_still=True)
@@ -298,8 +268,13 @@ def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     assert np.isfinite(poses.orientation).all()
 
 
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', EXAMPLES)
+ON_SURFACES = [
+    *((name, 'rubber_mat') for name in EXAMPLES),
+    *((name, surface) for name in ('l_bracket', 'hex_nut') for surface in ('steel', 'thrown')),
+]
+
+
+@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
     poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
     assert (poses.energy_growth >= 0).all()
@@ -310,22 +285,7 @@ def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
 # -- The decision of the aspect -------------------------------------------------------------------
 
 
-def test_still_parts_in_bullet_would_stay_in_their_aspect(part, mat, monkeypatch):
-    shape, n = part('t_prism'), 12
-    aspects = find_aspects(shape)
-    job = make_job(shape, mat, 1, until_still=True, engine=BULLET)
-    called = drop_range(job, 0, n)
-    monkeypatch.setattr(settling, 'REST_WINDOW', 25.0)
-    stayed = drop_range(job, 0, n)
-    assert (stayed.status == RestStatus.SETTLED).all()
-    np.testing.assert_array_equal(
-        aspects.classify(stayed.orientation), aspects.classify(called.orientation)
-    )
-    np.testing.assert_allclose(stayed.time_to_rest, called.time_to_rest, rtol=1e-12)
-
-
-@pytest.mark.parametrize('surface', ['rubber_mat', 'steel', 'thrown'])
-@pytest.mark.parametrize('name', EXAMPLES)
+@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
     # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
     # in 150 times; `make validate` makes more.
@@ -347,6 +307,8 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     np.testing.assert_array_equal(ids, expected)
     # It turns towards its side and no further than it has to.
     assert len(np.unique(decided.orientation, axis=0)) == n
+    if surface == 'thrown':  # where parts slide far
+        assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
 
 
 def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
@@ -365,15 +327,6 @@ def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, ma
     )
 
 
-def test_sliding_parts_are_decided_early(part, surfaces):
-    shape, n = part('l_bracket'), 1000
-    times = [
-        drop_range(make_job(shape, surfaces.get('thrown'), 1, until_still=wait), 0, n).time_to_rest
-        for wait in (False, True)
-    ]
-    assert times[0].mean() < times[1].mean() / 1.5
-
-
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
 
 # Of many lengths: vectorised arithmetic may round by the length of its arrays.
@@ -387,14 +340,6 @@ def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, 
     job = make_job(shape, mat, 1, engine=engine)
     for first, end in reversed(RANGES):
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
-
-
-def test_drops_that_do_not_settle_do_not_depend_on_other_drops(part, mat, assert_same_poses):
-    job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
-    whole = drop_range(job, 0, 6)
-    assert (whole.status == RestStatus.UNSETTLED).all()
-    for k in range(6):
-        assert_same_poses(drop_range(job, k, k + 1), whole.between(k, k + 1))
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'washer'])
@@ -430,9 +375,8 @@ def test_drops_differ_by_seed_and_index(drop, part, mat, engine, n):
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
-@pytest.mark.parametrize('seed', [0, 2**64 - 1])
-def test_maximum_seed_and_index_are_supported(part, mat, seed, engine):
-    job = make_job(part('tetrahedron'), mat, seed, engine=engine)
+def test_maximum_seed_and_index_are_supported(part, mat, engine):
+    job = make_job(part('tetrahedron'), mat, 2**64 - 1, engine=engine)
     first = 2**64 - 3
     poses = drop_range(job, first, first + 2)
     assert (poses.first_drop, poses.end) == (first, first + 2)
@@ -442,24 +386,10 @@ def test_maximum_seed_and_index_are_supported(part, mat, seed, engine):
     assert len(drop_range(job, low, low + 2)) == 2
 
 
-@pytest.mark.parametrize(('first', 'end'), [(5, 5), (6, 5), (-1, 1)])
-def test_invalid_range_of_drops_is_rejected(part, mat, first, end):
-    job = make_job(part('tetrahedron'), mat, 1)
-    with pytest.raises(ValueError, match=f'^invalid drops {first} to {end - 1}: expected'):
-        drop_range(job, first, end)
-
-
 # -- Parts of every kind --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('engine', [KERNEL, BULLET])
-@pytest.mark.parametrize('changes', [{'rolling_friction': 0.0}, {'spinning_friction': 0.1}])
-def test_parts_with_edges_rest_with_any_rolling_friction(drop, part, changes, engine):
-    poses = drop(part('l_bracket'), 20, engine=engine, **changes)
-    assert (poses.status == RestStatus.SETTLED).all()
-
-
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 12)])
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 8)])
 def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part, engine, n):
     rough, smooth = (
         drop_range(
@@ -490,6 +420,7 @@ THIN = [
 ]
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 20)])
 @pytest.mark.parametrize(('make', 'changes'), THIN)
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine, n):
@@ -499,7 +430,7 @@ def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
-@pytest.mark.parametrize(('scale', 'height'), [(20, 1e-3), (0.05, 1e-3), (20, 2.0)])
+@pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
 def test_very_small_and_very_large_parts_rest_in_an_aspect(
     part, solid, mat, scale, height, engine, n
 ):
@@ -509,15 +440,15 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
 
 
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 100), (BULLET, 1)])
-def test_hull_with_many_vertices_is_supported(solid, mat, engine, n):
+def test_hull_with_many_vertices_is_supported(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
     assert len(ball.hull_vertices) == 3000  # of 10242
-    conditions = mat.changed(rolling_friction=0.05)
-    poses = drop_range(make_job(ball, conditions, 1, engine=engine), 0, n)
-    assert (poses.status == RestStatus.SETTLED).all()
-    height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
-    assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
+    for engine, n in ((KERNEL, 50), (BULLET, 1)):
+        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
+        poses = drop_range(job, 0, n)
+        assert (poses.status == RestStatus.SETTLED).all()
+        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
+        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
 
 
 @pytest.mark.parametrize('engine', [KERNEL, pytest.param(BULLET, marks=pytest.mark.slow)])
@@ -535,9 +466,9 @@ def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat, engine):
 
     tracemalloc.start()
     try:
-        before = drop(range(3))
-        after = drop(range(3, 9))
+        before = drop(range(2))
+        after = drop(range(2, 6))
     finally:
         tracemalloc.stop()
-    # PyBullet's binding keeps what it reads corners from: 6 x 2562 x 3 numbers, 1.1 MB.
+    # PyBullet's binding keeps what it reads corners from: 4 x 2562 x 3 numbers, 0.7 MB.
     assert after - before < 50_000

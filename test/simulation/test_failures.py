@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation import release, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.job import BULLET, make_job
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -22,10 +22,9 @@ def hull_in_tray(part, poses):
     return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
 
 
-@pytest.mark.parametrize('engine', [KERNEL, BULLET])
-def test_parts_that_lose_no_energy_are_unsettled(part, mat, engine):
+def test_parts_that_lose_no_energy_are_unsettled(part, mat):
     conditions = mat.changed(restitution=1.0, friction=0.0)
-    job = make_job(part('l_bracket'), conditions, 1, engine=engine)
+    job = make_job(part('l_bracket'), conditions, 1)
     poses = drop_range(job, 0, 2)
     assert (poses.status == RestStatus.UNSETTLED).all()
     # The time they were given, which goes on from the end of the first fall.

@@ -22,7 +22,7 @@ Z = np.array([0.0, 0.0, 1.0])
 ALONG = 0.0, 0.0
 
 
-def job_of(part, mat, surroundings=None, step=None):
+def job_of(part, mat, surroundings, step):
     smooth = mat.changed(friction=0.0, rolling_friction=0.0, restitution=RESTITUTION)
     starts = None
     if step is not None:
@@ -34,49 +34,17 @@ def job_of(part, mat, surroundings=None, step=None):
     return make_job(part, smooth, 1, refinement=16, starts=starts, engine='bullet')
 
 
-def on_plane(part, mat):
-    return World(job_of(part, mat)), Z, np.zeros(3)
-
-
-def on_slope(part, mat):
-    return World(job_of(part, mat, 'slope')), Z, np.zeros(3)
-
-
-def at_wall(part, mat):
-    return World(job_of(part, mat, 'wall')), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0, 5])
-
-
-def below_edge(part, mat):
-    step = Step(belt_speed=0.2, step_height=0.02)
-    return WallWorld(job_of(part, mat, step=step)), Z, np.array([4.0, 0, 0])
-
-
-def on_upper_belt(part, mat):
-    job = job_of(part, mat, step=Step(belt_speed=0.2, step_height=0.02))
-    top = job.edge.height / job.radius
-    return EdgeWorld(job, ALONG, STEPS_PER_T), Z, np.array([-4.0, 0, top])
-
-
-def below_edge_of_slope(part, mat):
-    job = job_of(part, mat, 'slope', Step(belt_speed=0.2, step_height=0.02))
-    return WallWorld(job), Z, np.array([4.0, 0, 0])
-
-
-def on_upper_belt_of_slope(part, mat):
-    job = job_of(part, mat, 'slope', Step(belt_speed=0.2, step_height=0.02))
-    top = job.edge.height / job.radius
-    return EdgeWorld(job, ALONG, STEPS_PER_T), Z, np.array([-4.0, 0, top])
-
-
-WORLDS = [
-    on_plane,
-    on_slope,
-    at_wall,
-    below_edge,
-    on_upper_belt,
-    below_edge_of_slope,
-    on_upper_belt_of_slope,
-]
+STEP = Step(belt_speed=0.2, step_height=0.02)
+# Surroundings, step, the world, the normal of the surface, and a place near it.
+WORLDS = {
+    'plane': (None, None, World, Z, (0, 0, 0)),
+    'slope': ('slope', None, World, Z, (0, 0, 0)),
+    'wall': ('wall', None, World, np.array([0.0, 1.0, 0.0]), (0, 0, 5)),
+    'below an edge': (None, STEP, WallWorld, Z, (4, 0, 0)),
+    'upper belt': (None, STEP, EdgeWorld, Z, (-4, 0, 0)),
+    'below an edge of a slope': ('slope', STEP, WallWorld, Z, (4, 0, 0)),
+    'upper belt of a slope': ('slope', STEP, EdgeWorld, Z, (-4, 0, 0)),
+}
 
 
 def on_one_corner(hull, normal, generator):
@@ -90,16 +58,19 @@ def on_one_corner(hull, normal, generator):
 
 
 @pytest.mark.parametrize('name', ['t_prism', 'u_bracket'])
-@pytest.mark.parametrize('make', WORLDS)
-def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, make, name):
+@pytest.mark.parametrize('where', WORLDS)
+def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where, name):
+    surroundings, step, make, normal, place = WORLDS[where]
     generator = np.random.RandomState(3)
     for _ in range(3):
-        world, normal, place = make(part(name), mat)
-        job = world._job
+        job = job_of(part(name), mat, surroundings, step)
+        world = make(job, ALONG, STEPS_PER_T) if make is EdgeWorld else make(job)
+        top = job.edge.height / job.radius if make is EdgeWorld else 0.0
         turn, corner = on_one_corner(job.hull, normal, generator)
         spin = generator.normal(size=3) * 0.3
         velocity = generator.normal(size=3) * 0.2 - 1.5 * normal
-        position = place + (REST_MARGIN - 1e-4 - corner @ normal) * normal
+        above = top + REST_MARGIN - 1e-4 - corner @ normal
+        position = np.array(place, dtype=float) + above * normal
         rows = (position, turn.as_quat(), velocity, spin)
         start = InitialState(*(row[None] for row in rows), elapsed=np.zeros(1))
         (body,) = world._add(start)

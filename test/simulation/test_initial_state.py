@@ -14,7 +14,7 @@ from resting_aspects_ros.rotations import down_in_part, random_orientations
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import BULLET, MAX_IMPACT, make_job
-from resting_aspects_ros.simulation.release import NUMBERS, DropRandom, initial_states
+from resting_aspects_ros.simulation.release import DropRandom, initial_states
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -102,13 +102,6 @@ def test_numbers_of_drops_and_seeds_are_independent_and_uniform():
     # Of the 276 correlations, which have a standard error of 1 / sqrt(n), none is that large.
     together = np.corrcoef(numbers.T) - np.eye(24)
     assert np.abs(together).max() < 4.8 / math.sqrt(n)
-
-
-def test_a_drop_has_no_more_numbers_than_are_reserved_for_it():
-    random = DropRandom(1, 0, 5)
-    random.random((5, NUMBERS))
-    with pytest.raises(ValueError, match='invalid shape'):
-        random.random(5)
 
 
 @pytest.mark.parametrize('height_of', HeightOf)

@@ -16,7 +16,6 @@ from validation.placed_bodies import Placed
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.job import BULLET, make_job
-from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
 
 # -- The kernel -----------------------------------------------------------------------------------
@@ -57,19 +56,6 @@ def test_spinning_friction_stops_a_spinning_part(ball, mat, spinning):
     lost = 2 - placed.run(3).spin[0, 2]
     expected = spinning / job.moments.mean() * placed.time[0]
     assert lost == pytest.approx(expected, rel=0.01)
-
-
-@pytest.mark.parametrize('friction', [0.1, 0.3])
-def test_friction_is_the_value_of_the_pair(part, mat, friction):
-    # A box that slides flat is slowed by friction times gravity, regardless of its weight.
-    shape = part('box_10x20x30')
-    job = make_job(shape, mat.changed(friction=friction, restitution=0.0), 1)
-    flat = int(np.ptp(job.hull, axis=0).argmin())
-    turn = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()[None]
-    at = np.array([[0.0, 0, depth_of(turn, job.hull)[0]]])
-    placed = Placed(job, at, turn, (1.0, 0, 0))
-    lost = 1 - placed.run(1).velocity[0, 0]
-    assert lost == pytest.approx(friction * placed.time[0], abs=10 * RESIDUAL)
 
 
 # -- Bullet ---------------------------------------------------------------------------------------
@@ -152,7 +138,7 @@ def rebound(job, height):
     return highest / height
 
 
-@pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
+@pytest.mark.parametrize('restitution', [0.0, 0.3, 0.9])
 def test_bounce_height_in_bullet_is_restitution_squared(octahedron, mat, restitution):
     conditions = mat.changed(restitution=restitution, height=0.01)
     job = make_job(octahedron, conditions, 1, engine=BULLET)
@@ -160,7 +146,7 @@ def test_bounce_height_in_bullet_is_restitution_squared(octahedron, mat, restitu
     # The impact is seen at the end of a step, 1.4 / 160 of T, so a height of 1 comes out within
     # some 2 % of it, which are of the rebound 2 % / e^2.
     found = rebound(job, 1.0)
-    assert found == pytest.approx(restitution**2, rel=0.06)
+    assert found == pytest.approx(restitution**2, rel=0.06, abs=0.01)
 
 
 def test_bounce_height_in_bullet_converges_with_finer_steps(octahedron, mat, monkeypatch):
@@ -170,11 +156,6 @@ def test_bounce_height_in_bullet_converges_with_finer_steps(octahedron, mat, mon
     monkeypatch.setattr(drop_job, 'STEPS_PER_T', 1280)
     assert job.steps_per_t == 1280
     assert rebound(job, 1.0) == pytest.approx(0.64**2, rel=0.01)
-
-
-def test_zero_restitution_in_bullet_does_not_bounce(octahedron, mat):
-    job = make_job(octahedron, mat.changed(restitution=0.0, height=0.01), 1, engine=BULLET)
-    assert rebound(job, 1.0) < 0.01
 
 
 def test_friction_in_bullet_is_the_value_of_the_pair(part, mat):

@@ -75,6 +75,29 @@ def test_rolling_parts_start_at_all_directions_of_the_sweep(part, mat):
     assert abs(chi_square - sides) < 5 * math.sqrt(2 * sides)
 
 
+@pytest.mark.parametrize(('name', 'arguments'), [
+    ('box', (50, 30, 1)), ('washer', (48,)), ('prism', (24, 0.5, 100)), ('icosphere', (2,)),
+    ('filleted_box', ((20, 24, 40), 4, 6)), ('d_shaft', (64, 9.5)), ('binom3', ()),
+    ('ellipsoid', (10, 10, 6, 3)), ('revolved', ([(10, 0), (0, 20)], 48)), ('blocks', (1,)),
+])  # fmt: skip
+def test_every_start_has_the_height_of_its_aspect(solids, solid, mat, name, arguments):
+    shape = solid(getattr(solids, name)(*arguments))
+    corners = shape.hull_vertices - shape.centre_of_mass
+    aspects = find_aspects(shape).aspects
+    starts = rest_starts(shape, aspects, Kick(speed=0.1), mat)
+    noise = 1e-6 * shape.hull_radius
+    flats = 1 - math.cos(math.pi / 24)  # depth of those of a round side of 24 sides, of its radius
+    for aspect, orientations, weights in zip(
+        aspects, starts.orientations, starts.weights, strict=True
+    ):
+        heights = (down_in_part(orientations) @ corners.T).max(axis=1)
+        assert weights.sum() == pytest.approx(1)
+        assert heights.max() <= aspect.com_height + noise
+        # The flats of a mesh are below its edges, which are on the true surface.
+        least = aspect.com_height * (1 - flats if aspect.sweep.curved else 1)
+        assert heights.min() >= least - noise
+
+
 def test_parts_at_rest_start_on_the_surface(box, aspects, mat):
     heights = np.array([a.com_height for a in aspects])[np.arange(120) % 6] / box.hull_radius
     starts = rest_starts(box, aspects, Kick(speed=0.3), mat)
@@ -250,19 +273,21 @@ def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_pos
     assert_same_poses(drop_range(job, 2, 14).between(5, 9), drop_range(job, 5, 9))
 
 
-def test_energy_below_the_barrier_keeps_every_part(part, mat):
+@pytest.mark.parametrize('name', ['l_bracket', 'washer', 'filleted_box'])
+def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, name):
     """Simulated until the part is still, because the energy rule would decide at once."""
-    bracket, each = part('l_bracket'), 200
-    aspects = find_aspects(bracket).aspects
-    margin = 2e-3 * bracket.hull_radius
-    lift = np.array([[a.min_barrier - margin] for a in aspects])
-    starts = disturbance_starts(bracket, aspects, lift, mat)
-    job = make_job(bracket, mat, 1, until_still=True, starts=starts)
-    poses = drop_range(job, 0, each * len(aspects))
-    down = np.tile([a.down_in_part for a in aspects], (each, 1))
-    assert ((down_in_part(poses.orientation) * down).sum(axis=1) > math.cos(0.02)).all()
+    fillets = name == 'filleted_box'
+    shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 100
+    aspects = find_aspects(shape)
+    kept = [a for a in aspects.aspects if a.min_barrier > 0.1 * shape.hull_radius]
+    lift = np.array([[0.98 * a.min_barrier] for a in kept])
+    starts = disturbance_starts(shape, kept, lift, mat)
+    job = make_job(shape, mat, 1, until_still=True, starts=starts)
+    poses = drop_range(job, 0, each * len(kept))
+    ids = aspects.classify(poses.orientation).reshape(each, len(kept))
+    assert (ids == [a.id for a in kept]).all()
     # The disturbance does move them: they end elsewhere.
-    assert np.median(np.hypot(*poses.position[:, :2].T)) > margin
+    assert np.median(np.hypot(*poses.position[:, :2].T)) > 2e-3 * shape.hull_radius
 
 
 def sliding_block(solid, mat, speed, friction, **how):

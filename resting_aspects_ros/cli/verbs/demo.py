@@ -10,7 +10,7 @@ from typing import Any
 from resting_aspects_ros.api.result import check_files
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.system import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')

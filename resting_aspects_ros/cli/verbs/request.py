@@ -20,8 +20,8 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
+from resting_aspects_ros.system import Interruption
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult

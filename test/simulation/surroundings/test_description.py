@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.simulation.conditions import quantities_of, surroundings_folder
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     make_surroundings,
+    named_surroundings,
     surroundings_from,
+    surroundings_names,
 )
 from resting_aspects_ros.simulation.surroundings_kinds import KINDS, Chute, Slope, tray_from_scene
 
@@ -44,18 +46,12 @@ def test_every_dimension_is_checked(kind):
             described(kind, **{name: quantity.high + 1})
 
 
-def test_order_of_keys_does_not_matter():
+def test_key_stands_for_the_values():
     one = described('chute', bodies={'wall': {'friction': 0.2}, 'belt': {'speed': 0.1}})
     other = described('chute', bodies={'belt': {'speed': 0.1}, 'wall': {'friction': 0.2}})
     assert one.key == other.key
-
-
-@pytest.mark.parametrize('level', [described('plane'), Surroundings(Slope(angle=0.0))])
-def test_level_plane_has_an_empty_key(level):
-    assert level.key == ''
-
-
-def test_level_plane_with_values_of_its_own_is_not_the_default():
+    # The level plane has none, unless it has values of its own.
+    assert described('plane').key == Surroundings(Slope(angle=0.0)).key == ''
     assert described('plane', bodies={'floor': {'friction': 0.1}}).key
 
 
@@ -63,8 +59,8 @@ def test_level_plane_with_values_of_its_own_is_not_the_default():
     ('document', 'says'),
     [
         ({'kind': 'chut'}, "'chut'.*did you mean 'chute'"),
-        ({'kind': 'chute', 'rol': 0.1}, "'rol'.*did you mean 'roll'"),
-        ({'kind': 'chute', 'bodies': {'bel': {}}}, "'bel'.*belt, wall.*did you mean 'belt'"),
+        ({'kind': 'chute', 'rol': 0.1}, "'rol'.*roll"),
+        ({'kind': 'chute', 'bodies': {'bel': {}}}, "'bel'.*belt, wall"),
         ({'kind': 'chute', 'bodies': {'belt': {'frict': 1}}}, "'frict'.*friction"),
         ({'kind': 'chute', 'bodies': {'belt': 3}}, 'belt 3.*mapping'),
         ({'kind': 'chute', 'release': {'x': 3}}, "'x' in release.*x_min"),
@@ -72,7 +68,7 @@ def test_level_plane_with_values_of_its_own_is_not_the_default():
         ({'kind': 'chute', 'orientation': [0, 0, 0, 2]}, 'orientation.*unit quaternion'),
         ({'kind': 'chute', 'release': {'x_min': 2, 'x_max': 1}}, 'x_min 2.*at most x_max, 1'),
         ({'kind': 'slope'}, 'missing angle of a slope'),
-        ({'kind': 'mesh'}, 'missing mesh of a mesh'),
+        ({'kind': 'slope', 'angle': 2}, r'angle 2.*\(0 to 85 deg\)'),
         ({'kind': 'mesh', 'mesh': 'no.stl', 'vertices': 1}, "'vertices'"),
         ({'roll': 3}, 'expected a mapping with the key kind'),
         ([], 'expected a mapping'),
@@ -81,11 +77,6 @@ def test_level_plane_with_values_of_its_own_is_not_the_default():
 def test_wrong_descriptions_are_refused(document, says):
     with pytest.raises(InvalidValueError, match=says):
         make_surroundings(document)
-
-
-def test_angle_out_of_bounds_is_stated_in_degrees():
-    with pytest.raises(InvalidValueError, match=r'angle 2.*\(0 to 85 deg\)'):
-        Slope(angle=2)
 
 
 def test_bodies_have_the_values_of_the_conditions_or_their_own(mat):
@@ -117,3 +108,59 @@ def test_a_belt_faster_than_the_time_step_resolves_is_refused(mat, part):
         InvalidValueError, match=r'speed 50 m/s of the belt: expected at most 10\.6 m/s'
     ):
         make_job(part('l_bracket'), conditions, 1)
+
+
+# -- The named surroundings of config/surroundings, and changes of single values ------------------
+
+
+@pytest.mark.parametrize('name', surroundings_names())
+def test_every_file_can_be_used_and_has_its_source(name, mat):
+    found = named_surroundings(name)
+    assert found.name == name
+    assert found.scene(mat, 0.02).bodies
+    text = (surroundings_folder() / f'{name}.yaml').read_text()
+    assert '\nsource: ' in text
+    assert text.startswith('# ')
+
+
+def test_changes_have_units_and_name_bodies_with_a_dot():
+    plain = named_surroundings('l_chute')
+    assert plain.shape.roll == pytest.approx(0.7853981633974483)  # as published
+    assert plain.bodies['wall'] == {'friction': 0.2}
+    changes = {'roll': '30deg', 'belt.friction': 0.5, 'release.y_min': '10mm'}
+    chute = named_surroundings('l_chute', changes)
+    assert chute.shape.roll == pytest.approx(0.5235987755982988)
+    assert chute.bodies['belt'] == {'friction': 0.5, 'speed': 0.1}
+    assert chute.release == {'y_min': 0.01}
+    assert named_surroundings('chute').shape.kind == 'chute'
+
+
+def test_a_file_of_its_own(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('kind: slope\nangle: 12deg\n')
+    found = named_surroundings(path)
+    assert (found.name, found.text) == ('mine', 'mine (angle 12 deg)')
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        ('kind: [', 'is not valid YAML'),
+        ('', 'invalid surroundings None'),
+        ('- 1', r'invalid surroundings \[1\]'),
+        ('kind: [slope]', r"invalid kind of surroundings \['slope'\]: expected one of plane"),
+        ('kind: mesh\nmesh: [1]', r'invalid mesh \[1\]: expected text'),
+        ('kind: mesh\nmesh: a.stl\nmesh_sha256: {}', 'invalid mesh_sha256 {}: expected text'),
+        ('kind: slope\nangle: 1' + 400 * '0', 'invalid angle 1000.*: expected 0 to'),
+        ('kind: slope\nkind: wall', "the key 'kind' occurs twice"),
+        ('kind: slope\nangle: 12mm', "angle '12mm'.*rad, deg"),
+        ('kind: mesh\nmesh: no.stl', 'no.stl.*does not exist'),
+    ],
+)
+def test_errors_name_the_file(tmp_path, text, says):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text)
+    with pytest.raises(InvalidValueError, match=says) as caught:
+        named_surroundings(path)
+    assert 'mine.yaml' in str(caught.value)
+    assert '\n' not in str(caught.value)

@@ -12,10 +12,9 @@ from validation.surroundings_symmetry import counts_on_belt, groove_and_mesh, po
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.job import BULLET, make_job
 from resting_aspects_ros.simulation.mesh_simplification import DEPTH, GRID, merged_mesh
-from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
+from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
@@ -157,29 +156,18 @@ def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_p
     assert (many.status == RestStatus.SETTLED).all()
 
 
-@pytest.mark.slow
-def test_all_parts_rest_on_the_shipped_pocket(part, mat):
-    shape = part('tetrahedron')
-    pocket = named_surroundings('pocket')
-    job = make_job(shape, dataclasses.replace(mat, surroundings=pocket), 1)
-    poses = drop_range(job, 0, 125)
-    assert (poses.status == RestStatus.SETTLED).all()
-    centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
-    assert (np.abs(centre[:, :2]) < 0.06 + 0.03).all()
-    assert (centre[:, 2] > 0).all()
-
-
 def same(counts, others):
     """The probability of a difference at least as large if both are of one distribution."""
     table = np.array([counts, others])
     return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue
 
 
+# Samples of 150 tell differences of 0.17; `make validate` compares larger ones.
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['l_bracket', 'u_bracket'])
-@pytest.mark.parametrize('cells', [1, 32], ids=['2 triangles', '2048 triangles'])
-def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces, name, cells):
-    shape, n = part(name), 1000
+def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces):
+    shape, n, cells = part('l_bracket'), 150, 32
     rubber = surfaces.get('rubber_mat')
     plane = make_job(shape, rubber, 2, until_still=True, engine=BULLET)
     aspects = find_aspects(shape)
@@ -192,10 +180,8 @@ def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces, na
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['l_bracket', 'u_bracket'])
-@pytest.mark.parametrize('cells', [1, 500], ids=['4 triangles', '2000 triangles'])
-def test_a_groove_of_triangles_gives_the_distribution_of_planes(part, surfaces, name, cells):
-    shape, n = part(name), 1000
+def test_a_groove_of_triangles_gives_the_distribution_of_planes(part, surfaces):
+    shape, n, cells = part('u_bracket'), 150, 500
     aspects = find_aspects(shape)
     jobs = groove_and_mesh(shape, surfaces.get('rubber_mat'), 1, math.radians(90), cells)
     counts = []

@@ -22,7 +22,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     Slope,
     Tray,
     VGroove,
-    Wall,
 )
 from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
 from resting_aspects_ros.statistics.distribution import count_poses
@@ -74,7 +73,7 @@ def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind,
 
 @pytest.mark.parametrize(
     ('engine', 'count'),
-    [(KERNEL, 1), (KERNEL, 7), pytest.param(BULLET, 3, marks=pytest.mark.slow)],
+    [(KERNEL, 3), pytest.param(BULLET, 3, marks=pytest.mark.slow)],
 )
 def test_drops_do_not_depend_on_the_workers(part, make, assert_same_poses, engine, count):
     job = make(part('tetrahedron'), Chute(roll=0.3), engine, bodies={'belt': {'speed': 0.1}})
@@ -127,13 +126,10 @@ def test_the_time_limit_holds(part, make, monkeypatch, engine, n):
 # -- Truth from symmetry, and the other engine ---------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('engine', 'n'), [(KERNEL, 5000), pytest.param(BULLET, 500, marks=pytest.mark.slow)]
-)
-def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, make, engine, n):
-    shape = part('l_bracket')
+def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, make):
+    shape, n = part('l_bracket'), 5000
     aspects = find_aspects(shape)
-    level = make(shape, engine=engine)
+    level = make(shape)
     tilted = tilted_plane(level, 0.5)
     np.testing.assert_allclose(tilted.scene.down, -tilted.scene.bodies[0].normal, atol=1e-12)
     found = count_poses(aspects, drop_range(tilted, 0, n))
@@ -143,13 +139,10 @@ def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, m
     assert same(found.counts, expected.counts) > LEVEL
 
 
-@pytest.mark.parametrize(
-    ('engine', 'n'), [(KERNEL, 2000), pytest.param(BULLET, 500, marks=pytest.mark.slow)]
-)
-def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make, engine, n):
+def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make):
     shape, image = (solid(trimesh.convex.convex_hull(CHIRAL * [1, y, 1])) for y in (1, -1))
-    job = make(shape, Chute(), engine)
-    other = mirrored_chute(make(image, Chute(), engine))
+    n, job = 2000, make(shape, Chute())
+    other = mirrored_chute(make(image, Chute()))
     aspects = find_aspects(shape)
     counts = []
     for each, flip in ((job, 1), (other, -1)):
@@ -160,12 +153,8 @@ def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make
 
 
 FLAT = {
-    'slope': (Slope(0.1), {}),
-    'wall': (Wall(), {}),
     'groove': (VGroove(math.radians(100), pitch=0.1), {}),
-    'chute': (Chute(), {}),
     'corner': (Corner(), {}),
-    'tray': (Tray(length=0.12, width=0.08), {}),
     'belt': (Slope(0.0), {'bodies': {'floor': {'speed': 0.3}}}),
     'chute with a belt': (Chute(roll=0.3), {'bodies': {'belt': {'speed': 0.2}}}),
 }
@@ -179,7 +168,7 @@ def test_both_engines_have_the_same_outcomes(part, make, name):
     kind, more = FLAT[name]
     aspects = find_aspects(shape)
     counts = []
-    for engine, n in ((KERNEL, 4000), (BULLET, 400)):
+    for engine, n in ((KERNEL, 4000), (BULLET, 125)):  # tells differences of 0.2
         job = dataclasses.replace(make(shape, kind, engine, **more), seed=2)
         counts.append(counts_on_belt(job, aspects, drop_range(job, 0, n), 1))
     assert same(*counts) > LEVEL
