@@ -30,7 +30,6 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.tracks.bands import measured_band
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,
@@ -43,7 +42,7 @@ from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
-from resting_aspects_ros.tracks.simulate import run_track
+from resting_aspects_ros.tracks.simulate import measured_band, run_track
 from resting_aspects_ros.tracks.traps import Sensor, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 

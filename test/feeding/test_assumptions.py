@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from resting_aspects_ros.feeding import assumptions
-from resting_aspects_ros.feeding.assumptions import Places, broken_assumptions
+from resting_aspects_ros.feeding import forecast as forecast_module
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, forecast
+from resting_aspects_ros.feeding.forecast import FeederModel, Places, broken_assumptions, forecast
 from resting_aspects_ros.feeding.steady_state import CycleTimes, moves_of
 
 SIDE, RADIUS, CLEARANCE, NUMBER = 0.2, 0.009, 0.006, 16
@@ -19,7 +18,7 @@ DROP = np.array([600, 300, 100])
 TRANSITIONS = np.array([[300, 80, 20], [150, 200, 50], [60, 50, 290]])
 PICKABLE = np.array([False, True, True])
 TIMES = CycleTimes(robot=1.2, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
-CYCLES = 4000
+CYCLES = 1600
 
 
 class Tray2D:
@@ -117,9 +116,9 @@ def forecasts():
     ('row', 'broken'),
     [
         (None, {}),
-        (0, {'staying': assumptions.STAYING}),
-        (1, {'clumped': assumptions.CLUMPED}),
-        (2, {'missed': assumptions.MISSED, 'failed': assumptions.FAILED}),
+        (0, {'staying': forecast_module.STAYING}),
+        (1, {'clumped': forecast_module.CLUMPED}),
+        (2, {'missed': forecast_module.MISSED, 'failed': forecast_module.FAILED}),
         (3, {'overlaps': True}),
     ],
 )

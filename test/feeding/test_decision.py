@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from feeders import density_run
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +20,6 @@ from resting_aspects_ros.feeding.control import (
 from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
 from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.feeding.steady_state import CycleTimes
-from resting_aspects_ros.feeding.tray_simulation import simulate
 
 TIMES = CycleTimes(robot=1.0, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
 PART = Footprint(0.03, 0.02)
@@ -158,7 +158,7 @@ def test_expected_rate_is_the_forecast_on_average(model):
             )
         return dataclasses.replace(advice, choice=action, then=None, supply=supply)
 
-    simulate(forecast_cycle, plain, 6000, generator)
+    density_run(forecast_cycle, plain, 6000, generator)
     assert np.mean(found) == pytest.approx(60 * plain.values.rate, rel=0.02)
 
 

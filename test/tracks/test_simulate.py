@@ -9,11 +9,16 @@ import trimesh
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.loading import part_from_bytes
-from resting_aspects_ros.tracks.bands import measured_band
 from resting_aspects_ros.tracks.description import read_track
 from resting_aspects_ros.tracks.orientations import orientations_on
 from resting_aspects_ros.tracks.rate import pass_traps
-from resting_aspects_ros.tracks.simulate import OUTCOMES, TrackRuns, run_over, run_track
+from resting_aspects_ros.tracks.simulate import (
+    OUTCOMES,
+    TrackRuns,
+    measured_band,
+    run_over,
+    run_track,
+)
 from resting_aspects_ros.tracks.traps import (
     AirJet,
     Balcony,
