@@ -16,7 +16,7 @@ from resting_aspects_ros.feeding.control import (
     SeenPart,
     advise,
 )
-from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap
+from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap, random_poses
 from resting_aspects_ros.feeding.forecast import (
     DRAWS,
     RUNS,
@@ -101,22 +101,13 @@ class RandomPlaces:
 
     def _empty_place(self, size: Array) -> Poses:
         """Return the first of random poses (4,) in which a part overlaps no other."""
+        sizes, number = np.tile(size, (_AT_ONCE, 1)), len(self._poses)
         for _ in range(TRIES // _AT_ONCE):
-            yaw = self._generator.uniform(0, self._grips.turn, _AT_ONCE)
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            a, b, radius = size
-            along, across = np.abs(cos), np.abs(sin)
-            half = np.stack([a * along + b * across, a * across + b * along], axis=1)
-            room = np.array(self._tray.size) / 2 - half - radius
-            place = self._generator.uniform(-1, 1, (_AT_ONCE, 2)) * np.maximum(room, 0.0)
-            poses = np.column_stack([place, cos, sin])
-            number = len(self._poses)
-            empty = (room >= 0).all(axis=1)
+            poses, empty = random_poses(self._tray, sizes, self._grips.turn, self._generator)
             if number:
                 row = np.repeat(np.arange(_AT_ONCE), number)
                 other = np.tile(np.arange(number), _AT_ONCE)
-                mine = np.broadcast_to(size, (len(row), 3))
-                apart = gap(poses[row], mine, self._poses[other], self._size[other])
+                apart = gap(poses[row], sizes[row], self._poses[other], self._size[other])
                 empty &= apart.reshape(_AT_ONCE, number).min(axis=1) >= 0
             if empty.any():
                 return np.asarray(poses[int(empty.argmax())])
