@@ -346,7 +346,7 @@ class Forecast:
     coverage : float
         Share of the tray that the parts cover.
     time_shares, sensitivity : dict
-        See `cycle.time_shares` and `cycle.sensitivity`.
+        See `steady_state.time_shares` and `steady_state.sensitivity`.
     limited_by : str or None
     free : (k,) float
         Probability that a part of each aspect is free.

@@ -202,7 +202,7 @@ def simulate(
 ) -> TrayRun:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
-    The times are those of `cycle.cycle_time`, with an image after each advice.
+    The times are those of `steady_state.cycle_time`, with an image after each advice.
 
     Parameters
     ----------

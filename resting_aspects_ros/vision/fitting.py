@@ -121,10 +121,14 @@ class Fit:
 
     def overlap(self, model: shapely.Polygon, seen: shapely.Polygon) -> float:
         """Return the intersection over the union of the polygons."""
-        move = np.array([self.x, self.y])
-        moved = shapely.transform(model, lambda points: points @ turn(self.yaw).T + move)
-        common = common_area(moved, seen)
-        return common / (float(model.area) + float(seen.area) - common)
+        return overlap_at(model, seen, self.yaw, np.array([self.x, self.y]))
+
+
+def overlap_at(model: shapely.Polygon, seen: shapely.Polygon, yaw: float, move: Array) -> float:
+    """Return the intersection over the union, the model being rotated, rad, and moved, m."""
+    moved = shapely.transform(model, lambda points: points @ turn(yaw).T + move)
+    common = common_area(moved, seen)
+    return common / (float(model.area) + float(seen.area) - common)
 
 
 @lru_cache(maxsize=256)
@@ -365,11 +369,8 @@ def _pose(found: Fit, model: Shape, seen: Shape) -> Pose:
 
 def _overlap(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
     """Return the intersection over union."""
-    matrix = turn(yaw)
-    move = seen.boundary.centre + shift - matrix @ model.boundary.centre
-    moved = shapely.transform(model.polygon, lambda points: points @ matrix.T + move)
-    common = common_area(moved, seen.polygon)
-    return common / (model.area + seen.area - common)
+    move = seen.boundary.centre + shift - turn(yaw) @ model.boundary.centre
+    return overlap_at(model.polygon, seen.polygon, yaw, move)
 
 
 def _pose_of_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> Pose:

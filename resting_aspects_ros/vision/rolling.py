@@ -444,7 +444,7 @@ class Candidate:
     residual : float
         Root mean square of the distances between the boundaries, m.
     log_likelihood : float
-        Natural logarithm up to a constant that all answers share; see `likelihood`.
+        Natural logarithm up to a constant that all answers share.
     prior, posterior : float
         Probabilities; those of all candidates, none and touching add up to 1.
     roll : float
