@@ -54,7 +54,6 @@ def test_part_that_can_be_picked_is_picked():
     advice = advise([NONE, WANTED], model_of(MIXED))
     assert advice.choice is Choice.PICK
     assert advice.picks == (1,)
-    assert advice.reason.startswith('Pick 1 part;')
 
 
 def test_useless_flip_is_not_chosen():
@@ -85,7 +84,6 @@ def test_controller_waits_only_without_parts_and_supply():
     without = model_of(IDENTITY, max_supply=0)
     advice = advise([], without)
     assert advice.choice is Choice.WAIT
-    assert 'none can be supplied' in advice.reason
     assert advise([NONE], without).choice is Choice.FLIP
 
 
