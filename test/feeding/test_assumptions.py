@@ -18,7 +18,7 @@ DROP = np.array([600, 300, 100])
 TRANSITIONS = np.array([[300, 80, 20], [150, 200, 50], [60, 50, 290]])
 PICKABLE = np.array([False, True, True])
 TIMES = CycleTimes(robot=1.2, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
-CYCLES = 1600
+CYCLES = 4000
 
 
 class Tray2D:
@@ -112,6 +112,7 @@ def forecasts():
     return places, broken_assumptions(places, over)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('row', 'broken'),
     [

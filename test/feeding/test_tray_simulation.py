@@ -2,16 +2,10 @@
 
 import numpy as np
 import pytest
-from feeders import density_run, fixed_cycle
+from feeders import DensityPlaces, density_run, fixed_cycle
 
-from resting_aspects_ros.feeding.control import (
-    Advice,
-    Choice,
-    ControllerModel,
-    advise,
-    controller_model,
-)
-from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
+from resting_aspects_ros.feeding.control import Advice, Choice, ControllerModel, advise
+from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import RandomPlaces, SimulatedTray
@@ -29,7 +23,9 @@ NUMBER = 12
 
 @pytest.fixture(scope='module')
 def model():
-    return controller_model(FEEDER, spread=0.4, number=NUMBER)
+    mix = FEEDER.drop / FEEDER.drop.sum()
+    table = free_shares(FEEDER.tray, FEEDER.footprints, mix, 1, NUMBER)
+    return ControllerModel(FEEDER, table, NUMBER, spread=0.4)
 
 
 def tray_of(model, seed):
@@ -63,20 +59,17 @@ def test_free_parts_have_the_shares_of_the_table(model):
 
 
 def test_flip_has_the_shares_of_the_transitions(model):
-    found = np.zeros((2, 3))
-    tray = tray_of(model, 3)
-    for _ in range(300):
-        tray.supply(12)
-        before = np.bincount(tray.classes, minlength=2)
-        tray.flip()
-        after = np.bincount(tray.classes, minlength=2)
-        found += [[*before, 0], [*after, before.sum() - after.sum()]]
-        tray.remove(range(len(tray.classes)))
-    (one, other, _), moved = found
-    # Drops, and flips from both classes: four standard deviations of a binomial number.
-    assert one == pytest.approx(0.6 * 3600, abs=4 * np.sqrt(3600 / 4))
-    expected = one * np.array([0.6, 0.35, 0.05]) + other * np.array([0.5, 0.5, 0.0])
-    assert moved == pytest.approx(expected, abs=4 * np.sqrt(3600 / 4))
+    generator = np.random.default_rng(3)
+    tray = SimulatedTray(model, DensityPlaces(model, generator), generator)
+    tray.supply(4000)
+    first = tray.classes == 0
+    # Four standard deviations of a binomial number of 4000.
+    tolerance = 4 * np.sqrt(4000 / 4)
+    assert first.sum() == pytest.approx(2400, abs=tolerance)
+    tray.flip()
+    one, other = first.sum(), (~first).sum()
+    expected = [0.6 * one + 0.5 * other, 0.35 * one + 0.5 * other]
+    assert np.bincount(tray.classes) == pytest.approx(expected, abs=tolerance)
 
 
 def test_positions_do_not_overlap_and_removal_keeps_the_others(model):

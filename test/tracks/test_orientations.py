@@ -27,8 +27,8 @@ def test_shares_of_a_rectangle(a, b):
 
 def pushed(corners, direction, tilt):
     """The edge at the wall after pushing in small steps, by the sign of the moment."""
-    step = 1e-4
-    for _ in range(200_000):
+    step = 1e-3
+    for _ in range(20_000):
         along = corners @ [math.cos(direction), math.sin(direction)]
         first, second = np.argsort(-along)[:2]
         size = np.linalg.norm(corners[first] - corners[second])

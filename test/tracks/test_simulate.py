@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.tracks import simulate
 from resting_aspects_ros.tracks.description import read_track
 from resting_aspects_ros.tracks.rate import pass_traps
 from resting_aspects_ros.tracks.simulate import (
@@ -114,7 +115,8 @@ def test_statics_agrees_only_with_an_interval_on_its_side():
     assert [round(each.probability, 1) for each in runs.shares] == [0.9, 0.5, 0.0]
 
 
-def test_the_grey_band_contains_the_critical_width(box):
+def test_the_grey_band_contains_the_critical_width(box, monkeypatch):
+    monkeypatch.setattr(simulate, 'PARTS', 6)
     part, flat = box
     critical = 0.010 - 0.005 * np.tan(np.radians(5))
     band = measured_band(part, flat, Balcony(0.03), 'width', critical, on(0.3), CONDITIONS, seed=1)
