@@ -43,7 +43,7 @@ from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
 from resting_aspects_ros.tracks.simulate import measured_band, run_track
-from resting_aspects_ros.tracks.traps import Sensor, trap_text
+from resting_aspects_ros.tracks.traps import Sensor, Surface, Trap, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000
@@ -305,8 +305,9 @@ def _warn_of_units(part: Part, on: Track) -> None:
     """Warn of dimensions that are so far from the size of the part that the unit is in doubt."""
     size = 2 * part.hull_radius
     low, high = (factor * size for factor in PLAUSIBLE)
-    for of in (on.surface, *on.traps):
-        what = 'track' if of is on.surface else trap_text(of)  # type: ignore[arg-type]
+    described: list[tuple[str, Surface | Trap]] = [('track', on.surface)]
+    described += [(trap_text(each), each) for each in on.traps]
+    for what, of in described:
         for name, each in quantities_of(of).items():
             value = getattr(of, name)
             default = type(of).__dataclass_fields__[name].default

@@ -1,4 +1,4 @@
-"""Validation of identification: rendered images, and what is no known part."""
+"""Validation of identification: rendered images, other parts, and parts that touch."""
 
 import dataclasses
 import time
