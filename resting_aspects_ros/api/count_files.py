@@ -70,6 +70,11 @@ def counted_drops(given: DropResult | CountedDrops | str | Path) -> CountedDrops
 
 def read_counts(path: Path) -> CountedDrops:
     """Read a file of counts of any kind, all batches together; raises InvalidValueError."""
+    if path.suffix in ('.yaml', '.yml'):
+        raise InvalidValueError(
+            f'invalid counts file {shown(str(path))}: expected {COUNTS_FILES}; counts in YAML, on '
+            'a surface, are for `calibrate`'
+        )
     if is_log(path):
         given = _last_of_log(path)
     else:

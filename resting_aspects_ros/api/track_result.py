@@ -146,15 +146,15 @@ class TrackResult(Result):
 
     def _rate_sentences(self) -> Iterator[str]:
         found = self.passage
-        wanted = numbers_text(found.wanted)
+        rows = f'{"row" if len(found.wanted) == 1 else "rows"} {numbers_text(found.wanted)}'
         low, high = found.good
         if high == 0:
-            yield f'No part in row {wanted} passes the traps.{self._blocked()}'
+            yield f'No part in {rows} passes the traps.{self._blocked()}'
             return
         rate, purity = found.rate, found.purity
         yield (
             f'{range_text(*rate, "good parts per minute")}: '
-            f'{range_text(100 * low, 100 * high, "%")} of the parts pass in row {wanted}, with '
+            f'{range_text(100 * low, 100 * high, "%")} of the parts pass in {rows}, with '
             f'{range_text(100 * purity[0], 100 * purity[1], "%")} purity.'
         )
         back = f'{range_text(*found.returned, "parts per minute")} fall back'

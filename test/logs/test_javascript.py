@@ -75,7 +75,9 @@ def messages(filled):
     distribution.aspects[2].support.points[0].x = 0.10000000149011612  # of 32 bits
     distribution.complete = False
     part.mesh = MESH
-    part.inertia = [0.1, -0.0, math.nan, 1e-300, 3.0, math.inf]
+    difficult = {'ixx': 0.1, 'ixy': -0.0, 'ixz': math.nan, 'iyy': 1e-300, 'izz': math.inf}
+    for name, value in difficult.items():
+        setattr(part.inertia, name, value)
     part.name = ''
     empty = {name: kind() for name, kind in TYPES.items()}
     many = [(name, filled(kind, rng)) for name, kind in TYPES.items() for _ in range(20)]

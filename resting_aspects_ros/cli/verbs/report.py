@@ -3,14 +3,13 @@
 import argparse
 from pathlib import Path
 
+from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.cli.options import (
-    add_part_place,
-)
+from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import is_log
 
@@ -68,6 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or default_folder(result.run.part)
     check_report('--out', folder)
     print(f'Report: {write_report(result, folder, against)}')
+    if against is not None:
+        print(compare(result, against).verdict)
     return 0
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,9 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--want',
+        action='append',
         metavar='ROW',
         type=parse_integer,
-        help='row of the table (not an aspect) that the feeder shall deliver (1)',
+        default=[],
+        help='row of the table (not an aspect) that the feeder shall deliver (1); can be repeated '
+        'without --design',
     )
     parser.add_argument(
         '--design', action='store_true', help='propose traps that pass only the wanted orientation'
@@ -161,12 +164,11 @@ def run(arguments: argparse.Namespace) -> int:
             'seed': arguments.seed,
             **started.options,
         }
-        want = () if arguments.want is None else (arguments.want,)
         make: Callable[[], TrackResult | TrackDesign]
         if arguments.design:
-            make = partial(design_track, part, want[0] if want else 1, on, **options)
+            make = partial(design_track, part, _only(arguments.want), on, **options)
         else:
-            make = partial(track, part, on, want, **options)
+            make = partial(track, part, on, arguments.want, **options)
         result: TrackResult | TrackDesign
         result, failure = partial_result(make)
         finish(
@@ -186,6 +188,13 @@ def run(arguments: argparse.Namespace) -> int:
         if code == DONE and isinstance(result, TrackDesign) and not result.designs:
             return FAILED
         return code
+
+
+def _only(want: Sequence[int]) -> int:
+    """Return the row for which traps are designed; raises InvalidValueError."""
+    if len(want) > 1:
+        raise InvalidValueError(f'invalid --want {want[1]}: expected one row with --design')
+    return want[0] if want else 1
 
 
 def _described(arguments: argparse.Namespace) -> dict[str, Any]:

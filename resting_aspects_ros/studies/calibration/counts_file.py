@@ -192,6 +192,11 @@ class CountedEntry(FileModel):
 def read_surface_counts(path: Path) -> SurfaceCounts:
     """Read a file; raises RestingAspectsError with one line that names the entry."""
     label = named('counts file', path)
+    if path.suffix == '.csv':
+        raise InvalidValueError(
+            f'invalid {label}: expected YAML with a surface and parts; a CSV of counts is for '
+            '`compare` and `report --against`'
+        )
     return make_surface_counts(read_yaml(path, 'counts file', MAX_BYTES), path.parent, label)
 
 
