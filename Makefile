@@ -58,7 +58,7 @@ lint: dev  ## set up and run ruff, mypy and import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/bench.md
+bench: dev  ## run the benchmarks and write docs/explanation/bench.md
 	PYTHONPATH=tools $(BIN)/python -m bench
 
 validate: dev  ## validate the simulation and write docs/explanation/validation.md

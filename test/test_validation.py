@@ -1,4 +1,4 @@
-"""The fit and the measured bodies of `make validate`."""
+"""The fit, the measured bodies and the shifts of `make validate`."""
 
 import dataclasses
 
@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 from scipy.special import expit
 from scipy.stats import binom
-from validation import engine as validate_engine
+from validation import convergence as validate_convergence
 from validation import engines as validate_engines
 from validation.dropper import Dropper
 from validation.fit import Posterior, polynomial_deviance
 from validation.measured import cases, deviance
+from validation.paired import (
+    ONE_SIDED,
+    OUTSIDE,
+    action_job,
+    class_indices,
+    paired_counts,
+    shifts,
+)
 
+from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range
@@ -89,10 +98,10 @@ def dropper(part):
 
 def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch):
     n = 2000
-    monkeypatch.setattr(validate_engine, 'DROPS', n)
-    monkeypatch.setattr(validate_engine, 'AIMS', {'thrown': (0.1, 0.005)})
+    monkeypatch.setattr(validate_convergence, 'DROPS', n)
+    monkeypatch.setattr(validate_convergence, 'AIMS', {'thrown': (0.1, 0.005)})
     ((_, surface, differ, aim, aspect, shift, interval, _),) = rows(
-        validate_engine.convergence(dropper)
+        validate_convergence.convergence(dropper)
     )
     (shape,) = dropper.parts
     job = make_job(shape, dropper.surfaces.get('thrown'), 1)
@@ -114,9 +123,46 @@ def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch)
     assert (high - low) / 2 == pytest.approx(1.96 * error, abs=1e-4)
 
 
+def test_shift_and_error_are_those_of_paired_shares():
+    counts = np.zeros((1, 5, 5), dtype=np.int64)
+    counts[0, 0, 0], counts[0, 0, 1], counts[0, 1, 0], counts[0, 1, 1] = 500, 40, 10, 450
+    found = shifts(counts)
+    assert found.largest[0] == 0
+    assert abs(found.shift[0, :2]).tolist() == [0.03, 0.03]
+    # 40 parts leave the first column and 10 come: sqrt(50 - 30^2 / 1000) / 1000.
+    assert found.error[0, 0] == pytest.approx(np.sqrt(50 - 0.9) / 1000, rel=0.02)
+    assert found.different == pytest.approx(0.05)
+    assert found.bound == pytest.approx(0.03 + ONE_SIDED * found.error[0, 0])
+
+
+def test_bound_covers_the_largest_change_in_19_of_20_samples():
+    generator = np.random.default_rng(1)
+    p = np.array([0.28, 0.02, 0.0, 0.1, 0.5, 0.02, 0.02, 0.01, 0.05])
+    true = p.reshape(3, 3)
+    largest = abs(true.sum(axis=0) - true.sum(axis=1)).max()
+    n = 1000
+    samples = generator.multinomial(2000, p, size=n).reshape(n, 1, 3, 3)
+    covered = np.mean([shifts(counts).bound >= largest for counts in samples])
+    # The share of covered samples has the standard error sqrt(0.95 x 0.05 / n).
+    assert covered > 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
+
+
+def test_paired_counts_have_every_action_once(dropper):
+    (shape,) = dropper.parts
+    aspects = find_aspects(shape)
+    job, before = action_job(dropper, shape, shipped_actions().get('tap').action, 100)
+    counts = paired_counts(dropper, job, aspects, class_indices(aspects), len(before), before)
+    classes = len(aspects.classes())
+    columns = classes + len(OUTSIDE)
+    assert counts.shape == (classes, columns, columns)
+    assert counts.sum(axis=(1, 2)).tolist() == np.bincount(before).tolist() == [100] * classes
+    # A tap is weak: most parts stay, in both simulations.
+    assert counts[0, 0, 0] > 80
+
+
 def test_decision_adds_up_to_all_drops(dropper, monkeypatch):
-    monkeypatch.setattr(validate_engine, 'DECISION_DROPS', 250)
-    (decided,) = rows(validate_engine.decision(dropper))
+    monkeypatch.setattr(validate_convergence, 'DECISION_DROPS', 250)
+    (decided,) = rows(validate_convergence.decision(dropper))
     name, energy, agree, stillness, *none = decided[:8]
     assert name == 'l_bracket'
     assert int(energy) + int(stillness) == 250

@@ -30,7 +30,6 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.tracks.bands import measured_band
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,
@@ -43,8 +42,8 @@ from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
-from resting_aspects_ros.tracks.simulate import run_track
-from resting_aspects_ros.tracks.traps import Sensor, trap_text
+from resting_aspects_ros.tracks.simulate import measured_band, run_track
+from resting_aspects_ros.tracks.traps import Sensor, Surface, Trap, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000
@@ -306,8 +305,9 @@ def _warn_of_units(part: Part, on: Track) -> None:
     """Warn of dimensions that are so far from the size of the part that the unit is in doubt."""
     size = 2 * part.hull_radius
     low, high = (factor * size for factor in PLAUSIBLE)
-    for of in (on.surface, *on.traps):
-        what = 'track' if of is on.surface else trap_text(of)  # type: ignore[arg-type]
+    described: list[tuple[str, Surface | Trap]] = [('track', on.surface)]
+    described += [(trap_text(each), each) for each in on.traps]
+    for what, of in described:
         for name, each in quantities_of(of).items():
             value = getattr(of, name)
             default = type(of).__dataclass_fields__[name].default

@@ -1,10 +1,11 @@
 """What a feeder does next: pick, flip, spread, supply or wait."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -297,16 +298,6 @@ def _next_image(
 # -- Decision -------------------------------------------------------------------------------------
 
 
-__all__ = [
-    'Advice',
-    'Choice',
-    'ControllerModel',
-    'Expected',
-    'SeenPart',
-    'advise',
-    'pickable_parts',
-]
-
 _VERBS = {Choice.FLIP: 'flip', Choice.SPREAD: 'spread'}
 
 
@@ -388,11 +379,11 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     for option in possible_options(view, model, 0.0, 0):
         assert option.action is not None
         options[option.action] = option
-    best = max(options.values(), key=_value, default=None)
+    best = max(options.values(), key=attrgetter('value'), default=None)
     if chosen:
         scores = sum(seen[i].score for i in chosen)
         rest = _view(seen, chosen, model)
-        best = max(possible_options(rest, model, scores, len(chosen)), key=_value)
+        best = max(possible_options(rest, model, scores, len(chosen)), key=attrgetter('value'))
         options = {Choice.PICK: best, **options}
     if best is None:
         reason = 'Wait: there is no part on the tray, and none can be supplied.'
@@ -404,10 +395,6 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     choice = Choice.PICK if chosen else best.action or Choice.WAIT
     then = best.action if chosen else None
     return Advice(choice, chosen, then, best.supply, expected, _reason(best, chosen, view))
-
-
-def _value(option: Option) -> float:
-    return option.value
 
 
 def _check(seen: Sequence[SeenPart], model: ControllerModel) -> None:
@@ -483,58 +470,3 @@ def _reason(best: Option, chosen: Sequence[int], view: View) -> str:
 
 def _parts(number: int) -> str:
     return '1 part' if number == 1 else f'{number} parts'
-
-
-# -- Rules of today -------------------------------------------------------------------------------
-
-
-Controller = Callable[[Sequence[SeenPart]], Advice]
-# Parts to be supplied, from the parts on the tray.
-SupplyRule = Callable[[int], int]
-
-
-def flip_and_refill(model: ControllerModel, *, look: bool = False) -> Controller:
-    """Return the rule that refills the tray to the best number of parts with each flip.
-
-    It is the cycle of the forecast. With ``look``, a flip follows only if an image shows that no
-    part can be picked.
-    """
-    return _flip_with(lambda number: model.best_number - number, model, look)
-
-
-def supply_below(model: ControllerModel, number: int, *, look: bool = False) -> Controller:
-    """Return the rule that refills to the best number if fewer than ``number`` parts are left."""
-    return _flip_with(lambda left: (model.best_number - left) * (left < number), model, look)
-
-
-def hopper_rule(model: ControllerModel, most: int, *, look: bool = False) -> Controller:
-    """Return Asyril's rule for the hopper: its time is t = t_max max(0, 1 - N / N_best).
-
-    The number of supplied parts is assumed to be proportional to the time, with ``most`` parts in
-    t_max; at least one part is supplied to an empty tray.
-    """
-
-    def supplied(number: int) -> int:
-        return max(round(most * max(0.0, 1 - number / model.best_number)), number == 0)
-
-    return _flip_with(supplied, model, look)
-
-
-def _flip_with(rule: SupplyRule, model: ControllerModel, look: bool) -> Controller:
-    def decide(seen: Sequence[SeenPart]) -> Advice:
-        chosen = pickable_parts(seen, model)
-        left = len(seen) - len(chosen)
-        supply = max(rule(left), 0)
-        if model.max_supply is not None:
-            supply = min(supply, model.max_supply)
-        action = Choice.FLIP if left else Choice.SUPPLY
-        if chosen and (look and left):
-            return Advice(Choice.PICK, chosen, None, 0, {}, 'Parts can be picked.')
-        if chosen:
-            action_or_none = action if left or supply else None
-            return Advice(Choice.PICK, chosen, action_or_none, supply, {}, 'Parts can be picked.')
-        if not left and not supply:
-            return Advice(Choice.WAIT, (), None, 0, {}, 'There is no part.')
-        return Advice(action, (), None, supply, {}, 'No part can be picked.')
-
-    return decide

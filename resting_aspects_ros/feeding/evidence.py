@@ -228,31 +228,41 @@ class PartEvidence:
 
     def _use_drops(self) -> bool:
         """Take the newest distribution as evidence; return whether it is valid."""
-        if self.fed is None or self._drops is None:
+        known = self._drops
+        if known is None or not self._fits('drops', known.run, known.distribution):
             return False
-        try:
-            _check_fit(self.fed.known, self._drops.run, self._drops.distribution)
-        except InvalidValueError as error:
-            self.ignore('drops', error)
-            return False
-        self._counted, self._ignored['drops'] = self._drops.distribution, ''
+        self._counted = known.distribution
         return True
 
     def _use_flips(self) -> bool:
         """Take the newest transition matrix as evidence; return whether it is valid."""
-        if self.fed is None or self._flips is None:
+        known = self._flips
+        if known is None or not self._fits('flips', known.run, known.matrix, known.action):
+            return False
+        self._transitions = known.matrix
+        return True
+
+    def _fits(
+        self,
+        kind: str,
+        run: SimulatedRun,
+        found: Distribution | TransitionMatrix,
+        action: str | None = None,
+    ) -> bool:
+        """Return whether drops or flips are of the part and of the action; report why not."""
+        if self.fed is None:
             return False
         try:
-            if self._flips.action != self._action:
+            if action not in (None, self._action):
                 raise InvalidValueError(
-                    f'invalid action {self._flips.action}: expected {self._action}, as the '
-                    'parameter action states'
+                    f'invalid action {action}: expected {self._action}, as the parameter action '
+                    'states'
                 )
-            _check_fit(self.fed.known, self._flips.run, self._flips.matrix)
+            _check_fit(self.fed.known, run, found)
         except InvalidValueError as error:
-            self.ignore('flips', error)
+            self.ignore(kind, error)
             return False
-        self._transitions, self._ignored['flips'] = self._flips.matrix, ''
+        self._ignored[kind] = ''
         return True
 
     def _is_new(self, complete: bool) -> bool:

@@ -244,6 +244,28 @@ def free_grip(hit: Mask) -> Mask:
 TRIES, MIN_FIT = 100, 0.5
 
 
+def random_poses(
+    tray: Tray, sizes: Array, turn: float, generator: np.random.Generator
+) -> tuple[Poses, Mask]:
+    """Return random poses (n, 4) within the tray, and whether the parts fit into it so.
+
+    Parameters
+    ----------
+    sizes : (n, 3) float
+        Values of the footprints.
+    turn : float
+        Range of the yaw, rad.
+    """
+    yaw = generator.uniform(0, turn, len(sizes))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    a, b, radius = sizes.T
+    along, across = np.abs(cos), np.abs(sin)
+    half = np.stack([a * along + b * across, a * across + b * along], axis=1)
+    room = np.array(tray.size) / 2 - half - radius[:, None]
+    place = generator.uniform(-1, 1, (len(sizes), 2)) * room
+    return np.column_stack([place, cos, sin]), (room >= 0).all(axis=1)
+
+
 class Placing:
     """Parts on many trays, placed one after the other on all of them.
 
@@ -284,7 +306,9 @@ class Placing:
         self._hit[:, j] = self._grips.missing(kind)
         missing = np.flatnonzero(self._fitting)
         for _ in range(TRIES):
-            self._poses[missing, j], inside = self._proposed(kind[missing], generator)
+            self._poses[missing, j], inside = random_poses(
+                self._tray, self._size[kind[missing]], self._grips.turn, generator
+            )
             clear = np.ones(len(missing), dtype=np.bool_)
             if self._separated:
                 row, other = self._near(missing, 0.0)
@@ -326,18 +350,6 @@ class Placing:
         mean = free.mean() / number
         pairs = (free * (free - 1)).mean() / max(number * (number - 1), 1)
         return float(pairs / mean**2 - 1) if mean > 0 and number > 1 else 0.0
-
-    def _proposed(self, kind: Counts, generator: np.random.Generator) -> tuple[Poses, Mask]:
-        """Return random poses within the tray, and whether the parts fit into it so."""
-        yaw = generator.uniform(0, self._grips.turn, len(kind))
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        a, b, radius = self._size[kind].T
-        half = np.stack(
-            [a * np.abs(cos) + b * np.abs(sin), a * np.abs(sin) + b * np.abs(cos)], axis=1
-        )
-        room = np.array(self._tray.size) / 2 - half - radius[:, None]
-        place = generator.uniform(-1, 1, (len(kind), 2)) * room
-        return np.column_stack([place, cos, sin]), (room >= 0).all(axis=1)
 
     def _near(self, trays: Counts, room: float) -> tuple[Counts, Counts]:
         """Return trays and earlier parts on them that may be within reach of the last part."""

@@ -158,8 +158,8 @@ def sensitivity(
     base = float(parts_per_minute(times, found, supplied))
 
     def relative(name: str, factor: float) -> float:
-        changed = _changed(times, name, factor)
-        return float(parts_per_minute(changed, found, supplied)) / base - 1 if base else 0.0
+        changed = parts_per_minute(times.scaled(name, factor), found, supplied)
+        return float(changed) / base - 1 if base else 0.0
 
     names = ('robot', 'vibrate', 'settle', 'image', 'supply')
     return {name: (relative(name, 1 - change), relative(name, 1 + change)) for name in names}
@@ -175,12 +175,6 @@ def limited_by(times: CycleTimes, found: Picks, supplied: Array) -> str | None:
         for name in RESOURCES
     }
     return max(rates, key=lambda name: rates[name]) if any(rates.values()) else None
-
-
-def _changed(times: CycleTimes, name: str, factor: float) -> CycleTimes:
-    if name == 'robot':
-        return times.scaled('robot', factor)
-    return dataclasses.replace(times, **{name: min(factor * getattr(times, name), MAX_TIME)})
 
 
 # -- The long run ---------------------------------------------------------------------------------

@@ -1,8 +1,7 @@
 """Simulation of the parts on a tray, for controllers: parts per minute of their runs."""
 
 import math
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Protocol
@@ -10,16 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.control import (
     Advice,
     Choice,
-    Controller,
     ControllerModel,
     SeenPart,
     advise,
 )
-from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap
+from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap, random_poses
 from resting_aspects_ros.feeding.forecast import (
     DRAWS,
     RUNS,
@@ -35,6 +32,8 @@ from resting_aspects_ros.feeding.steady_state import (
 )
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence, containing
 from resting_aspects_ros.statistics.markov import Mask
+
+Controller = Callable[[Sequence[SeenPart]], Advice]
 
 # -- Places ---------------------------------------------------------------------------------------
 
@@ -57,42 +56,7 @@ class Places(Protocol):
         """Remove all but some of the parts."""
 
     def clearance(self) -> Array:
-        """Return the distance (n,) of each part from others, m; -1 where the gripper is blocked.
-
-        The density model knows only the clearance that is needed, and -1.
-        """
-
-
-class DensityPlaces:
-    """Places by the share of free parts, without positions.
-
-    A part in a new place is free with the probability of the table. If parts are added, some of
-    the free ones become blocked. If parts are removed, no other part becomes free, because only
-    free parts are picked, which block none.
-    """
-
-    def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
-        self._model, self._generator = model, generator
-        self._is_free: Mask = np.zeros(0, dtype=np.bool_)
-
-    def shake(self, classes: Counts) -> None:  # noqa: D102
-        self._is_free = self._generator.random(len(classes)) < self._share(len(classes), classes)
-
-    def add(self, classes: Counts) -> None:  # noqa: D102
-        before, now = len(self._is_free), len(classes)
-        old, new = self._share(before, classes), self._share(now, classes)
-        chance = np.where(np.arange(now) < before, new / np.maximum(old, 1e-12), new)
-        free = np.append(self._is_free, np.ones(now - before, dtype=np.bool_))
-        self._is_free = free & (self._generator.random(now) < chance)
-
-    def keep(self, which: Mask) -> None:  # noqa: D102
-        self._is_free = self._is_free[which]
-
-    def clearance(self) -> Array:  # noqa: D102
-        return np.where(self._is_free, self._model.feeder.tray.clearance, -1.0)
-
-    def _share(self, number: int, classes: Counts) -> Array:
-        return self._model.free(np.array(float(number)))[classes]
+        """Return the distance (n,) of each part from others, m; -1 if the gripper is blocked."""
 
 
 class RandomPlaces:
@@ -137,22 +101,13 @@ class RandomPlaces:
 
     def _empty_place(self, size: Array) -> Poses:
         """Return the first of random poses (4,) in which a part overlaps no other."""
+        sizes, number = np.tile(size, (_AT_ONCE, 1)), len(self._poses)
         for _ in range(TRIES // _AT_ONCE):
-            yaw = self._generator.uniform(0, self._grips.turn, _AT_ONCE)
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            a, b, radius = size
-            along, across = np.abs(cos), np.abs(sin)
-            half = np.stack([a * along + b * across, a * across + b * along], axis=1)
-            room = np.array(self._tray.size) / 2 - half - radius
-            place = self._generator.uniform(-1, 1, (_AT_ONCE, 2)) * np.maximum(room, 0.0)
-            poses = np.column_stack([place, cos, sin])
-            number = len(self._poses)
-            empty = (room >= 0).all(axis=1)
+            poses, empty = random_poses(self._tray, sizes, self._grips.turn, self._generator)
             if number:
                 row = np.repeat(np.arange(_AT_ONCE), number)
                 other = np.tile(np.arange(number), _AT_ONCE)
-                mine = np.broadcast_to(size, (len(row), 3))
-                apart = gap(poses[row], mine, self._poses[other], self._size[other])
+                apart = gap(poses[row], sizes[row], self._poses[other], self._size[other])
                 empty &= apart.reshape(_AT_ONCE, number).min(axis=1) >= 0
             if empty.any():
                 return np.asarray(poses[int(empty.argmax())])
@@ -169,20 +124,21 @@ WAITING = 1.0  # s, until a feeder that waits takes the next image
 class TrayRun:
     """What happened in a simulated run.
 
-    picks, images, supplied : int
+    images, supplied : int
     seconds : float
     picked : (picks,) float
         When each pick was over, s.
-    choices : mapping from Choice to int
-        How often each was chosen; after picks, the action that follows counts as well.
     """
 
-    picks: int
     images: int
     supplied: int
     seconds: float
     picked: Array
-    choices: Mapping[Choice, int]
+
+    @property
+    def picks(self) -> int:
+        """Number of picks."""
+        return len(self.picked)
 
     @property
     def rate(self) -> float:
@@ -191,18 +147,13 @@ class TrayRun:
 
 
 class SimulatedTray:
-    """Parts on a tray, each of them with a class, a place, and whether vision recognises it."""
+    """Parts on a tray, each of them with a class and a place."""
 
     def __init__(
-        self,
-        model: ControllerModel,
-        places: Places,
-        generator: np.random.Generator,
-        unrecognised: float = 0.0,
+        self, model: ControllerModel, places: Places, generator: np.random.Generator
     ) -> None:
-        self._places, self._generator, self._unrecognised = places, generator, unrecognised
+        self._places, self._generator = places, generator
         self.classes: Counts = np.zeros(0, dtype=np.int64)
-        self._known: Mask = np.zeros(0, dtype=np.bool_)
         self.use(model.moves)
 
     def use(self, moves: Moves) -> None:
@@ -214,16 +165,15 @@ class SimulatedTray:
         """Return what an image shows."""
         if not len(self.classes):
             return []
-        shown_class = np.where(self._known, self.classes + 1, 0).tolist()
-        clearance = self._places.clearance().tolist()
-        return [SeenPart(c, d) for c, d in zip(shown_class, clearance, strict=True)]
+        parts = zip(self.classes.tolist(), self._places.clearance().tolist(), strict=True)
+        return [SeenPart(k + 1, clearance) for k, clearance in parts]
 
     def remove(self, parts: Sequence[int]) -> None:
         """Remove the parts with these indices."""
         keep = np.ones(len(self.classes), dtype=np.bool_)
         keep[list(parts)] = False
         self._places.keep(keep)
-        self.classes, self._known = self.classes[keep], self._known[keep]
+        self.classes = self.classes[keep]
 
     def flip(self) -> None:
         """Flip all parts; some may leave the tray."""
@@ -236,80 +186,51 @@ class SimulatedTray:
     def spread(self) -> None:
         """Give each part a new place."""
         self._places.shake(self.classes)
-        self._known = self._recognised(len(self.classes))
 
     def supply(self, number: int) -> None:
         """Drop parts to random places."""
         rolled = self._generator.random(number) * self._drop[-1]
         self.classes = np.append(self.classes, np.searchsorted(self._drop, rolled, side='right'))
         self._places.add(self.classes)
-        self._known = np.append(self._known, self._recognised(number))
-
-    def _recognised(self, number: int) -> Mask:
-        return np.asarray(self._generator.random(number) >= self._unrecognised)
 
 
 def simulate(
-    controller: Callable[[Sequence[SeenPart]], Advice],
+    controller: Controller,
     model: ControllerModel,
     seconds: float,
-    generator: np.random.Generator,
-    *,
-    success: float = 1.0,
-    unrecognised: float = 0.0,
-    positions: bool = False,
-    places: Places | None = None,
-    moves: Moves | None = None,
+    tray: SimulatedTray,
 ) -> TrayRun:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
-    The times are those of `cycle.cycle_time`, with an image after each advice.
+    The times are those of `steady_state.cycle_time`, with an image after each advice.
 
     Parameters
     ----------
     controller : function of the seen parts
     model : ControllerModel
-        The true moves, shares of free parts and times; the controller may have another one.
+        Of the times; the controller and the tray may have other ones.
     seconds : float
         The run ends with the first image after this time.
-    generator : Generator
-    success : float
-        Probability that a pick succeeds; otherwise, the part stays where it is.
-    unrecognised : float
-        Probability that a part is not recognised in its present place.
-    positions : bool
-        Whether parts have random positions without overlap (RandomPlaces). Otherwise, it is drawn
-        from the table of the model whether they are free (DensityPlaces).
-    places : Places, optional
-        Empty places to be used instead.
-    moves : Moves, optional
-        True moves that differ from those of the model.
+    tray : SimulatedTray
+        Without parts.
     """
-    if not seconds > 0:
-        raise InvalidValueError(f'invalid seconds {shown(seconds)}: expected more than 0')
-    places = places or (RandomPlaces if positions else DensityPlaces)(model, generator)
-    tray = SimulatedTray(model, places, generator, unrecognised)
-    if moves is not None:
-        tray.use(moves)
     clock, images, supplied = 0.0, 0, 0
     done: list[float] = []
-    choices: Counter[Choice] = Counter()
     while clock < seconds:
         images += 1
         advice = controller(tray.seen())
         action = advice.then if advice.choice is Choice.PICK else advice.choice
-        choices.update({advice.choice, action or advice.choice})
-        hits = [success >= 1 or bool(generator.random() < success) for _ in advice.picks]
-        done += [clock + k * model.times.robot for k, hit in enumerate(hits, 1) if hit]
-        tray.remove([i for i, hit in zip(advice.picks, hits, strict=True) if hit])
+        picks = len(advice.picks)
+        done += [clock + k * model.times.robot for k in range(1, picks + 1)]
+        tray.remove(advice.picks)
         if action is Choice.FLIP:
             tray.flip()
         elif action is Choice.SPREAD:
             tray.spread()
         tray.supply(advice.supply)
         supplied += advice.supply
-        clock += _duration(model, action, len(advice.picks)) + model.times.supply * advice.supply
-    return TrayRun(len(done), images, supplied, clock, np.array(done), dict(choices))
+        clock += _duration(model, action, picks) + model.times.supply * advice.supply
+    return TrayRun(images, supplied, clock, np.array(done))
 
 
 def _duration(model: ControllerModel, action: Choice | None, picks: int) -> float:
@@ -564,15 +485,10 @@ def _simulated(
     ends = 60 * length * np.linspace(WARM_UP, 1, BATCHES + 1)
     counts = []
     for k, each in enumerate(generator.spawn(SIMULATED)):
-        picked = simulate(
-            decide,
-            model,
-            60 * length,
-            each,
-            positions=True,
-            places=None if places is None else places(each),
-            moves=Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]),
-        ).picked
+        there = RandomPlaces(model, each) if places is None else places(each)
+        tray = SimulatedTray(model, there, each)
+        tray.use(Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]))
+        picked = simulate(decide, model, 60 * length, tray).picked
         counts.append(np.searchsorted(picked, ends))
     steady = (1 - WARM_UP) * length
     batches = np.diff(counts, axis=1) / (steady / BATCHES)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
@@ -23,6 +24,7 @@ from resting_aspects_ros.aspects.symmetry import Symmetry
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import rotate, turned_about_vertical
+from resting_aspects_ros.vision.location import is_symmetry, vertical_order
 
 # Corners of the hull of an outline at which it turns by less than this, rad, are no corners.
 STRAIGHT = 1e-4
@@ -277,7 +279,7 @@ def orientations_on(
     found: list[Orientation] = []
     for aspect, share in zip(aspects.aspects, shares, strict=True):
         corners = rotate(aspect.orientation, part.vertices - part.centre_of_mass)
-        order = _vertical_order(aspect, aspects.symmetry)
+        order = vertical_order(aspects.symmetry, aspect.down_in_part)
         for yaw in _pushed(part, aspect, corners, wall_height).yaws(wall_friction, order):
             made = _orientation(part, aspect, yaw, share, corners, wall_height)
             same = [
@@ -391,44 +393,12 @@ def contact_region(part: Part, placed: Array) -> shapely.Geometry:
     return shapely.union_all(pieces)
 
 
-def _vertical_order(aspect: Aspect, symmetry: Symmetry | None) -> int:
-    """Return the number of rotations about the vertical that map the part onto itself; 0: all."""
-    if symmetry is None:
-        return 1
-    if symmetry.kind == 'spherical':
-        return 0
-    down = aspect.down_in_part
-    moved = symmetry.rotations @ down - down
-    if symmetry.axis is None:
-        return int((np.abs(moved).max(axis=1) < ALIKE).sum())
-    if abs(float(symmetry.axis @ down)) > 1 - ALIKE**2:
-        return 0
-    # A rotation about the axis brings down back if it is as far along the axis as before.
-    return int((np.abs(moved @ symmetry.axis) < ALIKE).sum())
-
-
 def same_orientation(
     one: Array, other: Array, symmetry: Symmetry | None, within: float = ALIKE
 ) -> bool:
     """Return whether a rotation of the part onto itself maps an orientation to the other, rad."""
-    first, second = _matrix(one), _matrix(other)
-    if symmetry is None:
-        return bool(np.abs(first - second).max() < within)
-    if symmetry.kind == 'spherical':
-        return True
-    for rotation in symmetry.rotations:
-        turned = first @ rotation
-        if symmetry.axis is not None:
-            near = np.abs((turned - second) @ symmetry.axis).max() < within
-        else:
-            near = np.abs(turned - second).max() < within
-        if near:
-            return True
-    return False
-
-
-def _matrix(orientation: Array) -> Array:
-    return np.asarray(rotate(orientation, np.eye(3)).T)
+    turn = Rotation.from_quat(one).inv() * Rotation.from_quat(other)
+    return is_symmetry(symmetry, turn.as_rotvec(), within)
 
 
 def _joined(one: Orientation, other: Orientation) -> Orientation:

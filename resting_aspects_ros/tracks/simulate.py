@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,7 @@ from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Nois
 from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.statistics.intervals import Interval, intervals
 from resting_aspects_ros.tracks.description import Track
+from resting_aspects_ros.tracks.design import Band
 from resting_aspects_ros.tracks.orientations import Orientation
 from resting_aspects_ros.tracks.rate import Passage
 from resting_aspects_ros.tracks.support import FAR
@@ -191,6 +193,50 @@ def run_over(
     last = _run(job, states, row.length, far, depth, track.speed)
     ends = _ends(job, states, last, far, depth)
     return np.asarray([int((ends == code).sum()) for code in range(len(OUTCOMES))])
+
+
+# -- Grey bands -----------------------------------------------------------------------------------
+
+
+# Distances from the critical value at which parts run, m, and parts at each.
+OFFSETS = (1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3)
+PARTS = 20
+# Share of the parts that must pass, or be rejected.
+ENOUGH = 0.95
+
+
+def measured_band(
+    part: Part,
+    row: Orientation,
+    trap: Any,
+    dimension: str,
+    critical: float,
+    track: Track,
+    conditions: DropConditions,
+    seed: int,
+) -> Band:
+    """Return the grey band of a row and a trap; an end that is not within 4 mm is infinite.
+
+    Parts run over the trap with dimensions on both sides of the critical value, farther and
+    farther away from it, until at least 95 % of them pass, and until at least 95 % of them fall
+    off.
+
+    critical : the critical value of the dimension by statics, m
+    """
+    more_pass = 1.0 if dimension in ('height', 'width') else -1.0
+
+    def end(direction: float, outcome: str) -> float:
+        for offset in OFFSETS:
+            value = critical + direction * offset
+            if value <= 0:
+                break
+            tried = dataclasses.replace(trap, **{dimension: value})
+            counts = run_over(part, row, tried, track, conditions, PARTS, (seed, 13, row.id))
+            if counts[OUTCOMES.index(outcome)] >= ENOUGH * PARTS:
+                return value
+        return math.inf
+
+    return Band(end(more_pass, 'pass'), end(-more_pass, 'reject'))
 
 
 # -- Scene ----------------------------------------------------------------------------------------

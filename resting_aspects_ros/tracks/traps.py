@@ -6,7 +6,7 @@ keys of YAML files, documents and texts follow.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -110,44 +110,57 @@ class Arrival:
 
 
 @dataclass(frozen=True)
-class Wiper:
+class Trap:
+    """Something on a track that some orientations pass; its fields are its dimensions."""
+
+    kind: ClassVar[str]
+    # Two dimensions of which the first is the lower one.
+    ordered: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        ends = [getattr(self, name) for name in self.ordered]
+        if ends and not ends[0] < ends[1]:
+            raise InvalidValueError(
+                f'invalid {self.kind} from {ends[0]:g} to {ends[1]:g} m: expected the lower value '
+                'first'
+            )
+
+    def outcome(self, arrival: Arrival) -> Outcome:
+        """Return what the trap does to an orientation."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Wiper(Trap):
     """A blade across the track that pushes off what is higher than the gap below it."""
 
     kind: ClassVar[str] = 'wiper'
     height: float = quantity('height', 'm', 'gap below the blade', high=MAX_SIZE, above=True)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
-        height = arrival.row.height
-        margin = self.height - height
+        margin = self.height - arrival.row.height
         result: Result = 'pass' if margin > 0 else 'jam' if margin > -WEDGE else 'reject'
-        return Outcome(result, height, margin, 'height')
+        return Outcome(result, arrival.row.height, margin, 'height')
 
 
 @dataclass(frozen=True)
-class HoldDown:
+class HoldDown(Trap):
     """A cover above the track that keeps parts from rising; what is higher jams."""
 
     kind: ClassVar[str] = 'hold_down'
     height: float = quantity('height', 'm', 'gap below the cover', high=MAX_SIZE, above=True)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
-        height = arrival.row.height
-        margin = self.height - height
-        return Outcome('pass' if margin > 0 else 'jam', height, margin, 'height')
+        margin = self.height - arrival.row.height
+        return Outcome('pass' if margin > 0 else 'jam', arrival.row.height, margin, 'height')
 
 
-class Cut:
+@dataclass(frozen=True)
+class Cut(Trap):
     """A piece that is cut out of the track; parts fall through it or over its edge."""
-
-    kind: ClassVar[str]
 
     def removed(self) -> shapely.Geometry:
         """Return the piece, x and y in m; it begins at x = 0."""
@@ -186,7 +199,7 @@ class Cut:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
         low, high = self.ranges[name]
         return critical_value(
-            lambda value: dataclasses.replace(self, **{name: value}).passes(arrival),  # type: ignore[type-var]
+            lambda value: dataclasses.replace(self, **{name: value}).passes(arrival),
             low,
             high,
         )
@@ -199,9 +212,6 @@ class Balcony(Cut):
     kind: ClassVar[str] = 'balcony'
     width: float = quantity('width', 'm', 'width that is left', high=MAX_SIZE, above=True)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def removed(self) -> shapely.Geometry:
         """See Cut."""
         return shapely.box(-FAR, self.width, FAR, FAR)
@@ -213,9 +223,6 @@ class Gap(Cut):
 
     kind: ClassVar[str] = 'gap'
     length: float = quantity('length', 'm', 'length along the track', high=MAX_SIZE, above=True)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def removed(self) -> shapely.Geometry:
         """See Cut."""
@@ -231,14 +238,11 @@ class Canyon(Cut):
     """A slit along the track, between two distances from the wall, longer than every part."""
 
     kind: ClassVar[str] = 'canyon'
+    ordered: ClassVar[tuple[str, ...]] = ('start', 'end')
     start: float = quantity('start', 'm', 'distance of its near side from the wall', high=MAX_SIZE)
     end: float = quantity(
         'end', 'm', 'distance of its far side from the wall', high=MAX_SIZE, above=True
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-        _check_order(self.kind, self.start, self.end)
 
     def removed(self) -> shapely.Geometry:
         """See Cut."""
@@ -275,15 +279,12 @@ class Groove(_Strip):
 
 
 @dataclass(frozen=True)
-class Riser:
+class Riser(Trap):
     """A strip at the outer edge that is higher than the track and lifts what reaches it."""
 
     kind: ClassVar[str] = 'riser'
     start: float = quantity('start', 'm', 'distance of the strip from the wall', high=MAX_SIZE)
     height: float = quantity('height', 'm', 'height above the track', high=MAX_SIZE, above=True)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation; statics does not tell how it is lifted."""
@@ -297,15 +298,12 @@ class Slot(Cut):
     """A rectangular hole in the track."""
 
     kind: ClassVar[str] = 'slot'
+    ordered: ClassVar[tuple[str, ...]] = ('start', 'end')
     start: float = quantity('start', 'm', 'distance of its near side from the wall', high=MAX_SIZE)
     end: float = quantity(
         'end', 'm', 'distance of its far side from the wall', high=MAX_SIZE, above=True
     )
     length: float = quantity('length', 'm', 'length along the track', high=MAX_SIZE, above=True)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-        _check_order(self.kind, self.start, self.end)
 
     def removed(self) -> shapely.Geometry:
         """See Cut."""
@@ -333,9 +331,6 @@ class Scallop(Cut):
     centre: float = quantity('centre', 'm', 'distance of its centre from the wall', high=MAX_SIZE)
     radius: float = quantity('radius', 'm', 'radius', high=MAX_SIZE, above=True)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     def removed(self) -> shapely.Geometry:
         """See Cut."""
         return shapely.Point(self.radius, self.centre).buffer(self.radius, quad_segs=32)
@@ -360,7 +355,7 @@ class CutOut(Cut):
     points: tuple[tuple[float, float], ...] = field(default=(), kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         given = np.asarray(self.points, dtype=np.float64)
         if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 3:
             raise InvalidValueError(
@@ -388,19 +383,16 @@ class CutOut(Cut):
 
 
 @dataclass(frozen=True)
-class Projection:
+class Projection(Trap):
     """A strip on the wall that pushes parts outwards, over the edge of a track of some width."""
 
     kind: ClassVar[str] = 'projection'
+    ordered: ClassVar[tuple[str, ...]] = ('low', 'high')
     depth: float = quantity('depth', 'm', 'how far it stands out', high=MAX_SIZE, above=True)
     low: float = quantity('low', 'm', 'height of its lower side', high=MAX_SIZE, default=0.0)
     high: float = quantity(
         'high', 'm', 'height of its upper side', high=MAX_SIZE, above=True, default=MAX_SIZE
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-        _check_order(self.kind, self.low, self.high)
 
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
@@ -423,7 +415,7 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Trap):
     """A camera with an air jet that blows off what it does not identify as a wanted orientation.
 
     Its outcomes follow from the confusion matrix of the identification; see sensor.py.
@@ -445,12 +437,9 @@ class Sensor:
         default=1e-4,
     )
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class AirJet:
+class AirJet(Trap):
     """A jet out of the wall that blows off what is high enough and light enough.
 
     The force is that of the jet on the part; measure it, because it depends on the part's shape.
@@ -459,9 +448,6 @@ class AirJet:
     kind: ClassVar[str] = 'air_jet'
     height: float = quantity('height', 'm', 'height of the jet', high=MAX_SIZE, above=True)
     force: float = quantity('force', 'N', 'force on a part', high=1000.0, above=True)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation.
@@ -499,30 +485,6 @@ def _nearest_between(row: Orientation, part: Part, low: float, high: float) -> f
     return near
 
 
-def _check_order(kind: str, low: float, high: float) -> None:
-    if not low < high:
-        raise InvalidValueError(
-            f'invalid {kind} from {low:g} to {high:g} m: expected the lower value first'
-        )
-
-
-# Traps of which statics tells the outcome, or that it is not known.
-Passive = (
-    Wiper
-    | HoldDown
-    | Balcony
-    | Gap
-    | Canyon
-    | Groove
-    | Rail
-    | Slot
-    | Scallop
-    | CutOut
-    | Riser
-    | Projection
-    | AirJet
-)
-Trap = Passive | Sensor
 KINDS: dict[str, type[Trap]] = {
     each.kind: each
     for each in (
@@ -544,15 +506,10 @@ KINDS: dict[str, type[Trap]] = {
 }
 
 
-def make_trap(kind: str, values: Mapping[str, Any]) -> Trap:
-    """Return the trap of a kind with these values, SI units; raises InvalidValueError."""
-    return made_from(KINDS, 'trap', kind, values, ('points',) if kind == CutOut.kind else ())
-
-
 def read_trap(document: Any) -> Trap:
     """Return a trap from a mapping with its kind and its values; raises InvalidValueError."""
     kind, values, _ = described_kind('trap', document, KINDS)
-    return make_trap(kind, values)
+    return made_from(KINDS, 'trap', kind, values, ('points',) if kind == CutOut.kind else ())
 
 
 def trap_text(trap: Trap) -> str:
@@ -574,7 +531,7 @@ def value_text(value: float, unit: str) -> str:
 
 
 def outcomes(
-    rows: Sequence[Orientation], trap: Passive, surface: Surface, part: Part
+    rows: Sequence[Orientation], trap: Trap, surface: Surface, part: Part
 ) -> list[Outcome]:
     """Return what a trap does to each orientation; a part that rolls is not known."""
     arrivals = [Arrival(row, surface, part) for row in rows]

@@ -169,16 +169,13 @@ class Boundary:
         steps = 2 ** np.arange(np.ceil(np.log2(n)))[::-1]
         return all(self.equals(self, 2 * np.pi * k / n, np.zeros(2)) for k in steps)
 
+    @cached_property
     def signature(self) -> Array:
-        """Return the integrals of the polygon along rays from the centroid, (len(POWERS), RAYS).
+        """(len(POWERS), RAYS) float: integrals of the polygon along rays from the centroid.
 
         Row p is the sum of r^p over the crossings of a ray with the boundary, with a sign: outward
         crossings are positive. It rotates with the outline and contains its holes.
         """
-        return self._signature
-
-    @cached_property
-    def _signature(self) -> Array:
         start, end = self.points, self._ends
         cross = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
         step = 2 * np.pi / RAYS

@@ -24,7 +24,6 @@ from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
     Shape,
     mismatch,
-    refined,
 )
 from resting_aspects_ros.vision.location import Pose, vertical_order
 from resting_aspects_ros.vision.outline import rolled, silhouette
@@ -465,7 +464,7 @@ class _ClassFits:
         """Return the fit of a part to the image near a place, and what is seen of it there."""
         for _ in range(STEPS):
             model = self._projected(orientation, place)
-            (one,) = refined(model, self._seen, np.array([place.yaw]))
+            (one,) = model.stack.refined(np.zeros(1, np.int64), self._seen, np.array([place.yaw]))
             turned = model.boundary.radius * abs(np.angle(np.exp(1j * (one.yaw - place.yaw))))
             moved = np.hypot(one.x - place.x, one.y - place.y) + turned
             place = one

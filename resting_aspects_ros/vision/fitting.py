@@ -1,16 +1,20 @@
 """Fit of outlines to seen ones: poses of least squares, residuals, and their probability."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy.optimize import minimize
+from scipy.spatial import cKDTree
 from shapely import affinity
 from shapely.geometry.polygon import orient
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.vision.boundary import (
     RAYS,
@@ -18,6 +22,7 @@ from resting_aspects_ros.vision.boundary import (
     SAME,
     Boundary,
     common_area,
+    nearest_on_pieces,
     normal_equations,
     turn,
     turned,
@@ -76,19 +81,19 @@ class Shape:
         return float(np.sqrt(((there**2).sum(axis=1).mean() + (back**2).sum(axis=1).mean()) / 2))
 
     @cached_property
-    def signature(self) -> Array:
-        """(2, RAYS) float: the signature of the boundary."""
-        return self.boundary.signature()
-
-    @cached_property
     def spectrum(self) -> Array:
-        """Fourier transform of the signature."""
-        return np.asarray(np.fft.rfft(self.signature))
+        """Fourier transform of the signature of the boundary."""
+        return np.asarray(np.fft.rfft(self.boundary.signature))
 
     @cached_property
     def squares(self) -> Array:
         """(2,) float: sums of the squares of the signature."""
-        return np.asarray((self.signature**2).sum(axis=1))
+        return np.asarray((self.boundary.signature**2).sum(axis=1))
+
+    @cached_property
+    def stack(self) -> 'ShapeStack':
+        """The shape alone, for fits."""
+        return ShapeStack([self])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +121,14 @@ class Fit:
 
     def overlap(self, model: shapely.Polygon, seen: shapely.Polygon) -> float:
         """Return the intersection over the union of the polygons."""
-        move = np.array([self.x, self.y])
-        moved = shapely.transform(model, lambda points: points @ turn(self.yaw).T + move)
-        common = common_area(moved, seen)
-        return common / (float(model.area) + float(seen.area) - common)
+        return overlap_at(model, seen, self.yaw, np.array([self.x, self.y]))
+
+
+def overlap_at(model: shapely.Polygon, seen: shapely.Polygon, yaw: float, move: Array) -> float:
+    """Return the intersection over the union, the model being rotated, rad, and moved, m."""
+    moved = shapely.transform(model, lambda points: points @ turn(yaw).T + move)
+    common = common_area(moved, seen)
+    return common / (float(model.area) + float(seen.area) - common)
 
 
 @lru_cache(maxsize=256)
@@ -128,53 +137,111 @@ def shape_of(polygon: shapely.Polygon) -> Shape:
     return Shape(polygon)
 
 
+class ShapeStack:
+    """The boundaries and samples of several shapes, for fits of many at once."""
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        boundaries = [shape.boundary for shape in shapes]
+        first = np.cumsum([0, *(len(each.points) for each in boundaries)])
+        self._points = np.concatenate([each.points for each in boundaries])
+        self._along = np.concatenate([each.along for each in boundaries])
+        self._squares = np.concatenate([each.squares for each in boundaries])
+        self._normals = np.concatenate([each.normals for each in boundaries])
+        self._sides = np.concatenate(
+            [each.sides + k for each, k in zip(boundaries, first[:-1], strict=True)], axis=1
+        )
+        self._scale = np.array([each.radius for each in boundaries])
+        self._centres = np.array([each.centre for each in boundaries])
+        self._samples = [shape.samples for shape in shapes]
+        # Points to be aligned are closer to their shape than to the next one.
+        self._step = np.array([[10 * float(self._scale.max()), 0.0]])
+        owner = np.repeat(np.arange(len(shapes)), np.diff(first))
+        self._tree = cKDTree(self._points + owner[:, None] * self._step)
+
+    def refined(
+        self,
+        which: Indices,
+        seen: Shape,
+        yaws: Array,
+        iterations: int = ITERATIONS,
+        most: int | None = None,
+    ) -> list[Fit]:
+        """Return the fit of each of the shapes ``which`` (j,) near a yaw (j,), rad.
+
+        They minimize the squared distances of the seen samples to the lines of the nearest pieces
+        of the shapes (Chen and Medioni 1992). After one step, only the ``most`` nearest ones are
+        refined further.
+        """
+        shifts = np.zeros((len(yaws), 2))
+        some = seen.samples[::EVERY]
+        for step in range(iterations + 1):
+            points = turned(some[None] - shifts[:, None], -yaws)
+            way, piece = self._nearest(which, points)
+            if step == 1 and most is not None and len(yaws) > most:
+                nearest = (way**2).sum(axis=(1, 2))
+                kept = np.sort(np.argsort(nearest, kind='stable')[:most])
+                which, yaws, shifts = which[kept], yaws[kept], shifts[kept]
+                points, way, piece = points[kept], way[kept], piece[kept]
+            scale = self._scale[which]
+            square, right = normal_equations(points, way, self._normals[piece], scale)
+            if step < iterations:
+                moved = np.asarray(np.linalg.solve(square, right[..., None]), np.float64)[..., 0]
+                shifts = shifts - turned(moved[:, None, 1:], yaws)[:, 0]
+                yaws = yaws - moved[:, 0] / scale
+        stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
+        there, _ = self._nearest(which, turned(seen.samples[None] - shifts[:, None], -yaws))
+        found = []
+        for k, back in enumerate(self._backs(which, seen, yaws, shifts)):
+            one = (there[k] ** 2).sum(axis=1)
+            x, y = seen.boundary.centre + shifts[k] - turn(yaws[k]) @ self._centres[which[k]]
+            found.append(
+                Fit(
+                    float(np.angle(np.exp(1j * yaws[k]))),
+                    float(x),
+                    float(y),
+                    float((one.mean() + back.mean()) / 2),
+                    float(np.sqrt(max(one.max(), back.max()))),
+                    float(stiffness[k]),
+                )
+            )
+        return found
+
+    def _nearest(self, which: Indices, points: Array) -> tuple[Array, Indices]:
+        """Return the ways (j, m, 2) from points (j, m, 2) to shapes, and the pieces (j, m)."""
+        flat = points.reshape(-1, 2)
+        owner = np.repeat(which, points.shape[1])
+        near = self._tree.query(flat + owner[:, None] * self._step)[1]
+        way, piece = nearest_on_pieces(
+            flat, self._sides[:, near], self._points, self._along, self._squares
+        )
+        return way.reshape(points.shape), piece.reshape(points.shape[:2])
+
+    def _backs(self, which: Indices, seen: Shape, yaws: Array, shifts: Array) -> list[Array]:
+        """Return the squared distances of the samples of each shape from the seen boundary."""
+        samples = [self._samples[k] for k in which]
+        ends = np.cumsum([0, *map(len, samples)])
+        owner = np.repeat(np.arange(len(which)), np.diff(ends))
+        x, y = np.concatenate(samples).T
+        c, s = np.cos(yaws)[owner], np.sin(yaws)[owner]
+        moved = np.stack([c * x - s * y, s * x + c * y], axis=1) + shifts[owner]
+        square = (seen.boundary.nearest(moved)[0] ** 2).sum(axis=1)
+        return [square[a:b] for a, b in pairwise(ends)]
+
+
 def fit(model: Shape, seen: Shape, order: int = 1) -> tuple[Fit, ...]:
     """Return the fits of a model to a seen outline, the least residual first.
 
     ``order`` is the yaw symmetry of the model (0: round): of solutions that differ by a rotation
     of the model onto itself, one is returned.
     """
-    return refined(model, seen, candidate_yaws(model, seen, order), order)
-
-
-def refined(
-    model: Shape, seen: Shape, yaws: Array, order: int = 1, iterations: int = ITERATIONS
-) -> tuple[Fit, ...]:
-    """Return the fits near yaws (k,), rad, the least residual first.
-
-    They minimize the squared distances of the seen samples to the lines of the nearest pieces of
-    the model (Chen and Medioni 1992).
-    """
-    shifts = np.zeros((len(yaws), 2))
-    some = seen.samples[::EVERY]
-    scale = model.boundary.radius
-    for step in range(iterations + 1):
-        points = turned(some[None] - shifts[:, None], -yaws)
-        way, piece = model.boundary.nearest(points.reshape(-1, 2))
-        if step == 1 and len(yaws) > MAX_YAWS:
-            nearest = (way**2).sum(axis=1).reshape(len(yaws), -1).sum(axis=1)
-            kept = np.sort(np.argsort(nearest, kind='stable')[:MAX_YAWS])
-            yaws, shifts, points = yaws[kept], shifts[kept], points[kept]
-            way = way.reshape(len(nearest), -1, 2)[kept].reshape(-1, 2)
-            piece = piece.reshape(len(nearest), -1)[kept].ravel()
-        normals = model.boundary.normals[piece].reshape(points.shape)
-        square, right = normal_equations(points, way.reshape(points.shape), normals, scale)
-        if step == iterations:
-            break
-        moved = np.asarray(np.linalg.solve(square, right[..., None]), np.float64)[..., 0]
-        shifts = shifts - turned(moved[:, None, 1:], yaws)[:, 0]
-        yaws = yaws - moved[:, 0] / scale
-    stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
-    there, back = _distances(model, seen, yaws, shifts)
-    squares = ((there**2).mean(axis=1) + (back**2).mean(axis=1)) / 2
+    yaws = candidate_yaws(model, seen, order)
+    which = np.zeros(len(yaws), dtype=np.int64)
     found: list[Fit] = []
-    for k in np.argsort(squares, kind='stable'):
-        yaw = float(np.angle(np.exp(1j * yaws[k])))
-        if any(_same(yaw, other.yaw, order) for other in found):
-            continue
-        x, y = seen.boundary.centre + shifts[k] - turn(yaw) @ model.boundary.centre
-        largest = float(max(there[k].max(), back[k].max()))
-        found.append(Fit(yaw, float(x), float(y), float(squares[k]), largest, float(stiffness[k])))
+    for one in sorted(
+        model.stack.refined(which, seen, yaws, most=MAX_YAWS), key=attrgetter('square')
+    ):
+        if not any(_same(one.yaw, other.yaw, order) for other in found):
+            found.append(one)
     return tuple(found)
 
 
@@ -227,18 +294,6 @@ def _moment(ring: shapely.LinearRing, centre: Array) -> float:
 
 def _same(one: float, other: float, order: int) -> bool:
     return order == 0 or abs(np.angle(np.exp(1j * order * (one - other)))) < order * SAME_YAW
-
-
-def _distances(model: Shape, seen: Shape, yaws: Array, shifts: Array) -> tuple[Array, Array]:
-    """Return the distances (k, m) of the observed samples and of those of the model, m."""
-    points = turned(seen.samples[None] - shifts[:, None], -yaws)
-    there, _ = model.boundary.nearest(points.reshape(-1, 2))
-    points = turned(np.broadcast_to(model.samples, (len(yaws), *model.samples.shape)), yaws)
-    back, _ = seen.boundary.nearest((points + shifts[:, None]).reshape(-1, 2))
-    return (
-        np.linalg.norm(there, axis=1).reshape(len(yaws), -1),
-        np.linalg.norm(back, axis=1).reshape(len(yaws), -1),
-    )
 
 
 # -- Matches --------------------------------------------------------------------------------------
@@ -314,11 +369,8 @@ def _pose(found: Fit, model: Shape, seen: Shape) -> Pose:
 
 def _overlap(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
     """Return the intersection over union."""
-    matrix = turn(yaw)
-    move = seen.boundary.centre + shift - matrix @ model.boundary.centre
-    moved = shapely.transform(model.polygon, lambda points: points @ matrix.T + move)
-    common = common_area(moved, seen.polygon)
-    return common / (model.area + seen.area - common)
+    move = seen.boundary.centre + shift - turn(yaw) @ model.boundary.centre
+    return overlap_at(model.polygon, seen.polygon, yaw, move)
 
 
 def _pose_of_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> Pose:

@@ -11,8 +11,8 @@ from shapely import affinity
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, product, rotate
-from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.vision.location import Pose, checked_pose
 from resting_aspects_ros.vision.rolling import KnownPart
 
 
@@ -41,16 +41,7 @@ class Grasp:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        position, xyzw = np.asarray(self.position, float), np.asarray(self.orientation, float)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise InvalidValueError(
-                f'invalid position {shown(position.tolist())} of a grasp: expected x, y, z in m'
-            )
-        if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
-            raise InvalidValueError(
-                f'invalid orientation {shown(xyzw.tolist())} of a grasp: expected a unit '
-                'quaternion xyzw'
-            )
+        position, orientation = checked_pose(self.position, self.orientation, ' of a grasp')
         sides = (self.length, self.width, self.radius)
         if not all(0 <= side < np.inf for side in sides) or not any(sides):
             raise InvalidValueError(
@@ -58,7 +49,7 @@ class Grasp:
                 'one of them above 0'
             )
         object.__setattr__(self, 'position', position)
-        object.__setattr__(self, 'orientation', canonical(xyzw))
+        object.__setattr__(self, 'orientation', orientation)
 
 
 def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
@@ -247,6 +248,25 @@ class Placement:
         return self.aspects.aspects[number - 1]
 
 
+def checked_pose(
+    position: npt.ArrayLike, orientation: npt.ArrayLike, of: str = ''
+) -> tuple[Array, Array]:
+    """Return a position (3,), m, and a canonical quaternion (4,) xyzw; InvalidValueError.
+
+    ``of`` states in the error what they are of, such as ' of a grasp'.
+    """
+    place, xyzw = np.asarray(position, float), np.asarray(orientation, float)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InvalidValueError(
+            f'invalid position {shown(place.tolist())}{of}: expected x, y, z in m'
+        )
+    if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid orientation {shown(xyzw.tolist())}{of}: expected a unit quaternion xyzw'
+        )
+    return place, canonical(xyzw)
+
+
 def camera_pose(
     placements: tuple[Placement, ...], position: Array, orientation: Array
 ) -> CameraPose:
@@ -266,14 +286,7 @@ def camera_pose(
     InvalidValueError
         The pose is not finite, or in no aspect of the part (within 3 degrees).
     """
-    position, orientation = np.asarray(position, float), np.asarray(orientation, float)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise InvalidValueError(f'invalid position {shown(position.tolist())}: expected x, y, z')
-    if orientation.shape != (4,) or not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
-        raise InvalidValueError(
-            f'invalid orientation {shown(orientation.tolist())}: expected a unit quaternion xyzw'
-        )
-    unit = canonical(orientation)
+    position, unit = checked_pose(position, orientation)
     ids, angle = placements[0].aspects.locate(down_in_part(unit)[None])
     for each in placements:
         if angle[0] <= POSE_ANGLE and ids[0] in each.outline.aspects:

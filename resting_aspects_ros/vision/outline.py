@@ -293,7 +293,7 @@ class Outline:
         others have the same outline, rotated about the vertical.
     polygon : shapely.Polygon
         At yaw 0, which is the part in ``Aspect.orientation`` of `aspect`; see
-        core/aspects/heading.py. The exterior is counter-clockwise; through-holes are clockwise.
+        aspects/find.py. The exterior is counter-clockwise; through-holes are clockwise.
     height : float
         Height of the highest point above the tray, m.
     com_height : float

@@ -9,33 +9,24 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet, Sweep
-from resting_aspects_ros.aspects.symmetry import Symmetry
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.vision.boundary import (
-    RAYS,
-    nearest_on_pieces,
-    normal_equations,
-    turn,
-    turned,
-)
+from resting_aspects_ros.vision.boundary import RAYS
 from resting_aspects_ros.vision.fitting import (
-    EVERY,
     MAX_WORSE,
     Fit,
     OutlineNoise,
     Shape,
+    ShapeStack,
     fit,
     known_likelihood,
     mismatch,
     shape_of,
 )
-from resting_aspects_ros.vision.location import Placement, Pose
+from resting_aspects_ros.vision.location import Placement, Pose, vertical_order
 from resting_aspects_ros.vision.outline import (
-    SAME_AXIS,
     Outline,
     roll_between,
     rolled,
@@ -44,91 +35,6 @@ from resting_aspects_ros.vision.outline import (
     seen_outline,
     spread,
 )
-
-# -- Several outlines -----------------------------------------------------------------------------
-
-
-class ViewStack:
-    """The boundaries and samples of several shapes.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-    """
-
-    def __init__(self, shapes: Sequence[Shape]) -> None:
-        boundaries = [shape.boundary for shape in shapes]
-        first = np.cumsum([0, *(len(each.points) for each in boundaries)])
-        self._points = np.concatenate([each.points for each in boundaries])
-        self._along = np.concatenate([each.along for each in boundaries])
-        self._squares = np.concatenate([each.squares for each in boundaries])
-        self._normals = np.concatenate([each.normals for each in boundaries])
-        self._sides = np.concatenate(
-            [each.sides + k for each, k in zip(boundaries, first[:-1], strict=True)], axis=1
-        )
-        self._scale = np.array([each.radius for each in boundaries])
-        self._centres = np.array([each.centre for each in boundaries])
-        self._samples = [shape.samples for shape in shapes]
-        # Points to be aligned are closer to their shape than to the next one.
-        self._step = np.array([[10 * float(self._scale.max()), 0.0]])
-        owner = np.repeat(np.arange(len(shapes)), np.diff(first))
-        self._tree = cKDTree(self._points + owner[:, None] * self._step)
-
-    def refined(self, which: Indices, seen: Shape, yaws: Array, iterations: int) -> list[Fit]:
-        """Return the fit of each of the shapes ``which`` (j,) near a yaw (j,), rad.
-
-        It is that of `fitting.refined` with a single yaw.
-        """
-        shifts = np.zeros((len(yaws), 2))
-        some, scale = seen.samples[::EVERY], self._scale[which]
-        for step in range(iterations + 1):
-            points = turned(some[None] - shifts[:, None], -yaws)
-            way, piece = self._nearest(which, points)
-            square, right = normal_equations(points, way, self._normals[piece], scale)
-            if step < iterations:
-                moved = np.asarray(np.linalg.solve(square, right[..., None]), np.float64)[..., 0]
-                shifts = shifts - turned(moved[:, None, 1:], yaws)[:, 0]
-                yaws = yaws - moved[:, 0] / scale
-        stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
-        there, _ = self._nearest(which, turned(seen.samples[None] - shifts[:, None], -yaws))
-        backs = self._backs(which, seen, yaws, shifts)
-        found = []
-        for k, back in enumerate(backs):
-            one = (there[k] ** 2).sum(axis=1)
-            x, y = seen.boundary.centre + shifts[k] - turn(yaws[k]) @ self._centres[which[k]]
-            found.append(
-                Fit(
-                    float(np.angle(np.exp(1j * yaws[k]))),
-                    float(x),
-                    float(y),
-                    float((one.mean() + back.mean()) / 2),
-                    float(np.sqrt(max(one.max(), back.max()))),
-                    float(stiffness[k]),
-                )
-            )
-        return found
-
-    def _nearest(self, which: Indices, points: Array) -> tuple[Array, Indices]:
-        """Return the ways (j, m, 2) from points (j, m, 2) to shapes, and the pieces (j, m)."""
-        flat = points.reshape(-1, 2)
-        owner = np.repeat(which, points.shape[1])
-        near = self._tree.query(flat + owner[:, None] * self._step)[1]
-        way, piece = nearest_on_pieces(
-            flat, self._sides[:, near], self._points, self._along, self._squares
-        )
-        return way.reshape(points.shape), piece.reshape(points.shape[:2])
-
-    def _backs(self, which: Indices, seen: Shape, yaws: Array, shifts: Array) -> list[Array]:
-        """Return the squared distances of the samples of each shape from the seen boundary."""
-        samples = [self._samples[k] for k in which]
-        ends = np.cumsum([0, *map(len, samples)])
-        owner = np.repeat(np.arange(len(which)), np.diff(ends))
-        x, y = np.concatenate(samples).T
-        c, s = np.cos(yaws)[owner], np.sin(yaws)[owner]
-        moved = np.stack([c * x - s * y, s * x + c * y], axis=1) + shifts[owner]
-        square = (seen.boundary.nearest(moved)[0] ** 2).sum(axis=1)
-        return [square[a:b] for a, b in pairwise(ends)]
-
 
 # -- Outlines that roll ---------------------------------------------------------------------------
 
@@ -180,9 +86,9 @@ class Views:
         return np.stack([shape.squares for shape in self.shapes])
 
     @cached_property
-    def stack(self) -> ViewStack:
+    def stack(self) -> ShapeStack:
         """The shapes, for fits of several of them at once."""
-        return ViewStack(self.shapes)
+        return ShapeStack(self.shapes)
 
     def beside(self, k: int) -> list[int]:
         """Return the views before and after another one, fewer at the ends of the range."""
@@ -218,7 +124,9 @@ def find_views(part: Part, aspects: AspectSet, outline: Outline) -> Views:
     low, high = _range(aspect)
     period = high - low if aspect.sweep is Sweep.RING else 0.0
     if period:
-        period /= _order(aspects.symmetry, aspect)
+        # A body of revolution that does not roll about its own axis shows each outline once.
+        if aspects.symmetry is not None and aspects.symmetry.axis is None:
+            period /= max(1, vertical_order(aspects.symmetry, aspect.axis))
         high = low + period
     start = np.linspace(low, high, max(MIN_VIEWS, round(START / fewer)) + 1)
     count = max(MIN_VIEWS + 1, round(END / fewer))
@@ -273,14 +181,6 @@ def _range(aspect: Aspect) -> tuple[float, float]:
     if gap == len(angles) - 1:
         return float(angles[0]), float(angles[-1])
     return float(angles[gap + 1] - 2 * np.pi), float(angles[gap])
-
-
-def _order(symmetry: Symmetry | None, aspect: Aspect) -> int:
-    """Return the order of the symmetry of the part about the axis of a sweep."""
-    if symmetry is None or symmetry.axis is not None:
-        return 1
-    moved = np.linalg.norm(symmetry.rotations @ aspect.axis - aspect.axis, axis=1)
-    return max(1, int((moved < SAME_AXIS).sum()))
 
 
 # -- Fit ------------------------------------------------------------------------------------------
@@ -544,7 +444,7 @@ class Candidate:
     residual : float
         Root mean square of the distances between the boundaries, m.
     log_likelihood : float
-        Natural logarithm up to a constant that all answers share; see `likelihood`.
+        Natural logarithm up to a constant that all answers share.
     prior, posterior : float
         Probabilities; those of all candidates, none and touching add up to 1.
     roll : float

@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from resting_aspects_ros.feeding import assumptions
-from resting_aspects_ros.feeding.assumptions import Places, broken_assumptions
+from resting_aspects_ros.feeding import forecast as forecast_module
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, forecast
+from resting_aspects_ros.feeding.forecast import FeederModel, Places, broken_assumptions, forecast
 from resting_aspects_ros.feeding.steady_state import CycleTimes, moves_of
 
 SIDE, RADIUS, CLEARANCE, NUMBER = 0.2, 0.009, 0.006, 16
@@ -113,13 +112,14 @@ def forecasts():
     return places, broken_assumptions(places, over)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('row', 'broken'),
     [
         (None, {}),
-        (0, {'staying': assumptions.STAYING}),
-        (1, {'clumped': assumptions.CLUMPED}),
-        (2, {'missed': assumptions.MISSED, 'failed': assumptions.FAILED}),
+        (0, {'staying': forecast_module.STAYING}),
+        (1, {'clumped': forecast_module.CLUMPED}),
+        (2, {'missed': forecast_module.MISSED, 'failed': forecast_module.FAILED}),
         (3, {'overlaps': True}),
     ],
 )

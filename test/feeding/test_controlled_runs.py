@@ -5,19 +5,15 @@ from functools import partial
 
 import numpy as np
 import pytest
+from feeders import DensityPlaces, density_run, fixed_cycle
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding import tray_simulation
-from resting_aspects_ros.feeding.control import ControllerModel, advise, flip_and_refill
+from resting_aspects_ros.feeding.control import ControllerModel, advise
 from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
 from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates
 from resting_aspects_ros.feeding.steady_state import CycleTimes, Moves, drawn_moves
-from resting_aspects_ros.feeding.tray_simulation import (
-    DensityPlaces,
-    SimulatedRuns,
-    forecast_controller,
-    simulate,
-)
+from resting_aspects_ros.feeding.tray_simulation import SimulatedRuns, forecast_controller
 
 DROP, FLIPS = np.array([600_000, 400_000]), np.array([[600_000, 350_000, 50_000]] * 2)
 FEEDER = FeederModel(
@@ -42,29 +38,21 @@ def density(generator):
 
 
 def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
-    found = forecast_controller(MODEL, places=density, controller=flip_and_refill(MODEL))
+    found = forecast_controller(MODEL, places=density, controller=fixed_cycle(MODEL))
     expected = SteadyStates(FEEDER).rates(TABLE)[7]
     # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
     assert abs(found.rate - expected) < found.upper - found.lower
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
 
 
-@pytest.mark.parametrize(
-    'rule',
-    [
-        pytest.param(None, id='advice', marks=pytest.mark.slow),
-        pytest.param(flip_and_refill, id='cycle'),
-    ],
-)
-def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
+def test_runs_are_within_the_prediction_interval(monkeypatch):
     """Runs three times as long as those that the interval follows from."""
     monkeypatch.setattr(tray_simulation, 'CYCLES', 30)
-    chosen = {} if rule is None else {'controller': rule(MODEL)}
-    low, high = forecast_controller(MODEL, 10, places=density, **chosen).prediction
-    decide = chosen.get('controller', partial(advise, model=MODEL))
+    decide = fixed_cycle(MODEL)
+    low, high = forecast_controller(MODEL, 10, places=density, controller=decide).prediction
     rates = []
     for seed in range(100, 130):
-        run = simulate(decide, MODEL, 600, np.random.default_rng(seed))
+        run = density_run(decide, MODEL, 600, np.random.default_rng(seed))
         rates.append(np.searchsorted(run.picked, 600) / 10)
     # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
     assert sum(low <= rate <= high for rate in rates) >= 24
@@ -109,7 +97,7 @@ def test_interval_contains_what_the_counts_leave_open(minutes):
     for k in range(40):
         moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
         generator = np.random.default_rng(1000 + k)
-        run = simulate(partial(advise, model=model), model, 60 * minutes, generator, moves=moves)
+        run = density_run(partial(advise, model=model), model, 60 * minutes, generator, moves)
         within += low <= np.searchsorted(run.picked, 60 * minutes) / minutes <= high
     # At least 33 of 40 in 99.8 % of cases, if each is within with 95 %.
     assert within >= 33
@@ -120,7 +108,7 @@ def test_formula_predicts_runs_of_its_cycle():
     spread = SteadyStates(FEEDER).spread(TABLE, 8)
     rate = SteadyStates(FEEDER).rates(TABLE)[7]
     found = [
-        simulate(flip_and_refill(MODEL), MODEL, 300, np.random.default_rng(seed))
+        density_run(fixed_cycle(MODEL), MODEL, 300, np.random.default_rng(seed))
         for seed in range(60)
     ]
     deviations = np.array([run.picks - rate * run.seconds / 60 for run in found])

@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from feeders import simulated_picks
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from validation.feeder_events import simulated_picks
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding import footprint

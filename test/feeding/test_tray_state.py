@@ -74,18 +74,11 @@ def test_result_that_is_not_understood_makes_everything_stale(tray, outcome, num
 
 def test_second_pick_of_a_part_is_not_understood(tray):
     tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
-    problem = tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
-    assert problem == (
-        'invalid detection 1 of image 1 in a pick result: expected a detection that was not '
-        'picked before'
-    )
+    assert 'invalid detection 1 of image 1' in tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
     assert left(tray) is None
-
-
-def test_pick_before_the_first_image_is_not_understood():
-    tray = TrayState()
-    assert 'expected none before' in tray.add_result(PickOutcome.PICKED, 0, 0, 0, NOW)
-    assert tray.epoch == 1
+    empty = TrayState()
+    assert 'expected none before' in empty.add_result(PickOutcome.PICKED, 0, 0, 0, NOW)
+    assert empty.epoch == 1
 
 
 def test_image_exposed_before_a_result_is_stale(tray):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.feeding.control import Choice, controller_model
-from resting_aspects_ros.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.feeding.control import Choice, ControllerModel
+from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
 from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import REACH, VirtualFeeder
@@ -44,9 +44,9 @@ def feeder():
             Tray((0.2, 0.2), 0.0),
             CycleTimes(**{**vars(TIMES), 'place': place}),
         )
-        return VirtualFeeder(
-            controller_model(model, spread=0.375, number=4), Row(), np.random.default_rng(1)
-        )
+        table = FreeShares(np.ones((12, 2)), False)
+        known = ControllerModel(model, table, 4, spread=0.375)
+        return VirtualFeeder(known, Row(), np.random.default_rng(1))
 
     return make
 
@@ -70,7 +70,6 @@ def test_each_step_takes_the_time_of_the_machine(feeder):
     assert sorted(cell.tray.classes) == [0, 1, 1, 1]
 
 
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('place', 'longer'), [(0.25, 0.0), (1.0, 0.125)])
 def test_feeder_works_while_the_robot_places(feeder, place, longer):
     cell = feeder(place)
@@ -88,7 +87,6 @@ def test_feeder_works_while_the_robot_places(feeder, place, longer):
     assert longer == max(place - 0.875, 0.0)
 
 
-@pytest.mark.slow
 def test_part_is_found_by_its_place_and_class(feeder):
     cell = feeder()
     assert not cell.pick(0.0, 0.0, 1)  # an empty tray
@@ -101,7 +99,6 @@ def test_part_is_found_by_its_place_and_class(feeder):
     assert (cell.picks, len(cell.tray.classes)) == (1, 2)
 
 
-@pytest.mark.slow
 def test_new_model_changes_the_flips_and_keeps_the_parts(feeder):
     cell, other = feeder(), feeder(flips=((9, 0), (9, 0)))
     cell.move(Choice.SUPPLY, 4)

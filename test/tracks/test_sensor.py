@@ -4,19 +4,16 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.tracks.description import read_track
-from resting_aspects_ros.tracks.orientations import orientations_on
 from resting_aspects_ros.tracks.rate import pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.traps import Sensor
 
 
 @pytest.fixture(scope='module')
-def nut():
+def nut(rows_of):
     known = ra.known_part('hex_nut', dict.fromkeys(range(1, 9), 1.0))
-    aspects = known.aspects
-    return known, orientations_on(known.part, aspects, [1 / len(aspects)] * len(aspects))
+    return known, rows_of(known.part)
 
 
 def test_a_sharp_camera_separates_rows_with_different_outlines(nut):
@@ -27,12 +24,11 @@ def test_a_sharp_camera_separates_rows_with_different_outlines(nut):
     np.testing.assert_array_equal(matrix[:, :3], np.eye(3))
 
 
-def test_mirror_images_that_no_symmetric_trap_separates_are_told_apart():
-    part = ra.load_part('l_bracket')
-    aspects = find_aspects(part)
-    known = ra.known_part(part, dict.fromkeys(range(1, len(aspects) + 1), 1.0))
-    rows = orientations_on(part, aspects, [1 / len(aspects)] * len(aspects))
-    pair = [row for row in rows if row.yaw.distance == pytest.approx(0.01387, abs=1e-5)]
+def test_mirror_images_that_no_symmetric_trap_separates_are_told_apart(rows_of):
+    known = ra.known_part('l_bracket', dict.fromkeys(range(1, 6), 1.0))
+    pair = [
+        row for row in rows_of(known.part) if row.yaw.distance == pytest.approx(0.01387, abs=1e-5)
+    ]
     assert {row.aspects for row in pair} == {(1,), (2,)}
     np.testing.assert_array_equal(confusion(known, pair, 1e-4, seed=1, views=3)[:, :2], np.eye(2))
 

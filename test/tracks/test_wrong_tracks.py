@@ -9,7 +9,6 @@ import yaml
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.track import given_track
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.tracks.description import read_track
 
 DROPS = 50
@@ -24,26 +23,32 @@ def tracked(traps=(), want=(), part='hex_nut', **values):
     return ra.track(part, {'width': '40mm', **values, 'traps': list(traps)}, want, drops=DROPS)
 
 
+def trap(kind, **values):
+    return {'width': '40mm', 'traps': [{'kind': kind, **values}]}
+
+
 @pytest.mark.parametrize(
-    ('trap', 'says'),
+    ('document', 'says'),
     [
-        ({'kind': 'balcony', 'width': '50mm'}, 'width 50 mm of a balcony: expected at most'),
-        ({'kind': 'canyon', 'start': '45mm', 'end': '50mm'}, 'start 45 mm of a canyon'),
-        ({'kind': 'projection', 'depth': '41mm'}, 'depth 41 mm of a projection'),
-        (
-            {'kind': 'cut_out', 'points': [[0, 0.05], [0.01, 0.05], [0.01, 0.06]]},
-            'expected one that cuts into the track',
-        ),
-        ({'kind': 'wiper', 'height': 0}, 'invalid height 0'),
-        ({'kind': 'wiper', 'height': '0mm'}, 'invalid height 0'),
-        ({'kind': 'riser', 'start': '10mm', 'height': 0}, 'invalid height 0'),
-        ({'kind': 'wiper', 'height': 12.7}, 'invalid height 12.7'),
-        ({'kind': 'wiper', 'height': '12.7 parsecs'}, "invalid height '12.7 parsecs'"),
+        ({}, 'missing width'),
+        ({'width': 40}, 'invalid width 40'),
+        ({'width': '40mm', 'wall': {'height': 0}}, 'invalid height 0'),
+        ({'width': '40mm', 'trap': []}, "invalid value 'trap' of a track"),
+        (trap('wipe'), "invalid kind of trap 'wipe'"),
+        (trap('balcony', width='50mm'), 'width 50 mm of a balcony: expected at most'),
+        (trap('canyon', start='45mm', end='50mm'), 'start 45 mm of a canyon'),
+        (trap('canyon', start=0.02, end=0.01), 'lower'),
+        (trap('projection', depth='41mm'), 'depth 41 mm of a projection'),
+        (trap('cut_out', points=[[0, 0.05], [0.01, 0.05], [0.01, 0.06]]), 'cuts into the track'),
+        (trap('wiper', height='0mm'), 'invalid height 0'),
+        (trap('riser', start='10mm', height=0), 'invalid height 0'),
+        (trap('wiper', height=12.7), 'invalid height 12.7'),
+        (trap('wiper', height='12.7 parsecs'), "invalid height '12.7 parsecs'"),
     ],
 )
-def test_wrong_traps_are_refused(trap, says):
+def test_wrong_tracks_are_refused(document, says):
     with pytest.raises(InvalidValueError, match=says):
-        tracked([trap])
+        read_track(document)
 
 
 def test_a_cut_out_is_read_and_written():
@@ -59,11 +64,6 @@ def test_shipped_tracks_are_read_and_name_their_source(file):
     document = yaml.safe_load(file.read_text(encoding='utf-8'))
     assert document['source']
     assert read_track(document).traps == given_track(file.stem).traps
-
-
-def test_a_wall_without_height_is_refused():
-    with pytest.raises(InvalidValueError, match='invalid height 0'):
-        tracked(wall={'height': 0})
 
 
 def test_a_wanted_row_that_falls_off_the_track_is_refused():
@@ -97,13 +97,12 @@ def test_contradictory_traps_let_nothing_pass():
     assert any('No part in row 1' in text and 'Trap 2' in text for text in found.sentences)
 
 
-def test_a_wall_that_is_lower_than_all_but_the_foot_of_a_part():
+def test_a_wall_that_is_lower_than_all_but_the_foot_of_a_part(solid):
     # A pin of 2 mm below a plate of 20 x 20 mm, which tips over no wall above 0.
     pin = trimesh.creation.cylinder(radius=8, height=10)
     plate = trimesh.creation.box((30, 30, 4)).apply_translation((0, 0, 7))
     mesh = trimesh.boolean.union([pin, plate])
-    part = part_from_bytes(mesh.export(file_type='stl'), 'stl', 'mushroom')
-    found = tracked(part=part, wall={'height': '2mm'}, width='60mm')
+    found = tracked(part=solid(mesh), wall={'height': '2mm'}, width='60mm')
     # It stands on its pin, whose outline at the wall is round: one row.
     standing = [row for row in found.rows if row.contact.area > 0.9 * 3.14 * 0.008**2]
     assert min(row.yaw.distance for row in standing) == pytest.approx(0.008, rel=0.02)

@@ -3,35 +3,23 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from shapely import affinity
 
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.vision.grasp import Grasp, gripper_poses
-from resting_aspects_ros.vision.location import Placement, Pose, camera_pose
-from resting_aspects_ros.vision.outline import find_outlines, seen_outline
+from resting_aspects_ros.vision.location import Pose, camera_pose
+from resting_aspects_ros.vision.outline import seen_outline
 
 NAMES = ('box_10x20x30', 'hex_nut', 'l_bracket', 't_prism', 'washer')
 
 
-@pytest.fixture(scope='module')
-def placements(part):
+@pytest.fixture
+def placements(known):
     """Give the placements of all classes of a part."""
-    made = {}
-
-    def find(name):
-        if name not in made:
-            loaded = part(name)
-            aspects = find_aspects(loaded)
-            made[name] = tuple(
-                Placement(loaded, aspects, each) for each in find_outlines(loaded, aspects)
-            )
-        return made[name]
-
-    return find
+    return lambda name: known(name).placements
 
 
 def appearance(placement, pose):
@@ -56,6 +44,7 @@ def test_every_pose_looks_like_the_outline(placements, name):
 
 
 @pytest.mark.parametrize('name', NAMES)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), yaw=st.floats(-np.pi, np.pi))
 def test_camera_pose_and_back(placements, name, x, y, yaw):
     for placement in placements(name):

@@ -8,29 +8,19 @@ from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 from resting_aspects_ros.aspects.aspect_set import Sweep
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import turned_about_vertical
 from resting_aspects_ros.vision.identification import identify
-from resting_aspects_ros.vision.outline import find_outlines, rolled, seen_outline
-from resting_aspects_ros.vision.rolling import KnownPart
+from resting_aspects_ros.vision.outline import rolled, seen_outline
 
 
 @pytest.fixture(scope='module')
-def drilled():
+def known(solid, known_of):
     """A pin of 8 x 40 mm with a cross hole of 3 mm, off its middle."""
     pin = trimesh.creation.cylinder(4, 40, sections=48)
     drill = trimesh.creation.cylinder(1.5, 20, sections=24)
     drill.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     drill.apply_translation([0, 0, 5])
-    return trimesh.boolean.difference([pin, drill], engine='manifold')
-
-
-@pytest.fixture(scope='module')
-def known(drilled, solid):
-    part = solid(drilled)
-    aspects = find_aspects(part)
-    outlines = find_outlines(part, aspects)
-    return KnownPart(part, aspects, outlines, np.full(len(outlines), 1 / len(outlines)))
+    return known_of(solid(trimesh.boolean.difference([pin, drill], engine='manifold')))
 
 
 def views(known, rolls):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import shapely
 
-from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.nodes.vision_example.contours import clearances, find_blobs
 from resting_aspects_ros.vision.tray_image import (
@@ -19,14 +18,9 @@ TRAY = (0.2, 0.16)
 LEVEL = (LIGHT + DARK) / 2
 
 
-@pytest.fixture(scope='module')
-def washer(part):
-    return known_part(part('washer'), None)
-
-
-@pytest.fixture(scope='module')
-def bracket(part):
-    return known_part(part('l_bracket'))
+@pytest.fixture
+def bracket(known):
+    return known('l_bracket')
 
 
 def placed(known, classes, seed=1):
@@ -82,10 +76,9 @@ def test_part_longer_than_the_tray_is_refused(bracket):
 
 @pytest.mark.parametrize('scale', [3.0, 5.0])
 @pytest.mark.parametrize('name', ['washer', 'l_bracket'])
-def test_contours_are_where_the_outlines_are(request, name, scale):
-    known = request.getfixturevalue({'washer': 'washer', 'l_bracket': 'bracket'}[name])
-    classes = [k % len(known.outlines) for k in range(8)]
-    places, camera = placed(known, classes, seed=3), TrayCamera(TRAY, scale)
+def test_contours_are_where_the_outlines_are(known, name, scale):
+    classes = [k % len(known(name).outlines) for k in range(8)]
+    places, camera = placed(known(name), classes, seed=3), TrayCamera(TRAY, scale)
     generator = np.random.default_rng(2)
     image = render_tray(places.polygons, camera, generator, blur=0.7, noise=4.0)
     assert image.shape == camera.size[::-1]

@@ -1,62 +1,39 @@
-"""Benchmark of everything that must be fast, in one run.
+"""Benchmark of everything that must be fast; writes docs/explanation/bench.md.
 
-Prints tables, and writes out/bench.json and docs/explanation/bench.md.
+`PYTHONPATH=tools .venv/bin/python -m bench latency` runs and replaces only one section.
 """
 
-import json
-import os
-
-from rich.console import Console
+from validation.document import Section, write_sections
 from validation.dropper import ROOT
 
-from bench.actions import actions
 from bench.command import command
+from bench.costs import actions, surroundings
+from bench.drops import drops
 from bench.geometry import geometry
 from bench.hulls import hulls
 from bench.latency import latency
-from bench.memory import memory
-from bench.report import machine, markdown, show
-from bench.surroundings import surroundings
-from bench.vision import vision
-from bench.ways import ways
-from resting_aspects_ros.simulation.workers import default_workers
+from bench.logs import logs
 
-FIGURES = ROOT / 'out' / 'bench.json'
-DOCUMENT = ROOT / 'docs' / 'explanation' / 'bench.md'
-# Of the tables in a file or a pipe: none is wider.
-WIDTH = 200
+SECTIONS: dict[str, Section] = {
+    'drops': drops,
+    'actions': lambda _: actions(),
+    'surroundings': lambda _: surroundings(),
+    'command': lambda _: command(),
+    'hulls': lambda _: hulls(),
+    'geometry': lambda _: geometry(),
+    'latency': lambda _: latency(),
+    'logs': lambda _: logs(),
+}
+HEADING = """# Benchmark
 
+Written by `make bench`, section by section; each states when and on which machine. A section is
+replaced, for example, by `PYTHONPATH=tools .venv/bin/python -m bench latency`. Times are
+wall-clock times, unless a section says otherwise, and include the effect of other processes.
 
-def main() -> None:
-    """Run all sections, print them, and write the results."""
-    console = Console()
-    if not console.is_terminal:
-        console.width = WIDTH
-    conditions = machine()
-    sections = []
-    for measure in (
-        lambda: ways(default_workers()),
-        actions,
-        surroundings,
-        command,
-        hulls,
-        geometry,
-        vision,
-        latency,
-        memory,
-    ):
-        section = measure()
-        show(console, section)
-        sections.append(section)
-    conditions['load_after'] = round(os.getloadavg()[0], 2)
-    figures = {'machine': conditions}
-    for section in sections:
-        figures |= section.found
-    FIGURES.parent.mkdir(parents=True, exist_ok=True)
-    FIGURES.write_text(json.dumps(figures, indent=2) + '\n', encoding='utf-8')
-    DOCUMENT.write_text(markdown(conditions, sections), encoding='utf-8')
-    print(f'Written: {FIGURES.relative_to(ROOT)}, {DOCUMENT.relative_to(ROOT)}')
-
+The sections `other_engines`, `estimators` and `identification` are finished comparisons. They were
+made once and stay as they are; the programs were removed on 2026-11-27 and are in the history of
+the repository.
+"""
 
 if __name__ == '__main__':
-    main()
+    write_sections(ROOT / 'docs' / 'explanation' / 'bench.md', HEADING, SECTIONS)

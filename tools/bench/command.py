@@ -6,12 +6,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 
 from rich.progress import track
+from validation.document import table
 from validation.dropper import ROOT
 
 from bench.case import EXAMPLE
-from bench.report import Section, Table
 
 # Runs of which the time is the median, and of the long commands.
 REPEATS = 3
@@ -33,34 +34,32 @@ runpy.run_module('resting_aspects_ros.cli', run_name='__main__')
 """
 
 
-def command() -> Section:
+def command() -> Iterator[str]:
     """Measure the times and the peak memory."""
-    table = Table(['', 'seconds', 'aim', 'peak memory (MiB)'])
-    found: dict[str, float] = {}
-
-    def add(name: str, program: str, arguments: list[str], repeats: int, aim: str) -> None:
-        runs = [_run(program, arguments) for _ in range(repeats)]
-        seconds, memory = statistics.median(run[0] for run in runs), runs[-1][1]
-        table.rows.append([name, f'{seconds:.2f}', aim, f'{memory:.0f}' if memory else ''])
-        found[name] = seconds
-        if memory:
-            found[f'{name}, MiB'] = memory
-
-    for drops, repeats, aim in track(DROPS, 'command', transient=True):
-        arguments = ['drop', EXAMPLE, '--drops', str(drops)]
-        add(f'drop, {drops} drops', PROGRAM, arguments, repeats, aim)
+    cases = [
+        (f'drop, {n} drops', PROGRAM, ['drop', EXAMPLE, '--drops', str(n)], repeats, aim)
+        for n, repeats, aim in DROPS
+    ]
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        name = f'study, {POINTS} points of {POINT_DROPS} drops'
-        add(name, PROGRAM, [*STUDY, f'{folder}/study'], 1, '8')
-    add(IMPORT, IMPORT, [], REPEATS, '0.1')
-    text = (
+        study = [*STUDY, f'{folder}/study']
+        cases.append((f'study, {POINTS} points of {POINT_DROPS} drops', PROGRAM, study, 1, '8'))
+        cases.append((IMPORT, IMPORT, [], REPEATS, '0.1'))
+        for name, program, arguments, repeats, aim in track(cases, 'command', transient=True):
+            runs = [_run(program, arguments) for _ in range(repeats)]
+            seconds, memory = statistics.median(run[0] for run in runs), runs[-1][1]
+            rows.append([name, f'{seconds:.2f}', aim, f'{memory:.0f}' if memory else ''])
+    yield '## Run time of the command'
+    yield ''
+    yield (
         f'`resting_aspects drop {EXAMPLE} --drops N`, a study over restitution and friction with '
         'its page, and the import of the package, each from the start of the process to its end, '
         f'with a kernel that was compiled before. The time is the median of {REPEATS} runs, for '
         'the long commands of one. Memory is the peak of the resident memory (VmHWM); that of '
         'the drops must not grow with their number.'
     )
-    return Section('Run time of the command', text, [table], {'command': found})
+    yield ''
+    yield from table(['', 'seconds', 'aim', 'peak memory (MiB)'], rows, numbers=True)
 
 
 def _run(program: str, arguments: list[str]) -> tuple[float, float]:

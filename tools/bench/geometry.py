@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import trimesh
 from rich.progress import track
+from validation.document import table
 
-from bench.report import Section, Table
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
 from resting_aspects_ros.aspects.find import find_aspects, join_minima
@@ -27,34 +27,27 @@ BALL = 10.0
 DIVISIONS = 8  # subdivisions of a box that is projected to an ellipsoid: 786,432 triangles
 
 
-def geometry() -> Section:
+def geometry() -> Iterator[str]:
     """Time the geometry."""
-    table = Table(['task', 'seconds'])
-    found: dict[str, dict[str, float]] = {'landscape': {}, 'classify': {}}
-    for group, key, title, work in track(list(_works()), 'geometry', transient=True):
-        seconds = best(work)
-        found[group][f'{key}_s'] = seconds
-        table.rows.append([title, f'{seconds:.2f}'])
+    yield '## Geometry'
+    yield ''
+    yield f'Times are the best of {REPEATS} runs, of a scan those of one.'
+    yield ''
+    works = track(list(_works()), 'geometry', transient=True)
+    rows = [(title, best(work)) for title, work in works]
     scan = _scan()
-    started = time.perf_counter()
+    times = [time.perf_counter()]
     part = part_from_bytes(scan, 'stl', 'scan')
-    loaded = time.perf_counter()
+    times.append(time.perf_counter())
     aspects = find_aspects(part)
-    classified = time.perf_counter()
+    times.append(time.perf_counter())
     files = dict(drop_page(no_drops(aspects), part, 'scan', '').files())
-    found['scan'] = {
-        'load_s': loaded - started,
-        'aspects_s': classified - loaded,
-        'page_s': time.perf_counter() - classified,
-    }
-    for step, seconds in zip(
-        ('load', 'aspects of', f'page of {len(files[PAGE]) / 1e6:.1f} MB, with figures, of'),
-        found['scan'].values(),
-        strict=True,
-    ):
-        title = f'{step} a scan of {len(part.faces)} triangles, once'
-        table.rows.append([title, f'{seconds:.2f}'])
-    return Section('Geometry', f'Times are the best of {REPEATS} runs.', [table], found)
+    times.append(time.perf_counter())
+    page = f'page of {len(files[PAGE]) / 1e6:.1f} MB, with figures, of'
+    for step, seconds in zip(('load', 'aspects of', page), np.diff(times).tolist(), strict=True):
+        rows.append((f'{step} a scan of {len(part.faces)} triangles', seconds))
+    columns = ('task', 'seconds')
+    yield from table(columns, ([title, f'{s:.2f}'] for title, s in rows), numbers=True)
 
 
 def egg(corners: int, axes: Array = EGG) -> Part:
@@ -62,11 +55,6 @@ def egg(corners: int, axes: Array = EGG) -> Part:
     directions = np.random.default_rng(1).standard_normal((corners, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return _part(trimesh.convex.convex_hull(directions * axes))
-
-
-def prism(corners: int) -> Part:
-    """Return an upright cylinder with this number of corners."""
-    return _part(trimesh.creation.cylinder(BALL, 2 * BALL, sections=corners // 2))
 
 
 def _scan() -> bytes:
@@ -82,25 +70,28 @@ def _scan() -> bytes:
     return data
 
 
-def _works() -> Iterator[tuple[str, str, str, Callable[[], object]]]:
+def _works() -> Iterator[tuple[str, Callable[[], object]]]:
     for name, part in (('egg', egg(CORNERS)), ('ball', egg(CORNERS, np.full(3, BALL)))):
-        corners = len(part.hull_vertices)
-        title = f'landscape of {name}, {corners} corners'
-        yield 'landscape', f'{name}_{corners}_corners', title, partial(_landscape, part)
+        title = f'landscape of {name}, {len(part.hull_vertices)} corners'
+        yield title, partial(_landscape, part)
     poses = random_orientations(np.random.default_rng(1), POSES)
     for name, mesh in (
         ('box', trimesh.creation.box((10, 20, 30))),
         ('cylinder of 256 sides', trimesh.creation.cylinder(10, 20, sections=256)),
         ('ball of 1280 sides', trimesh.creation.icosphere(3, radius=10)),
     ):
-        classify = partial(find_aspects(_part(mesh)).classify, poses)
-        yield 'classify', name.replace(' ', '_'), f'classify {POSES} poses of {name}', classify
-    tolerance = np.radians(DEFAULT_TOLERANCE_DEGREES)
+        yield (
+            f'classify {POSES} poses of {name}',
+            partial(find_aspects(_part(mesh)).classify, poses),
+        )
     aspects = np.concatenate([np.eye(3), -np.eye(3)])
     resting = aspects[np.arange(POSES) % len(aspects)]
     resting = resting + 1e-4 * np.random.default_rng(1).standard_normal(resting.shape)
-    cluster = partial(cluster_directions, resting, tolerance)
-    yield 'classify', 'clusters_without_a_part', f'cluster {POSES} poses of six aspects', cluster
+    tolerance = np.radians(DEFAULT_TOLERANCE_DEGREES)
+    yield (
+        f'cluster {POSES} poses without a part',
+        partial(cluster_directions, resting, tolerance),
+    )
 
 
 def _landscape(part: Part) -> None:

@@ -7,23 +7,21 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import GetDistribution
 from rich.progress import track
 from std_srvs.srv import Trigger
+from validation.document import table
 
 from bench.case import EXAMPLE
-from bench.report import Section, Table
 
 CALLS = 1000
 DROPS = 1000
@@ -36,6 +34,7 @@ MAX_LOST = 10
 TRIGGER = """
 import rclpy
 from std_srvs.srv import Trigger
+from validation.document import table
 
 rclpy.init()
 node = rclpy.create_node('nothing')
@@ -45,70 +44,46 @@ try:
 except rclpy.executors.ExternalShutdownException:
     pass
 """
-# A service that sends a stored response.
-READY = """
-import sys
-from pathlib import Path
-import rclpy
-from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.srv import GetDistribution
-
-rclpy.init()
-answer = deserialize_message(Path(sys.argv[1]).read_bytes(), GetDistribution.Response)
-node = rclpy.create_node('ready')
-node.create_service(GetDistribution, 'ready', lambda _, response: answer)
-try:
-    rclpy.spin(node)
-except rclpy.executors.ExternalShutdownException:
-    pass
-"""
 
 
-def latency() -> Section:
+def latency() -> Iterator[str]:
     """Measure median and 99th percentile of many calls, idle and during a run."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     ros = ['--ros-args', '-r', f'__ns:=/bench_{os.getpid()}']
-    table = Table(['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio'])
-    found: dict[str, float] = {}
+    rows = []
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
         stack.enter_context(_process(suite))
         stack.enter_context(_process(['-c', TRIGGER, *ros]))
         client = stack.enter_context(_client(ros))
-        ready = Path(folder) / 'answer'
-        ready.write_bytes(serialize_message(client.meet()))
-        stack.enter_context(_process(['-c', READY, str(ready), *ros]))
-        client.meet_ready()
-        for load, begin in (('idle', lambda: None), ('during_a_run', client.begin_run)):
-            begin()
-            times = client.measure(load.replace('_', ' '))
-            base = np.percentile(times['Trigger'], [50, 99])
-            for name, each in times.items():
-                median, p99 = np.percentile(each, [50, 99])
-                ratios = median / base[0], p99 / base[1]
+        client.meet()
+        for load in ('idle', 'during a run'):
+            if load != 'idle':
+                client.begin_run()
+            base = None
+            for name, times in client.measure(load).items():
+                found = np.percentile(times, [50, 99])
+                base = found if base is None else base
+                (median, p99), ratios = found, found / base
                 cells = [f'{median:.3f}', f'{ratios[0]:.2f}', f'{p99:.3f}', f'{ratios[1]:.2f}']
-                table.rows.append([load.replace('_', ' '), name, *cells])
-            found |= {
-                f'{load}_median_ms': float(median),
-                f'{load}_median_ratio': float(ratios[0]),
-                f'{load}_p99_ms': float(p99),
-                f'{load}_p99_ratio': float(ratios[1]),
-            }
-    note = (
+                rows.append([load, name, *cells])
+    yield '## Latency'
+    yield ''
+    yield (
         f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
-        'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
-        'that only sends the same response. One process calls services in three other '
-        'processes. Ratios are relative to the Trigger. *During a run*: while a run with another '
-        'seed uses all cores. Aim: ratios of at most 1.5.'
+        'with the same number of calls of a plain `std_srvs/Trigger` service. One process calls '
+        'services in two other processes. Ratios are relative to the Trigger. *During a run*: '
+        'while a run with another seed uses all cores. Aim: ratios of at most 1.5. '
+        f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
     )
-    if client.lost:
-        note += f' {client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
-    return Section('Latency', note, [table], {'latency': found})
+    yield ''
+    columns = ['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio']
+    yield from table(columns, rows, numbers=True)
 
 
 class _Client:
-    """Client of all three services."""
+    """Client of both services."""
 
     def __init__(self) -> None:
         self.lost = 0  # calls without an answer
@@ -117,10 +92,9 @@ class _Client:
         self._executor.add_node(self._node)
         self._trigger = self._node.create_client(Trigger, 'trigger')
         self._ask = self._node.create_client(GetDistribution, 'get_distribution')
-        self._ready = self._node.create_client(GetDistribution, 'ready')
         self._drop = ActionClient(self._node, DropPart, 'drop_part')
 
-    def meet(self) -> GetDistribution.Response:
+    def meet(self) -> None:
         """Wait for the services, and request a distribution until it is available."""
         waits = (
             self._trigger.wait_for_service,
@@ -135,13 +109,8 @@ class _Client:
         while True:
             answer, _ = self._timed(self._ask, _request())
             if answer.status.code != Status.NOT_AVAILABLE:  # it is still reading logs and parts
-                return answer
+                return
             time.sleep(0.1)
-
-    def meet_ready(self) -> None:
-        """Wait for the service that sends a stored response."""
-        self._until(lambda: self._ready.wait_for_service(timeout_sec=TIMEOUT))
-        self._until(lambda: self._call(self._ready, _request()) is not None)
 
     def begin_run(self) -> None:
         """Start a run that uses all cores for the rest of the measurement."""
@@ -159,7 +128,6 @@ class _Client:
         """Return the times of the calls of each service, ms."""
         calls = {
             'Trigger': (self._trigger, Trigger.Request()),
-            'the same response': (self._ready, _request()),
             'get_distribution': (self._ask, _request()),
         }
         times: dict[str, list[float]] = {name: [] for name in calls}

@@ -1,11 +1,8 @@
-"""Compares aspects with an independent landscape: fuzz_aspects.py [--parts N] [--seed S].
+"""Compares the aspects of random parts with an independent landscape.
 
-Each part is of a random family, rotated, and between 1e-6 m and 10 m large. Prints what differs;
-the exit code is 1 if anything does.
+Each part is of a random family, rotated, and between 1e-6 m and 10 m large.
 """
 
-import argparse
-import sys
 import traceback
 from collections.abc import Iterable, Iterator
 
@@ -104,21 +101,3 @@ def findings(numbers: Iterable[int], seed: int) -> Iterator[str]:
             wrong = [traceback.format_exc(limit=-2)]
         for each in wrong:
             yield f'{number} {shape.name}: {each}'
-
-
-def main() -> None:
-    """Check the parts and print the findings."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--parts', type=int, default=200)
-    parser.add_argument('--seed', type=int, default=1)
-    given = parser.parse_args()
-    count = 0
-    for finding in findings(range(given.parts), given.seed):
-        print(finding, flush=True)
-        count += 1
-    print(f'{given.parts} parts, {count} findings')
-    sys.exit(count > 0)
-
-
-if __name__ == '__main__':
-    main()

@@ -1,4 +1,4 @@
-"""Valid input files of every kind, and what loads them; see fuzz_inputs.py."""
+"""Valid input files of every kind, and what loads them; see inputs.py."""
 
 import json
 import shutil

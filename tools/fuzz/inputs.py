@@ -1,4 +1,4 @@
-"""Damages input files of every kind and loads them: fuzz_inputs.py [--files N] [--seed S].
+"""Damages input files of every kind and loads them: python -m fuzz.inputs [--files N] [--seed S].
 
 Prints each exception other than a RestingAspectsError with a message of one line, each warning of
 a number that overflows, each crash, and each file that takes more than LIMIT seconds of processor

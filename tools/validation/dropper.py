@@ -3,13 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.library import PartLibrary
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.workers import Workers, submit_drops
-from resting_aspects_ros.statistics.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,11 +26,3 @@ class Dropper:
         """Yield the first drops of a job in chunks."""
         for future in submit_drops(job, 0, drops, self.workers):
             yield future.result()
-
-    def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:
-        """Return the distribution of the first drops of a job."""
-        aspects = find_aspects(part)
-        found = no_drops(aspects)
-        for poses in self.poses(job, drops):
-            found += count_poses(aspects, poses)
-        return found

@@ -1,4 +1,4 @@
-"""Validation of the kernel against Bullet: drops, actions, surroundings and single impacts."""
+"""Validation of the kernel against Bullet: drops, actions and surroundings."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -15,7 +15,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
 from resting_aspects_ros.simulation.surroundings import surroundings_names
 from validation.dropper import SEED, Dropper
-from validation.impacts import KINDS, compared
 from validation.paired import OUTSIDE, TWO_SIDED, Counts, action_job, class_indices, ends
 
 # Drops of each part on each surface; drops in each of the surroundings, and of each action.
@@ -25,7 +24,6 @@ SURFACES = ('rubber_mat', 'steel')
 FINER = 4
 PARTS = ('l_bracket', 'box_10x20x30')
 ACTIONS = ('tap', 'toss', 'bowl', 'flip')
-IMPACT_PARTS, IMPACTS = ('l_bracket', 't_prism'), 300
 # Ends that fewer parts than this have in both engines are counted together.
 MIN_COUNT = 10
 
@@ -73,7 +71,6 @@ def engines(dropper: Dropper) -> Iterator[str]:
     yield from _surroundings(dropper, parts)
     yield from _actions(dropper, parts)
     yield ''
-    yield from _impacts(dropper)
 
 
 def _surroundings(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
@@ -98,32 +95,6 @@ def _actions(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
             count = partial(_counts, part=part, n=len(before), rows=before)
             cells = difference(*(count(dropper, each) for each in (job, in_bullet)))
             yield f'| {part.name} | {name} | {cells} |'
-
-
-def _impacts(dropper: Dropper) -> Iterator[str]:
-    yield '### Single impacts'
-    yield ''
-    yield (
-        f'{IMPACTS} random states on `rubber_mat` without rolling friction, each before an impact '
-        'of one corner, two corners or a side. *Difference*: of the changes of the velocity in '
-        'both engines, as a share of that in the kernel; median and 95 % quantile. Of one corner: '
-        '*normal*, median of the relative difference of the normal impulse; *friction*, median of '
-        "Bullet's friction impulse of corners that slip, in units of friction times normal "
-        'impulse; *angle*, 95 % quantile of the angle between the friction impulse and the slip '
-        'that remains, degrees.'
-    )
-    yield ''
-    yield '| part | impact | difference | 95 % | normal | friction | angle, kernel | Bullet |'
-    yield '|---|---|---|---|---|---|---|---|'
-    keys = ('difference', 'worst', 'normal', 'friction', 'angle_kernel', 'angle')
-    for part in dropper.parts:
-        if part.name not in IMPACT_PARTS:
-            continue
-        for kind in track(KINDS, f'impacts of {part.name}'):
-            found = compared(part, dropper.surfaces.get(), kind, IMPACTS)
-            cells = (f'{found[key]:.4g}' if key in found else '' for key in keys)
-            yield f'| {part.name} | {kind} | {" | ".join(cells)} |'
-    yield ''
 
 
 def _counts(

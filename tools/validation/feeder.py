@@ -1,17 +1,7 @@
-"""Validation of the feeder: forecasts, runs with camera and controller, rules of today, drift.
+"""Validation of the feeder: forecasts against runs with camera, vision and controller."""
 
-`python -m validation.feeder [--seeds 20] [--minutes 3] [--ros]` prints the section; takes about 20
-minutes on one core. With --ros, the first run of each part is repeated over ROS.
-"""
-
-import argparse
 import dataclasses
-import json
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -34,12 +24,10 @@ from resting_aspects_ros.nodes.vision_example.contours import clearances, find_b
 from resting_aspects_ros.vision.identification import identify, observed_polygon
 from resting_aspects_ros.vision.rolling import Candidate, KnownPart
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
-from validation import compare_controllers
-from validation.forecast import coverage, false_alarms, formulas
+from validation.document import table
 
 # Pickable classes of each part.
 PARTS = {'l_bracket': (1,), 't_prism': (1,)}
-RULE_SEEDS, RULE_MINUTES = 16, 60.0
 TRAY = Tray((0.2, 0.2), 0.005)
 TIMES = CycleTimes(robot=1.2, vibrate=0.5, settle=0.3, image=0.2)
 DROPS, PER_ASPECT, SEED = 300, 40, 1
@@ -48,11 +36,10 @@ PX_PER_MM, BLUR, NOISE, LEVEL, MIN_AREA = 5.0, 0.7, 4.0, 127.5, 1.0
 
 @dataclasses.dataclass(frozen=True)
 class CellRun:
-    """What a run has done; ``choices`` in the order of the images."""
+    """What a run has done."""
 
     picks: int
     missed: int
-    images: int
     seconds: float
     blocked: float  # share of the parts in the images that were not recognised
 
@@ -68,11 +55,10 @@ def run_cell(known: KnownPart, model: ControllerModel, seed: int, minutes: float
     camera = TrayCamera(TRAY.size, PX_PER_MM)
     places = OutlinePlaces(known.outlines, TRAY.size, of_tray)
     feeder = VirtualFeeder(model, places, of_tray)
-    images = missed = seen_parts = unknown = 0
+    missed = seen_parts = unknown = 0
     while feeder.seconds < 60 * minutes:
         image = render_tray(places.polygons, camera, of_noise, blur=BLUR, noise=NOISE)
         found, seen = look(image, camera, known)
-        images += 1
         seen_parts += len(seen)
         unknown += sum(part.symmetry_class == 0 for part in seen)
         advice = advise(seen, model)
@@ -90,7 +76,7 @@ def run_cell(known: KnownPart, model: ControllerModel, seed: int, minutes: float
             action = advice.then if advice.choice is Choice.PICK else advice.choice
             if action is not None:
                 feeder.move(action, advice.supply)
-    return CellRun(feeder.picks, missed, images, feeder.seconds, unknown / max(seen_parts, 1))
+    return CellRun(feeder.picks, missed, feeder.seconds, unknown / max(seen_parts, 1))
 
 
 def look(
@@ -118,34 +104,9 @@ def look(
     return found, seen
 
 
-def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
-    """Validate the forecast, the runs of a cell, the controller and the drift test."""
-    yield '## Feeder'
-    yield ''
-    yield from formulas()
-    yield from cells(seeds, minutes, over_ros)
-    yield from coverage()
-    yield '### Controller and rules of today'
-    yield ''
-    yield (
-        f'Runs of {RULE_MINUTES:g} minutes with {RULE_SEEDS} paired seeds on trays of the density '
-        'model. Percent by which the controller is above each rule, with the standard error of '
-        f'the paired differences. Model: {compare_controllers.DROPS} drops and '
-        f'{compare_controllers.PER_ASPECT} flips from each aspect; pickable classes '
-        + ', '.join(f'{k[0]} of `{name}`' for name, k in compare_controllers.PARTS.items())
-        + '. *Refill and flip at once* is the cycle of the forecast.'
-    )
-    yield ''
-    yield from compare_controllers.scenarios(
-        RULE_SEEDS, RULE_MINUTES, compare_controllers.BASELINES
-    )
-    yield ''
-    yield from false_alarms()
-
-
-def cells(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
+def feeder(seeds: int, minutes: float) -> Iterator[str]:
     """Compare runs of each part with the prediction interval of its forecast."""
-    yield '### Runs with camera, vision and controller'
+    yield '## Feeder'
     yield ''
     yield (
         f'Runs of {minutes:g} minutes in simulated time, beginning with an empty tray, with '
@@ -156,12 +117,7 @@ def cells(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         'runs in the 95 % prediction interval; at least 17 of 20 are required.'
     )
     yield ''
-    yield (
-        '| part, pickable classes | forecast | prediction interval | mean of the runs '
-        '| difference | within | missed picks | not recognised |'
-    )
-    yield '|---|---|---|---|---|---|---|---|'
-    lines = []
+    rows = []
     for name, classes in PARTS.items():
         known, model, forecast = prepared(name, classes, minutes)
         runs = [
@@ -172,20 +128,23 @@ def cells(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         low, high = forecast.prediction
         inside = int(((rates >= low) & (rates <= high)).sum())
         expected = forecast.rate
-        error = 100 * rates.std(ddof=1) / np.sqrt(len(rates)) / expected if seeds > 1 else 0.0
-        yield (
-            f'| {name}, {", ".join(map(str, classes))} | {expected:.2f} | {low:.2f} to {high:.2f} '
-            f'| {rates.mean():.2f} | {100 * (rates.mean() / expected - 1):+.1f} ± {error:.1f} % '
-            f'| {inside} of {seeds} | {sum(run.missed for run in runs)} of '
-            f'{sum(run.picks + run.missed for run in runs)} '
-            f'| {100 * np.mean([run.blocked for run in runs]):.2f} % |'
+        error = 100 * rates.std(ddof=1) / np.sqrt(len(rates)) / expected
+        missed = sum(run.missed for run in runs)
+        rows.append(
+            [
+                f'{name}, {", ".join(map(str, classes))}',
+                f'{expected:.2f}',
+                f'{low:.2f} to {high:.2f}',
+                f'{rates.mean():.2f}',
+                f'{100 * (rates.mean() / expected - 1):+.1f} ± {error:.1f} %',
+                f'{inside} of {seeds}',
+                f'{missed} of {sum(run.picks for run in runs) + missed}',
+                f'{100 * np.mean([run.blocked for run in runs]):.2f} %',
+            ]
         )
-        if over_ros:
-            lines += [over(name, classes, minutes, runs[0])]
-    if lines:
-        yield ''
-        yield from lines
-    yield ''
+    columns = ['part, pickable classes', 'forecast', 'prediction interval', 'mean of the runs']
+    columns += ['difference', 'within', 'missed picks', 'not recognised']
+    yield from table(columns, rows)
 
 
 def prepared(
@@ -197,33 +156,3 @@ def prepared(
     forecast = forecast_from(result, ids, TRAY, TIMES, minutes=minutes)
     known = ra.known_part(name, result.drop)
     return known, controller_model(forecast.named.model), forecast_controlled(forecast)
-
-
-def over(name: str, classes: tuple[int, ...], minutes: float, run: CellRun) -> str:
-    """Repeat the run of seed 1 over ROS, and return how they compare."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'feeder_demo', name]
-        command += ['--pickable-classes', ','.join(map(str, classes)), '--out', folder]
-        command += ['--minutes', f'{minutes:g}', '--seed', '1', '--json']
-        for field, value in dataclasses.asdict(TIMES).items():
-            command += [] if field == 'place' else [f'--{field}', f'{value}s']
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        found = json.loads((Path(folder) / 'feeder_demo.json').read_text())['run']
-    return (
-        f'* {name} with seed 1: {run.picks} picks in {run.images} images without ROS, and '
-        f'{found["picks"]} in {found["images"]} over ROS.'
-    )
-
-
-if __name__ == '__main__':
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seeds', type=int, default=20)
-    parser.add_argument('--minutes', type=float, default=3)
-    parser.add_argument('--ros', action='store_true')
-    parser.add_argument('--part', choices=PARTS)
-    given = parser.parse_args()
-    if given.part:
-        PARTS = {given.part: PARTS[given.part]}
-    for line in feeder(given.seeds, given.minutes, given.ros):
-        sys.stdout.write(f'{line}\n')
-        sys.stdout.flush()

@@ -30,8 +30,6 @@ OUTSIDE = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
 _STATUS = (RestStatus.UNSETTLED, RestStatus.FAILED, RestStatus.LOST, RestStatus.SLIDING)
 # Quantiles of the normal distribution that 95 % of it are below, and between -q and q.
 ONE_SIDED, TWO_SIDED = 1.645, 1.96
-# Minimum number of parts that leave or reach a column, for the chi-square distribution to hold.
-MIN_CHANGED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,28 +131,3 @@ def shifts(counts: Counts) -> Shifts:
     error = np.sqrt(((gained + left + 1) / size - difference**2) / size)
     different = 1 - same.sum() / counts.sum()
     return Shifts((gained - left) / n, error, float(different))
-
-
-def homogeneity(counts: Counts) -> tuple[float, int]:
-    """Return the statistic of Stuart and Maxwell of joint counts (m, m), and its degrees.
-
-    If both simulations have the same probabilities, it has the chi-square distribution with these
-    degrees of freedom. Columns that fewer than MIN_CHANGED parts leave or reach are joined with
-    others.
-    """
-    changed = _changed(counts)
-    while len(counts) > 1 and changed.min() < MIN_CHANGED:
-        one, other = np.sort(np.argsort(changed, kind='stable')[:2])
-        joined = np.delete(np.eye(len(counts), dtype=np.int64), other, axis=0)
-        joined[one, other] = 1
-        counts = joined @ counts @ joined.T
-        changed = _changed(counts)
-    # The last column follows from the others, because all shifts add up to 0.
-    shift = (counts.sum(axis=0) - counts.sum(axis=1))[:-1]
-    covariance = (np.diag(counts.sum(axis=0) + counts.sum(axis=1)) - counts - counts.T)[:-1, :-1]
-    return float(shift @ np.linalg.solve(covariance, shift)), len(shift)
-
-
-def _changed(counts: Counts) -> Counts:
-    """Return how many parts leave or reach each column of joint counts (m, m), (m,)."""
-    return np.asarray(counts.sum(axis=0) + counts.sum(axis=1) - 2 * np.diag(counts))

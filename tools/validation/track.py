@@ -1,40 +1,30 @@
-"""Validation of tracks: statics against Bullet, speed over a gap, yaw at the wall, designs.
-
-`python -m validation.track statics gap yaw designs` prints some of its tables, each as soon as it
-is made.
-"""
+"""Validation of tracks: statics against Bullet, and designs."""
 
 import math
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.rotations import composed, product, rotate, turned_about_vertical
+from resting_aspects_ros.rotations import composed, rotate
 from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.starts import States
-from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.statistics.intervals import intervals
-from resting_aspects_ros.tracks.description import Track, read_track
+from resting_aspects_ros.tracks.description import read_track
 from resting_aspects_ros.tracks.design import design_traps
 from resting_aspects_ros.tracks.orientations import (
     Orientation,
-    PushedOutline,
     orientations_on,
 )
-from resting_aspects_ros.tracks.simulate import BREAKING, OUTCOMES, _job, _scene, run_over
+from resting_aspects_ros.tracks.simulate import BREAKING, _job, _scene
 from resting_aspects_ros.tracks.support import is_line
-from resting_aspects_ros.tracks.traps import Arrival, Balcony, Gap
-from validation.dropper import SEED, Dropper
+from resting_aspects_ros.tracks.traps import Arrival, Balcony
+from validation.dropper import SEED
 
 Array = npt.NDArray[np.float64]
 
@@ -43,10 +33,6 @@ STATIC_TRIALS, OFF, ROLLS = 300, 1e-3, (2.0, 5.0, 15.0)
 # Time that a part has to fall, T.
 REST = 60.0
 CONDITIONS = shipped_surfaces().get()
-GAPS, SPEEDS = (14.5, 15.5, 16.0, 17.0, 18.0, 20.0, 23.0), (50, 100, 200, 400)
-GAP_PARTS = 20
-PUSHES, PUSHED = 2000, ('l_bracket', 'u_bracket', 'hex_nut')
-PUSH_ROLL, PUSH_PITCH, PUSH_FLOOR, PUSH_WALL = 10.0, 10.0, 0.02, 0.2
 # Part, wanted row, and how it lies.
 DESIGNS = (
     ('hex_nut', 1, 'flat'),
@@ -56,13 +42,13 @@ DESIGNS = (
 DESIGN_PARTS, DESIGN_SPEED = 200, 0.1
 
 
-def track(_: Dropper | None = None) -> Iterator[str]:
-    """Compare statics, yaws and designs with simulated parts."""
+def track() -> Iterator[str]:
+    """Compare statics and designs with simulated parts."""
     yield '## Tracks and traps'
     yield ''
-    for each in (statics, gap, yaw, designs):
-        yield from each()
-        yield ''
+    yield from statics()
+    yield ''
+    yield from designs()
 
 
 def _rows(part: Part, wall_friction: float = 0.0) -> list[Orientation]:
@@ -152,139 +138,10 @@ def _stays(part: Part, row: Orientation, width: float, roll: float) -> bool:
     return bool(last.position[0, 2] > 0 and one @ other > math.cos(math.radians(3)))
 
 
-# -- Speed over a gap -----------------------------------------------------------------------------
-
-
-def gap() -> Iterator[str]:
-    """Let a box run over gaps at several speeds."""
-    mesh = trimesh.creation.box((30, 20, 10))
-    part = part_from_bytes(mesh.export(file_type='stl'), 'stl', 'box')
-    row = next(each for each in _rows(part) if each.height < 0.011 and each.length > 0.029)
-    yield '### Speed over a gap'
-    yield ''
-    yield (
-        f'A box of 30 x 20 x 10 mm, whose critical gap is 15 mm, {GAP_PARTS} parts in each cell, '
-        'without friction and roll: parts that pass, turn, fall and are caught.'
-    )
-    yield ''
-    yield '| gap (mm) | ' + ' | '.join(f'{speed} mm/s' for speed in SPEEDS) + ' |'
-    yield '|---|' + '---|' * len(SPEEDS)
-    for length in GAPS:
-        cells = []
-        for speed in SPEEDS:
-            track = read_track(
-                {'width': 0.04, 'speed': speed / 1e3, 'friction': 0.0, 'wall': {'friction': 0.0}}
-            )
-            trap = Gap(length / 1e3)
-            counts = run_over(part, row, trap, track, CONDITIONS, GAP_PARTS, (SEED, 0)).tolist()
-            cells.append(', '.join(f'{n} {o}' for n, o in zip(counts, OUTCOMES, strict=True) if n))
-        yield f'| {length:g} | ' + ' | '.join(cells) + ' |'
-
-
-# -- Yaw at the wall ------------------------------------------------------------------------------
-
-
-def yaw() -> Iterator[str]:
-    """Compare the shares of the edges at the wall with simulated pushes."""
-    yield '### Yaw at the wall'
-    yield ''
-    yield (
-        f'{PUSHES} parts of each kind at uniform yaws before the wall, in the aspects with '
-        f'several rows; the track is rolled by {PUSH_ROLL:g} and pitched by {PUSH_PITCH:g} '
-        f'degrees, friction {PUSH_FLOOR} on the track and {PUSH_WALL} at the wall, along '
-        'which the parts slide. *Bounds*: the stated ones for this friction. *Within*: the '
-        '95 % interval of the simulated share overlaps them. Parts that stop on a corner or '
-        'leave the aspect are left out of the shares.'
-    )
-    yield ''
-    yield '| part | aspect | distance (mm) | stated | bounds | simulated | left out | within |'
-    yield '|---|---|---|---|---|---|---|---|'
-    inside = total = 0
-    for name in PUSHED:
-        part = ra.load_part(name)
-        for line, good in _push_lines(part):
-            inside, total = inside + good, total + 1
-            yield line
-    yield ''
-    yield f'{inside} of {total} rows are within the bounds.'
-
-
-def _push_lines(part: Part) -> Iterator[tuple[str, bool]]:
-    aspects = find_aspects(part)
-    chosen = []
-    for aspect in aspects.aspects:
-        corners = rotate(aspect.orientation, part.vertices - part.centre_of_mass)
-        outline = PushedOutline(corners[:, :2])
-        yaws = outline.yaws(PUSH_WALL)
-        if not aspect.sweep.curved and len(yaws) > 1:
-            chosen.append((aspect, corners, yaws))
-    chosen = chosen[:2]
-    for aspect, corners, yaws in chosen:
-        number = PUSHES // len(chosen)
-        starts = (np.arange(number) + 0.5) / number * 2 * np.pi
-        ends, same = _pushed(part, aspect, corners, starts)
-        off = np.abs(np.angle(np.exp(1j * (ends[:, None] - [each.angle for each in yaws]))))
-        edge = np.where(same & (off.min(axis=1) < math.radians(3)), off.argmin(axis=1), -1)
-        reached = int((edge >= 0).sum())
-        for k, each in enumerate(yaws):
-            share = intervals([int((edge == k).sum())], reached)[0]
-            good = share.lower <= each.high and share.upper >= each.low
-            cells = (
-                part.name,
-                str(aspect.id),
-                f'{1e3 * each.distance:.2f}',
-                f'{each.share:.3f}',
-                f'{each.low:.3f} to {each.high:.3f}',
-                f'{share.probability:.3f} ({share.lower:.3f} to {share.upper:.3f})',
-                f'{number - reached} of {number}',
-                'yes' if good else 'no',
-            )
-            yield f'| {" | ".join(cells)} |', good
-
-
-def _pushed(
-    part: Part, aspect: Any, corners: Array, starts: Array
-) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return yaws (n,) after pushing, and whether the parts are still in the aspect."""
-    n = len(starts)
-    turned = np.array([turned_about_vertical(aspect.orientation, each) for each in starts])
-    y = np.array(
-        [-(corners[:, :2] @ [math.sin(each), math.cos(each)]).min() + 5e-4 for each in starts]
-    )
-    height = -float(corners[:, 2].min()) + 2e-5
-    roll, pitch = math.radians(PUSH_ROLL), math.radians(PUSH_PITCH)
-    turn = tray_from_scene(roll, pitch)
-    places = np.stack([0 * y, y, np.full(n, height)], axis=1)
-    many = np.tile(turn, (n, 1))
-    states = ra.GivenStates(rotate(many, places), product(many, turned))
-    surroundings = ra.surroundings(
-        'chute',
-        roll=roll,
-        pitch=pitch,
-        belt={'friction': PUSH_FLOOR, 'speed': 0.0, 'restitution': 0.0},
-        wall={'friction': PUSH_WALL, 'restitution': 0.0},
-    )
-    result = ra.drop(
-        part,
-        initial_states=states,
-        surroundings=surroundings,
-        rolling_friction=0.0,
-        seed=SEED,
-        workers=1,
-    )
-    inverse = np.array([-1.0, -1.0, -1.0, 1.0])
-    ends = product(many * inverse, result.poses.orientation)
-    down = rotate(ends * inverse, np.tile([0.0, 0.0, -1.0], (n, 1)))
-    same = down @ aspect.down_in_part > math.cos(math.radians(3))
-    first = rotate((aspect.orientation * inverse)[None], np.array([[1.0, 0.0, 0.0]]))
-    now = rotate(ends, np.tile(first, (n, 1)))
-    return np.arctan2(now[:, 1], now[:, 0]), np.asarray(same)
-
-
 # -- Designs --------------------------------------------------------------------------------------
 
 
-def designs(chosen: Sequence[tuple[str, int, str]] = DESIGNS) -> Iterator[str]:
+def designs() -> Iterator[str]:
     """Design traps with simulated bands, and let other parts run through them."""
     yield '### Designs'
     yield ''
@@ -299,7 +156,7 @@ def designs(chosen: Sequence[tuple[str, int, str]] = DESIGNS) -> Iterator[str]:
         'pass | jam |'
     )
     yield '|---|---|---|---|---|---|---|---|'
-    for name, want, text in chosen:
+    for name, want, text in DESIGNS:
         yield _design_line(name, want, text)
 
 
@@ -309,7 +166,7 @@ def _design_line(name: str, want: int, text: str) -> str:
     described = {'width': width, 'roll': '5deg', 'speed': DESIGN_SPEED}
     dropped = ra.track(part, described, want)
     start = time.process_time()
-    design_traps(part, dropped.rows, _track(described), want)
+    design_traps(part, dropped.rows, read_track(described), want)
     seconds = time.process_time() - start
     found = ra.design_track(part, want, described, simulate=1)
     if not found.designs:
@@ -328,21 +185,3 @@ def _design_line(name: str, want: int, text: str) -> str:
         f'| {name}, {text} | {len(again.rows)} | {seconds:.2f} | {"; ".join(best.trap_names)} '
         f'| {1e3 * (best.margin or 0):.2f} | {cells[0]} | {cells[1]} | {int(runs.jams.sum())} |'
     )
-
-
-def _track(described: dict[str, Any]) -> Track:
-    return read_track(described)
-
-
-TABLES: dict[str, Callable[[], Iterator[str]]] = {
-    'statics': statics,
-    'gap': gap,
-    'yaw': yaw,
-    'designs': designs,
-}
-
-if __name__ == '__main__':
-    for name in sys.argv[1:] or TABLES:
-        for line in TABLES[name]():
-            sys.stdout.write(f'{line}\n')
-            sys.stdout.flush()
