@@ -271,8 +271,7 @@ class OptimiseResult(Result):
             'part_sha256': self.part.part_sha256,
             'aim': self.aim,
             'wanted': list(self.objective.wanted),
-            'wanted_contacts': [dict(each.named) for each in self.objective.contacts],
-            'outcomes': self.objective.outcomes,
+            'outcomes': [list(ids) for ids in self.objective.groups],
             'unit': 'nat' if self.objective.is_entropy else '',
             'factors': [
                 {'name': factor.name, **factor.document, 'unit': factor.unit}
@@ -301,10 +300,7 @@ class OptimiseResult(Result):
 
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the search as CSV, in SI units."""
-        outcomes = [
-            '+'.join(map(str, each)) if isinstance(each, list) else each
-            for each in self.objective.outcomes
-        ]
+        outcomes = ['+'.join(map(str, ids)) for ids in self.objective.groups]
         with whole_file(Path(path)) as file, file.open('w', newline='', encoding='utf-8') as out:
             writer = csv.writer(out)
             writer.writerow([*(f.name for f in self.factors), *outcomes, 'other'])

@@ -9,7 +9,6 @@ from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.optimum import OptimiseResult
 
 FEW = ('--budget', 1920, '--workers', 1)
-CHUTE = ('--surroundings', 'l_chute')
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
 
@@ -41,14 +40,7 @@ def test_interrupted_search_shows_what_is_known(run, monkeypatch, checks, text):
         (('--wanted', '1', '--vary', 'colour=1:2'), "invalid factor 'colour'"),
         (('--wanted', '1', '--vary', 'friction=0.9:0.3'), 'expected a lower and a higher value'),
         (('--wanted', 'all'), 'expected numbers separated by commas'),
-        ((), 'expected one of wanted aspects, wanted classes, wanted contacts and least entropy'),
-        (('--wanted-contacts', 'belt=1'), 'expected surroundings with walls'),
-        ((*CHUTE, '--wanted-contacts', 'belt'), 'expected PLANE=CONTACT'),
-        ((*CHUTE, '--wanted-contacts', 'bel=1'), "did you mean 'belt'?"),
-        ((*CHUTE, '--wanted-contacts', 'belt=9'), "invalid wanted contact '9'"),
-        ((*CHUTE, '--wanted-contacts', 'belt=1,belt=2'), 'expected belt only once'),
-        ((*CHUTE, '--wanted-contacts', 'belt=1', '--wanted', '1'), 'expected one of wanted'),
-        ((*CHUTE, '--action', 'tap', '--wanted-contacts', 'belt=1'), 'only without an action'),
+        ((), 'expected one of wanted aspects'),
         (('--wanted', '9', '--minimise-entropy'), 'expected one of wanted aspects'),
         (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
         (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),
