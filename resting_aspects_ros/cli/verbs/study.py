@@ -91,8 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
-        'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
+        help='folder of study.yaml, points.jsonl, results.csv and page.html; a study in it is '
+        'continued (out/study_ and the part, or the folder of study.yaml)',
     )
     add_workers(parser)
     add_conditions(parser)
