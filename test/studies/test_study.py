@@ -261,4 +261,4 @@ def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):
         rows = list(csv.DictReader(file))
     assert [row['friction'] for row in rows] == ['0.2', '0.2', '0.5', '0.5']
     assert sum(int(row['count']) for row in rows) == 20
-    assert float(rows[0]['probability']) == list(result.rows)[0]['probability']
+    assert float(rows[0]['probability']) == next(result.rows)['probability']

@@ -71,7 +71,7 @@ def _conditions(a: DropResult, b: DropResult) -> Iterator[Item]:
 
 
 def _designs(work: Work, second: Opened, a: DropResult, b: DropResult) -> Iterator[Item]:
-    """Yield the comparison of two parts, whose classes are matched by shape."""
+    """Yield the comparison of two parts, whose classes are matched in one frame."""
     cases = [BatchEntry(each.run.part, each).case for each in (a, b)]
     pictures = {id(cases[0]): list(work.opened.pictures), id(cases[1]): list(second.pictures)}
     confidence = a.distribution.confidence
