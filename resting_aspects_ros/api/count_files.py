@@ -1,4 +1,4 @@
-"""Read counts of drops, or of newly supplied parts, from a log, a JSON document or a CSV.
+"""Read counts of drops, of newly supplied parts or of transitions, from a log, JSON or a CSV.
 
 A CSV of counts has one of two forms:
 
@@ -38,6 +38,9 @@ from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 LABELS = ('batch', 'time')
+# Columns of a file of transitions, and their maximum count.
+TRANSITION_COLUMNS = ('from', 'to', 'count')
+MAX_MOVED = 100_000_000
 COUNTS_FILES = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'of counts'
@@ -150,6 +153,28 @@ def check_parts(counts: ObservedCounts) -> None:
             f'invalid number of counted parts {counts.parts} in {counts.source!r}: expected 1 to '
             f'{MAX_COUNTED}'
         )
+
+
+def read_transitions(path: Path) -> list[tuple[int, int, int]]:
+    """Read the class before an action, the class after it and the number of parts of each row."""
+    with open_text(path, 'file of transitions', MAX_BYTES) as file:
+        table = CsvTable(path, file)
+        names = [name.lower() for name in table.header]
+        if sorted(names) != sorted(TRANSITION_COLUMNS):
+            raise InvalidValueError(
+                f'invalid column names {shown(", ".join(table.header))} in {table.where}: '
+                f'expected {", ".join(TRANSITION_COLUMNS)}'
+            )
+        places = [names.index(name) for name in TRANSITION_COLUMNS]
+        rows = []
+        for line, row in table.rows():
+            for place in places:
+                text = row[place].strip()
+                if not (text.isascii() and text.isdecimal() and len(text) <= 9):
+                    raise table.wrong(line, row, place, f'an integer from 0 to {MAX_MOVED}')
+            before, after, count = (int(row[place]) for place in places)
+            rows.append((before, after, count))
+    return rows
 
 
 def _last_of_log(path: Path) -> CountedDrops:

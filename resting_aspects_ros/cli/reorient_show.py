@@ -1,6 +1,5 @@
 """Print and save the results of `resting_aspects reorient`."""
 
-import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,11 +18,11 @@ from resting_aspects_ros.api.reorient_result import (
     plan_reorientation,
 )
 from resting_aspects_ros.api.result import whole_file
-from resting_aspects_ros.api.roadmap import MeasuredComparison, roadmap_document
+from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.transitions import (
     Rows,
     actions_table,
@@ -47,13 +46,10 @@ class Answer:
 
     wanted : tuple of int
         Ids of the wanted aspects; empty without any.
-    checks : tuple of MeasuredComparison
-        Comparisons with measured trials.
     """
 
     results: tuple[ReorientResult, ...]
     wanted: tuple[int, ...]
-    checks: tuple[MeasuredComparison, ...]
 
     @property
     def plan(self) -> PlanResult | None:
@@ -70,11 +66,6 @@ class Answer:
             document = {'schema_version': SCHEMA_VERSION, 'results': documents}
         if (plan := self.plan) is not None:
             document['plan'] = plan.document()
-        if self.checks:
-            document['measured'] = [
-                plain({**dataclasses.asdict(check), 'verdict': check.verdict})
-                for check in self.checks
-            ]
         return to_json(document)
 
     def save_json(self, path: Path) -> None:
@@ -95,8 +86,6 @@ def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
         _print_result(console, result, answer.wanted, by_class=by_class)
     if len(answer.results) > 1:
         _print_comparison(console, answer, by_class=by_class)
-    for check in answer.checks:
-        _say(console, _check_text(check))
 
 
 def _print_comparison(console: Console, answer: Answer, *, by_class: bool) -> None:
@@ -167,48 +156,33 @@ def _say(console: Console, text: str) -> None:
         console.print(text, markup=False, highlight=False)
 
 
-def _check_text(check: MeasuredComparison) -> str:
-    pair = check.pair
-    if not check.actions:
-        return f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: not simulated'
-    return (
-        f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: measured {pair.successes} of '
-        f'{pair.trials}, simulated {100 * check.simulated.probability:.1f} %, difference '
-        f'{100 * check.difference:+.1f} points ({100 * check.lower:+.1f} to '
-        f'{100 * check.upper:+.1f}): {check.verdict}'
-    )
-
-
 def answer_files(
-    answer: Answer, simulated: Sequence[ReorientResult], part: Part, *, pictures: bool
+    answer: Answer, part: Part, *, pictures: bool
 ) -> dict[str, Callable[[Path], object]]:
     """Return what writes each document and each picture, which take longest.
 
-    The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
     With a page, which has the same pictures, none are needed here; see write_page.
     """
     saves: dict[str, Callable[[Path], object]] = {DOCUMENT: answer.save_json}
-    saves[ROADMAP] = partial(_save_roadmap, answer, simulated, part)
+    saves[ROADMAP] = partial(_save_roadmap, answer, part)
     for result in answer.results if pictures else ():
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         saves[f'transitions{suffix}.png'] = result.save_picture
     return saves
 
 
-def _save_roadmap(
-    answer: Answer, simulated: Sequence[ReorientResult], part: Part, path: Path
-) -> None:
+def _save_roadmap(answer: Answer, part: Part, path: Path) -> None:
     try:
         weights = estimate(part, ['csa']).estimates['csa'].probabilities
     except NotDefinedError:
         weights = None
-    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in answer.results}
     document = roadmap_document(part, answer.results[0].drop, weights, matrices)
     with whole_file(path) as file:
         file.write_text(to_json(document), encoding='utf-8')
 
 
-def write_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
+def write_page(answer: Answer, out: Path) -> Path:
     """Write the page with its figures and return its path; raises OutputError."""
     # This import is slow, and only needed for a page.
     from resting_aspects_ros.api.reorientation_files import write_reorientation_report
@@ -219,6 +193,4 @@ def write_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -
         out,
         wanted=answer.wanted,
         plan=answer.plan if len(answer.results) > 1 else None,
-        checks=answer.checks,
-        simulated=simulated,
     )

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.roadmap import machine_transitions
+from resting_aspects_ros.api.compare import machine_transitions
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.intervals import intervals
+from resting_aspects_ros.statistics.intervals import INTERVAL, SIMULTANEOUS, intervals
 from resting_aspects_ros.statistics.transitions import no_actions
 
 
@@ -35,11 +35,40 @@ def test_pairs_are_compared_with_the_simulation_by_class(simulated):
     found = machine_transitions([(1, 1, 0), (1, 2, 40)], simulated)
     by_class = simulated.by_class()
     first, second = found.comparisons
-    assert (first.pair.trials, first.pair.successes) == (40, 0)
-    assert (second.measured.probability, second.actions) == (1, by_class.actions[0])
+    assert (first.before, first.after, first.trials, first.successes) == (1, 1, 40, 0)
+    assert second.measured.probability == 1
     assert second.difference == pytest.approx(1 - by_class.transitions[0, 1])
     assert second.lower <= second.difference <= second.upper
-    assert second.verdict == 'differs'
+
+
+@pytest.mark.parametrize(
+    ('measured', 'actions', 'lower', 'upper'),
+    # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
+    [
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((10, 10), (0, 10), 0.6075, 1.0000),
+        ((0, 10), (0, 20), -0.1611, 0.2775),
+    ],
+)
+@pytest.mark.parametrize('interval', [INTERVAL, SIMULTANEOUS])
+def test_difference_has_its_published_interval(
+    simulated, interval, measured, actions, lower, upper
+):
+    hits, trials = measured
+    counts = np.zeros_like(simulated.counts)
+    counts[0, [0, -1]] = actions[0], actions[1] - actions[0]
+    matrix = dataclasses.replace(simulated, counts=counts, interval=interval)
+    first, _ = machine_transitions([(1, 1, hits), (1, 2, trials - hits)], matrix).comparisons
+    assert first.difference == pytest.approx(hits / trials - actions[0] / actions[1])
+    assert (first.lower, first.upper) == pytest.approx((lower, upper), abs=5e-5)
+
+
+def test_row_that_was_not_simulated_has_no_difference(simulated):
+    nothing = dataclasses.replace(simulated, counts=np.zeros_like(simulated.counts))
+    first, _ = machine_transitions([(1, 1, 5)], nothing).comparisons
+    assert np.isnan(first.difference)
+    assert (first.simulated.lower, first.simulated.upper) == (0, 1)
 
 
 def test_table_is_read_from_a_file(simulated, tmp_path):

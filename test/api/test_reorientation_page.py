@@ -14,7 +14,6 @@ from PIL import Image
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
 from resting_aspects_ros.api.reorientation_files import (
-    MEASURED,
     PAGE,
     RETENTION_PAGE,
     reorientation_file_names,
@@ -22,13 +21,11 @@ from resting_aspects_ros.api.reorientation_files import (
     retention_page,
 )
 from resting_aspects_ros.api.retention import RetentionResult
-from resting_aspects_ros.api.roadmap import MeasuredComparison, MeasuredPair
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.transitions import matrix_fields, retention_fields
 from resting_aspects_ros.simulation.actions import Kick, NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.markov import Plan
 from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
@@ -112,16 +109,10 @@ def results(part):
 def folder(results, tmp_path_factory):
     folder = tmp_path_factory.mktemp('page')
     plan = Plan(np.array([-1, -1, 0, 1, 0, -1]), np.array([0, 0, 1.25, 2.5, 8, np.inf]))
-    unknown = Interval(np.nan, 0.0, 1.0)
-    check = MeasuredComparison(
-        MeasuredPair('tap', 1, 3, 50, 7), Interval(0.14, 0.07, 0.26), unknown, 0,
-        np.nan, -1.0, 1.0, 0.95,
-    )  # fmt: skip
     page = reorientation_page(
         results,
         wanted=(2, 1),
         plan=PlanResult(('tap', 'toss'), (1, 2), plan),
-        checks=[check],
     )
     for name, data in page.files():
         (folder / name).write_bytes(data)
@@ -248,11 +239,6 @@ def test_page_has_the_way_and_the_plan(page, results):
         ['tap', '8.00'],
         ['-', 'never'],
     ]
-
-
-def test_measured_trials_are_shown(page):
-    ((row,),) = page.rows(*MEASURED)
-    assert row == ['1', '3', '7 of 50, 14 % 7 to 26 %', '-', '-', 'not simulated']
 
 
 def test_retention_matches_the_document(part, results):

@@ -146,12 +146,6 @@ def test_command(arguments, printed, folder):
     assert arguments[0] in WITHOUT_NUMBERS or few == [] or few[1] in table
 
 
-def test_measured_trials_are_compared(folder, printed):
-    few = FEW['reorient']
-    out = printed(folder, 'reorient', 'l_bracket', '--measured', 'measured.json', *few)
-    assert 'tap 5 -> 5: measured 35 of 60, simulated ' in out
-
-
 @pytest.mark.slow
 def test_files_of_a_report(folder, printed):
     printed(folder, 'drop', 'bracket.stl', *FEW_DROPS, '--out', 'out/files', '--report')

@@ -83,13 +83,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wanted.add_argument(
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
     )
-    parser.add_argument(
-        '--measured',
-        metavar='FILE.json',
-        type=Path,
-        help='compare with the trials in a roadmap file, and use rows with enough trials instead '
-        'of the simulated ones',
-    )
     add_confidence(parser)
     add_engine(parser)
     add_workers(parser)
