@@ -171,7 +171,7 @@ def test_counts_as_expected_have_no_drift(expected):
 def test_past_drift_is_a_window(expected):
     rows = [GOOD] * 4 + [BAD] + [GOOD] * 30
     verdict = watch_drift(expected, rows, window=200).verdict
-    assert 'in parts 801 to 1000, but not in the later parts together.' in verdict
+    assert 'in parts 801 to 1000, but not in the later windows.' in verdict
 
 
 def test_default_window_finds_the_shift(expected):
