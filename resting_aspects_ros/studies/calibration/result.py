@@ -5,7 +5,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,17 +19,14 @@ from resting_aspects_ros.report.figure import (
     plain_axes,
 )
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.studies.calibration.checks import (
+from resting_aspects_ros.studies.calibration.posterior import (
     Estimate,
+    Fit,
     GTest,
     Prediction,
-    SurfaceComparison,
-    compare_surfaces,
     correlation,
     find_discrepancy,
 )
-from resting_aspects_ros.studies.calibration.posterior import Fit
-from resting_aspects_ros.studies.design import Factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +35,7 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 3
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
-# Below this probability, the counts are said to contradict the simulation, or to differ.
+# Below this probability, the counts are said to contradict the simulation.
 SIGNIFICANCE = 0.01
 # A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
 MAX_DISCREPANCY = 0.1
@@ -125,10 +122,6 @@ class CalibrationResult(Result):
         columns = [factor.values(points[:, k]).tolist() for k, factor in enumerate(factors)]
         names = [factor.name for factor in factors]
         return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
-
-    def compare(self, other: 'CalibrationResult') -> SurfaceComparison:
-        """Compare the surface with another one; see SurfaceComparison."""
-        return compare_surfaces(self.fit, other.fit, np.random.default_rng(self.seed))
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
@@ -344,20 +337,6 @@ def _on_simulation(result: CalibrationResult) -> Iterator[str]:
         )
 
 
-def comparison_text(found: SurfaceComparison) -> str:
-    """Describe the comparison of two surfaces."""
-    names, p = f'{found.one} and {found.other}', f'p = {found.p:.2g}'
-    differ = found.p < SIGNIFICANCE
-    if found.same_parts:
-        verdict = 'are different surfaces' if differ else 'can be one surface'
-        return f'{names} {verdict}: G test of the counts of the same parts, {p}.'
-    verdict = 'are different surfaces, or the' if differ else 'can be one surface: the'
-    return (
-        f'{names} {verdict} counts {"do not fit" if differ else "fit"} common conditions ({p}); '
-        f'{100 * found.overlap:.0f} % of the conditions that fit one fit the other.'
-    )
-
-
 def _source(result: CalibrationResult) -> str:
     """Return the source of the surface: counts, uncertainty, and what was not determined."""
     given = result.fit.given
@@ -419,7 +398,10 @@ def calibration_figure(result: CalibrationResult) -> 'Figure':
 
 def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> None:
     """Draw the regions of two conditions, or the density of a single one."""
+    # These imports take about a second.
     from scipy.ndimage import gaussian_filter
+
+    from resting_aspects_ros.studies.pages import factor_axis
 
     one, other = result.estimates[i].factor, result.estimates[j].factor
     fit, edges = result.fit, np.linspace(0, 1, CELLS + 1)
@@ -427,7 +409,7 @@ def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> Non
     nodes = (edges[1:] + edges[:-1]) / 2
     x, y = one.scale * one.values(nodes), other.scale * other.values(nodes)
     plain_axes(axes, 'y')
-    _axis(axes, 'x', one)
+    factor_axis(axes, one)
     if i == j:
         density = np.histogram(points[:, 0], edges, weights=weights)[0]
         axes.fill_between(x, gaussian_filter(density, SMOOTH), color=FILL[1])
@@ -440,22 +422,7 @@ def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> Non
     axes.contourf(x, y, density.T, [*levels, density.max() * 1.01], colors=FILL)
     best = one.scale * result.estimates[i].best, other.scale * result.estimates[j].best
     axes.plot(*best, '+', color=TEXT, markersize=9)
-    _axis(axes, 'y', other)
-
-
-def _axis(axes: 'Axes', which: Literal['x', 'y'], factor: Factor) -> None:
-    """Set name, scale and limits of an axis."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    axes.set(**{f'{which}label': factor.title})
-    axis = axes.xaxis if which == 'x' else axes.yaxis
-    axis.label.set(fontsize=8, color=FAINT)
-    if factor.logarithmic:
-        axes.set(**{f'{which}scale': 'log'})
-        axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))  # 0.03, 0.1, 0.3
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(lambda value, _: f'{value:g}')
-    axes.set(**{f'{which}lim': (factor.scale * factor.low, factor.scale * factor.high)})
+    factor_axis(axes, other, 'y')
 
 
 def _level(density: Array, region: float) -> float:

@@ -1,4 +1,4 @@
-"""The G test, predictions, parts that are left out and comparisons, on counts of known origin."""
+"""The G test, predictions and parts that are left out, on counts of known origin."""
 
 import dataclasses
 
@@ -6,19 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import chi2, power_divergence
+from scipy.stats import power_divergence
 
-from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.studies.calibration import checks
-from resting_aspects_ros.studies.calibration.checks import (
-    compare_surfaces,
+from resting_aspects_ros.studies.calibration import posterior
+from resting_aspects_ros.studies.calibration.posterior import (
     find_estimates,
     g_test,
     predict,
     shortest_interval,
 )
-
-from .conftest import Invented
 
 TRUTH = (0.4, 0.6)
 
@@ -62,12 +58,12 @@ def test_statistic_is_that_of_scipy_for_the_best_candidate(agreeing):
 
 def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
     assert g_test(agreeing, rng()).p > 0.01
-    assert g_test(contradicting, rng()).p == pytest.approx(1 / (1 + checks.REPETITIONS))
+    assert g_test(contradicting, rng()).p == pytest.approx(1 / (1 + posterior.REPETITIONS))
 
 
 @pytest.mark.slow
 def test_g_test_has_its_level(invented, monkeypatch):
-    monkeypatch.setattr(checks, 'REPETITIONS', 99)
+    monkeypatch.setattr(posterior, 'REPETITIONS', 99)
     generator, found = np.random.default_rng(5), []
     for seed in range(80):
         counts = invented.counted(generator.random(2), 200, generator)
@@ -118,48 +114,3 @@ def test_intervals_of_new_counts_contain_them_as_often_as_they_say(invented):
         inside += [each.inside for each in predict(fit, generator, left_out=True)]
     # With a discrepancy that the counts do not have, the intervals are too wide. n = 120.
     assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.09 / 120)
-
-
-def test_equal_surfaces_are_one_and_others_are_two(invented):
-    generator = np.random.default_rng(3)
-    one, same, other = (
-        invented.fit(invented.counted(point, 1000, generator), surface=name)
-        for name, point in (('one', TRUTH), ('same', TRUTH), ('other', (0.8, 0.9)))
-    )
-    equal, different = (compare_surfaces(one, each, rng()) for each in (same, other))
-    assert (equal.one, equal.other, equal.same_parts) == ('one', 'same', True)
-    assert equal.p > 0.01 > different.p
-    assert equal.overlap > 0.7
-    assert different.overlap < 0.05
-
-
-def test_surfaces_of_other_parts_are_one_or_two():
-    boxes, others = Invented((10, 15, 20)), Invented((12, 17, 19))
-    generator = np.random.default_rng(3)
-    one = boxes.fit(boxes.counted(TRUTH, 2000, generator), discrepancy=False)
-    same, other = (
-        others.fit(others.counted(point, 2000, generator), discrepancy=False)
-        for point in (TRUTH, (0.8, 0.9))
-    )
-    assert compare_surfaces(one, same, rng()).p > 0.01
-    assert compare_surfaces(one, other, rng()).p == pytest.approx(1 / (1 + checks.REPETITIONS))
-
-
-def test_same_parts_are_compared_without_the_simulation(agreeing):
-    parts = tuple(dataclasses.replace(p, counts=p.counts[::-1]) for p in agreeing.given.parts)
-    other = dataclasses.replace(agreeing, given=dataclasses.replace(agreeing.given, parts=parts))
-    tables = [np.stack([p.counts, p.counts[::-1]]) for p in agreeing.given.parts]
-    g = sum(
-        power_divergence(
-            table, np.outer(table.sum(axis=1), table.sum(axis=0)) / table.sum(), 3, None,
-            'log-likelihood',
-        ).statistic
-        for table in tables
-    )  # fmt: skip
-    assert compare_surfaces(agreeing, other, rng()).p == pytest.approx(chi2.sf(g, 3))
-
-
-def test_surfaces_with_other_ranges_are_not_compared(agreeing):
-    given = dataclasses.replace(agreeing.given, factors=agreeing.given.factors[:1])
-    with pytest.raises(InvalidValueError, match='expected the same ranges'):
-        compare_surfaces(agreeing, dataclasses.replace(agreeing, given=given), rng())

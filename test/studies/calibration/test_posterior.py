@@ -7,13 +7,13 @@ import pytest
 from scipy.special import expit, logsumexp
 from scipy.stats import beta, betabinom, binom, dirichlet_multinomial
 
-from resting_aspects_ros.studies.calibration.checks import find_estimates
 from resting_aspects_ros.studies.calibration.posterior import (
     DISCREPANCIES,
     DISCREPANCY_SCALE,
     REPEATED,
     ROUNDS,
     ShareModel,
+    find_estimates,
     fit_surface,
     log_density,
     terms,

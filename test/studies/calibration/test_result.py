@@ -7,8 +7,7 @@ import pytest
 
 from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
-from resting_aspects_ros.studies.calibration.checks import SurfaceComparison
-from resting_aspects_ros.studies.calibration.result import comparison_text, statements
+from resting_aspects_ros.studies.calibration.result import statements
 
 TRUTH = (0.4, 0.6)
 
@@ -105,11 +104,3 @@ def test_picture_is_written(result, tmp_path):
     pixels = np.asarray(Image.open(tmp_path / 'picture.png').convert('RGB'))
     # The inner region is drawn in its colour.
     assert (np.abs(pixels.astype(int) - (0x5B, 0x93, 0xD0)).sum(axis=2) < 10).sum() > 1000
-
-
-def test_comparison_names_both_surfaces_and_the_verdict():
-    found = SurfaceComparison('mat', 'oak', 0.0, 1e-5, same_parts=True)
-    assert comparison_text(found).startswith('mat and oak are different surfaces: G test')
-    found = SurfaceComparison('mat', 'oak', 0.87, 0.3, same_parts=False)
-    assert 'mat and oak can be one surface' in comparison_text(found)
-    assert '87 %' in comparison_text(found)
