@@ -1,6 +1,5 @@
 """Comparisons: distances by hand, published intervals, and how often they cover the truth."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, chi2_contingency, chisquare
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.comparison import (
     DropCounts,
@@ -17,7 +15,6 @@ from resting_aspects_ros.statistics.comparison import (
     compare_with_exact,
     square_and_add,
 )
-from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import bounds
 
 pairs = st.integers(1, 8).flatmap(
@@ -106,32 +103,6 @@ def test_distribution_does_not_differ_from_itself(pair):
         assert (found.upper >= -1e-15).all()
 
 
-def test_disjoint_distributions_have_the_maximum_distance():
-    found = compared([100, 0], [0, 100])
-    assert (found.total_variation, found.mean_deviation, found.largest_deviation) == (1, 1, 1)
-    assert found.p_value < 1e-40
-
-
-def test_more_drops_approach_the_exact_comparison():
-    one, exact = [300, 500, 200], np.array([0.35, 0.45, 0.2])
-    against = compare_with_exact(tally(one), exact, np.random.default_rng(1))
-    found = compared(one, (exact * 10**9).astype(np.int64))
-    np.testing.assert_allclose(found.lower, against.lower, atol=1e-5)
-    np.testing.assert_allclose(found.upper, against.upper, atol=1e-5)
-    assert found.p_value == pytest.approx(against.p_value, rel=1e-3)
-
-
-def test_distribution_is_accepted_for_comparison():
-    # The same numbers as in the first test.
-    counts = np.array([50, 30, 20], dtype=np.int64)
-    one = Distribution(AspectSet('a', ()), counts, 60, 30, 10)
-    other = tally([80, 40, 80], 0, 50, 0)
-    found = compare(one, other, np.random.default_rng(1))
-    same = compare(tally([50, 30, 20], 60, 30, 10), other, np.random.default_rng(1))
-    for field in dataclasses.fields(found):
-        np.testing.assert_equal(getattr(found, field.name), getattr(same, field.name))
-
-
 @pytest.mark.parametrize(
     ('one', 'other', 'lower', 'upper'),
     # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
@@ -176,68 +147,21 @@ def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
     assert held / runs >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / runs)
 
 
-def test_larger_confidence_gives_wider_bounds():
-    narrow, wide = (compared([50, 30], [20, 70], confidence=c) for c in (0.8, 0.99))
-    assert (wide.lower < narrow.lower).all()
-    assert (narrow.upper < wide.upper).all()
-    assert wide.confidence == 0.99
-
-
-def test_random_tables_depend_only_on_the_generator():
-    one, other = tally([3, 1, 5]), tally([1, 3, 2])
-    p = [compare(one, other, np.random.default_rng(seed)).p_value for seed in (1, 1, 2)]
-    assert p[0] == p[1] != p[2]
-    assert compare(one, other, np.random.default_rng(1)).p_by == 'monte carlo'
-
-
 @pytest.mark.parametrize(
-    ('one', 'other', 'expected'),
+    ('one', 'other', 'named'),
     [
-        (
-            [0, 0],
-            [1, 1],
-            'invalid counts [0, 0] of the first distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [1, 1],
-            [2, -1],
-            'invalid counts [2, -1] of the second distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [],
-            [],
-            'invalid counts [] of the first distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [1, 1],
-            [1, 1, 1],
-            'invalid number of aspects 3 of the second distribution: expected 2, as in the first',
-        ),
+        ([0, 0], [1, 1], r'counts \[0, 0\] of the first'),
+        ([1, 1], [2, -1], r'counts \[2, -1\] of the second'),
+        ([], [], r'counts \[\] of the first'),
+        ([1, 1], [1, 1, 1], 'number of aspects 3 of the second distribution: expected 2'),
     ],
 )
-def test_error_for_counts_that_cannot_be_compared(one, other, expected):
-    with pytest.raises(InvalidValueError) as caught:
+def test_counts_that_cannot_be_compared_are_refused(one, other, named):
+    with pytest.raises(InvalidValueError, match=named):
         compared(one, other)
-    assert str(caught.value) == expected
 
 
-@pytest.mark.parametrize(
-    ('probabilities', 'expected'),
-    [
-        ([0.5, 0.6], 'invalid probabilities [0.5, 0.6]: expected 0 or more with a sum of 1'),
-        ([1.5, -0.5], 'invalid probabilities [1.5, -0.5]: expected 0 or more with a sum of 1'),
-        ([1.0, math.nan], 'invalid probabilities [1.0, nan]: expected 0 or more with a sum of 1'),
-        ([1.0], 'invalid number of aspects 1 of the estimate: expected 2, as in the first'),
-    ],
-)
-def test_error_for_invalid_probabilities(probabilities, expected):
-    with pytest.raises(InvalidValueError) as caught:
-        compare_with_exact(tally([5, 5]), probabilities, np.random.default_rng(1))
-    assert str(caught.value) == expected
-
-
-def test_invalid_confidence_is_rejected():
-    with pytest.raises(
-        InvalidValueError, match=r'^invalid confidence 1\.5: expected more than 0\.5'
-    ):
-        compared([5, 5], [5, 5], confidence=1.5)
+@pytest.mark.parametrize('exact', [[0.5, 0.6], [1.5, -0.5], [1.0, math.nan], [1.0]])
+def test_invalid_probabilities_are_refused(exact):
+    with pytest.raises(InvalidValueError, match='invalid'):
+        compare_with_exact(tally([5, 5]), exact, np.random.default_rng(1))

