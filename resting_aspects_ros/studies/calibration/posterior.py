@@ -263,7 +263,6 @@ def fit_surface(
     points: int,
     seed: int,
     discrepancy: bool = True,
-    rounds: int = ROUNDS,
 ) -> Fit | None:
     """Return the fit of counts; None if it was stopped before the first round was complete.
 
@@ -273,8 +272,6 @@ def fit_surface(
         Drops the parts.
     points : int
         Number of points of the first design, which fill the ranges.
-    rounds : int
-        Number of rounds of half as many points where the counts are probable.
     """
     where = sobol(len(given.factors), points, seed)
     made = simulate(where)
@@ -282,7 +279,7 @@ def fit_surface(
         return None
     values = DISCREPANCIES if discrepancy else np.zeros(1)
     fit = _fit(given, where, made, np.ones(points), values, seed)
-    for number in range(rounds):
+    for number in range(ROUNDS):
         added = fit.probable(max(1, points // 2), np.random.default_rng((seed, number)))
         more = simulate(added)
         if more is None:

@@ -30,11 +30,6 @@ def test_shortest_interval_is_ascending_and_has_its_values(values):
     assert sum(low <= each <= high for each in values) >= 0.9 * len(values)
 
 
-def test_shortest_interval_of_a_normal_distribution():
-    low, high = shortest_interval(rng().standard_normal(100_000), np.full(100_000, 1e-5))
-    assert (low, high) == pytest.approx((-1.645, 1.645), abs=0.1)
-
-
 def test_estimates_contain_the_truth(agreeing):
     for each, unit in zip(find_estimates(agreeing), TRUTH, strict=True):
         truth = float(each.factor.values(np.array([unit]))[0])

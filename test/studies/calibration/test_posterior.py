@@ -16,7 +16,6 @@ from resting_aspects_ros.studies.calibration.posterior import (
     find_estimates,
     fit_surface,
     log_density,
-    terms,
 )
 
 from .conftest import HEIGHTS, box_shares, surface_counts
@@ -49,15 +48,6 @@ def test_no_discrepancy_is_the_multinomial():
     found = log_density(np.array([30, 70]), shares, np.zeros(9))
     theirs = binom.logpmf(30, 100, shares[:, 0])
     assert found - found[2] == pytest.approx(theirs - theirs[2], rel=1e-4, abs=1e-3)
-
-
-def test_number_of_terms_is_that_of_monomials():
-    """Of degree k in d dimensions, there are (d + k over k) monomials."""
-    assert [terms(np.zeros((1, d)), k).shape[1] for d, k in ((1, 5), (2, 3), (4, 2))] == [
-        6,
-        10,
-        15,
-    ]
 
 
 def test_polynomial_is_found_again_within_its_error():
@@ -153,35 +143,6 @@ def test_region_of_highest_density_has_its_probability(agreeing):
     assert agreeing.weights().sum(axis=0)[inside].sum() == pytest.approx(0.9, abs=0.01)
 
 
-def test_names_and_order_of_groups_and_parts_have_no_effect(agreeing, invented):
-    parts = tuple(
-        dataclasses.replace(
-            part, groups=part.groups[::-1], names=part.names[::-1], counts=part.counts[::-1]
-        )
-        for part in agreeing.given.parts[::-1]
-    )
-    other = dataclasses.replace(
-        agreeing,
-        given=dataclasses.replace(agreeing.given, parts=parts),
-        models=tuple(
-            dataclasses.replace(
-                each,
-                coefficients=each.coefficients[:, ::-1],
-                covariance=each.covariance[::-1],
-            )
-            for each in agreeing.models[::-1]
-        ),
-    )
-    assert other.weights() == pytest.approx(agreeing.weights(), abs=1e-9)
-
-
-def test_same_seed_gives_the_same_points(invented):
-    counts = invented.counted(TRUTH, 100, np.random.default_rng(3))
-    one, same, other = (invented.fit(counts, seed=seed) for seed in (1, 1, 2))
-    assert (one.points == same.points).all()
-    assert not (one.points[:64] == other.points[:64]).any()
-
-
 def test_points_are_added_where_the_posterior_lies_and_at_its_best(invented):
     fit = invented.fit(invented.counted(TRUTH, 1000, np.random.default_rng(3)))
     assert len(fit.points) == 64 + ROUNDS * 32 + REPEATED
@@ -223,20 +184,6 @@ def test_stopped_work_has_the_rounds_that_are_complete():
     assert (len(fit.points), fit.checked) == (96, None)
     limit = 0
     assert fit_surface(given, simulate, points=64, seed=1) is None
-
-
-def test_more_counts_narrow_the_region(invented):
-    rng = np.random.default_rng(3)
-    few, many = (
-        invented.fit(invented.counted(TRUTH, n, rng), discrepancy=False) for n in (50, 2000)
-    )
-    assert (moments(many)[1] < moments(few)[1] / 1.5).all()
-
-
-def test_discrepancy_widens_the_region(invented):
-    counts = invented.counted(TRUTH, 1000, np.random.default_rng(3))
-    exact, wide = (invented.fit(counts, discrepancy=d) for d in (False, True))
-    assert (moments(wide)[1] > 1.2 * moments(exact)[1]).all()
 
 
 def test_discrepancy_is_found_where_counts_contradict(agreeing, contradicting):
