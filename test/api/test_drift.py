@@ -82,12 +82,6 @@ def test_classes_can_be_counted_together(observed, lines):
     assert (windows(found), found.parts, found.unclassified) == ([[1, 5], [4, 6]], 16, 4)
 
 
-def test_unclassified_parts_fill_no_window(observed):
-    found = observed('class', '1', 'unclassified', 'unclassified', '2', 'unclassified')
-    counts, ends, _ = found.windows(2)
-    assert (counts.tolist(), ends.tolist(), found.unclassified) == ([[1, 1, 0]], [0, 2], 3)
-
-
 def test_cumulative_counts_are_differences(observed):
     found = observed('1,2,3', '5,5,0', '5,9,1', cumulative=True)
     assert windows(found) == [[5, 5, 0], [0, 4, 1]]
@@ -99,31 +93,20 @@ def test_cumulative_counts_are_differences(observed):
     ('lines', 'message'),
     [
         (('',), 'invalid column names .* expected a column aspect or class and'),
-        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column aspect or class'),
         (('aspect,count', '1,2'), 'invalid column names .* expected a column aspect or class and'),
-        (('class,count,count', '1,2,3'), 'invalid column names'),
         (('class,count,batch,time', '1,2,3,4'), 'invalid column names'),
-        (('{"drops": 5}',), 'invalid column names'),
         (('1,2', '3,4'), 'expected one column for each class, 1, 2, 3'),
-        (('1,2,3,4', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
         (('1,2,3,class_3', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
         (('1,2,3', '3,-4,5'), "invalid count of class 2 '-4' .* line 2: expected an integer from"),
-        (('1,2,3', '3,4.5,5'), "invalid count of class 2 '4.5'"),
         (('1,2,3', '3,nan,5'), "invalid count of class 2 'nan'"),
-        (('1,2,3', '3,,5'), "invalid count of class 2 ''"),
-        (('1,2,3', '3,1e3,5'), "invalid count of class 2 '1e3'"),
         (('1,2,3', '3,999999999,5'), 'expected an integer from 0 to 100000000'),
         (('1,2,3', '3,4'), 'invalid number of columns 2'),
         (('1,2,3', '0,0,0'), 'invalid number of counted parts 0'),
-        (('1,2,3',), 'invalid number of counted parts 0'),
         (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of a class"),
-        (('class', '1.5'), "invalid class '1.5'"),
         (('class,count', '1,2', '1,3'), 'expected each class once in a batch'),
         (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'the rows of a batch together'),
         (('class,count', '1,2', '2+3,5', '3,4'), "class '3' .* the file counts 2.3 together"),
         (('class,count', '1+1,2'), r"class '1\+1' .* expected the number of a class"),
-        (('1,2+4', '3,4'), 'expected one column for each class, 1, 2, 3'),
-        (('unclassified', '3'), 'invalid column names'),
     ],
 )  # fmt: skip
 def test_wrong_files_are_named(observed, lines, message):
@@ -155,17 +138,12 @@ def test_wrong_arrays_are_named(rows):
 def test_drift_is_found_and_named(expected):
     result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200)
     assert result.drift
+    good = watch_drift(expected, [GOOD] * 6, window=200)
+    assert (good.drift, good.live.observed.tolist()) == (False, [6 * n for n in GOOD])
     assert result.verdict == (
         'Class 2 is seen in 45 % instead of 28 % (+17 points, 95 % interval +12 to +22) since '
         'part 601.'
     )
-
-
-def test_counts_as_expected_have_no_drift(expected):
-    result = watch_drift(expected, [GOOD] * 6, window=200)
-    assert not result.drift
-    assert result.verdict == 'No drift in 6 windows of 200 parts.'
-    assert result.live.observed.tolist() == [6 * n for n in GOOD]
 
 
 def test_past_drift_is_a_window(expected):
@@ -231,12 +209,8 @@ def test_document_has_the_numbers_of_the_result(expected):
     ('options', 'message'),
     [
         ({'window': 0}, 'invalid window 0: expected an integer'),
-        ({'window': 201}, 'invalid window 201: expected an integer from 1 to 200'),
-        ({'window': 10.5}, 'invalid window 10.5'),
-        ({'level': 0.5}, 'invalid level 0.5'),
         ({'shift': 0}, 'invalid shift 0'),
         ({'prior_weight': 0}, 'invalid prior weight 0'),
-        ({'confidence': 1}, 'invalid confidence 1'),
         ({'cumulative': True}, 'invalid cumulative True'),
     ],
 )

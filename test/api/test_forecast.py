@@ -1,9 +1,7 @@
 """Forecasts of parts per minute in the Python interface."""
 
 import json
-import math
 
-import numpy as np
 import pytest
 import trimesh
 
@@ -87,26 +85,14 @@ def test_document_has_all_numbers(tossed):
     assert document['drop']['drops'] == 100
     assert sum(document['time_shares'].values()) == pytest.approx(1)
     assert document['times']['vibrate'] == 0.6
-    assert (
-        document['sensitivity']['robot']['shorter']
-        > 0
-        > document['sensitivity']['robot']['longer']
-    )
+    robot = document['sensitivity']['robot']
+    assert robot['shorter'] > 0 > robot['longer']
     assert {'number', 'parts_per_minute', 'lower', 'upper', 'empty_cycles', 'free'} == set(
         document['curve'][0]
     )
     assert [row['aspects'] for row in document['mix']] == [[1, 2], [3, 4], [5, 6]]
     assert len(document['alternatives']) == 1
     assert document['alternatives'][0]['alternatives'] == []
-
-
-def test_flips_follow_from_picks_and_parts(tossed):
-    document = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=10).document()
-    picks = document['picks_per_cycle']
-    assert document['flips_per_part'] == pytest.approx((10 - picks) / picks)
-    assert document['parts_per_minute'] == pytest.approx(60 * picks / document['cycle_time'])
-    on_tray = np.array([row['on_tray'] * row['picked'] for row in document['mix']])
-    assert 10 * on_tray.sum() == pytest.approx(picks)
 
 
 @pytest.mark.slow
@@ -140,31 +126,20 @@ def test_times_of_the_action_are_used_by_default():
     assert (times.vibrate, times.settle, times.place) == pytest.approx((1.0, 0.0, 0.5))
 
 
-def test_same_seed_gives_the_same_forecast(tossed):
-    one, other = (forecast_from(tossed, [1, 2], TRAY, TIMES).to_json() for _ in range(2))
-    assert one == other
-
-
 @pytest.mark.parametrize(
     'wrong',
     [
         {'pickable': [9]},
-        {'pickable': [0]},
         {'pickable': []},
         {'pickable': [1], 'pickable_classes': [1]},
         {},
         {'pickable_classes': [4]},
         {'pickable': [1], 'robot': 0},
-        {'pickable': [1], 'vibrate': -1},
-        {'pickable': [1], 'image': math.nan},
         {'pickable': [1], 'place': 0.5},
-        {'pickable': [1], 'place': 5.0, 'overlap': True},
         {'pickable': [1], 'tray': (0.02, 0.02)},
-        {'pickable': [1], 'clearance': -0.001},
         {'pickable': [1], 'parts_on_tray': 0},
         {'pickable': [1], 'parts_on_tray': 500},
         {'pickable': [1], 'max_picks': 0},
-        pytest.param({'pickable': [1], 'minutes': 0}, marks=pytest.mark.slow),
         {'pickable': [1], 'action': 'shake'},
     ],
 )

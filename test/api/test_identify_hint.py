@@ -39,10 +39,7 @@ def test_missing_hole_is_not_touching_parts(washer):
     ('scale', 'expected'),
     [
         (1.2, 'its lengths are 1.2 times as long: check the scale of the camera'),
-        (0.5, 'its lengths are 0.5 times as long: check the scale of the camera'),
         (100, 'its lengths are 100 times as long: its coordinates are probably in cm instead'),
-        (0.1, 'its lengths are 0.1 times as long'),
-        (0.001**0.5, 'check the scale'),
     ],
 )
 def test_wrong_scale_is_named(washer, scale, expected):

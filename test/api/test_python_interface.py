@@ -85,25 +85,6 @@ def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
     assert [run.engine for run in runs] == [engine] * 3
 
 
-def test_it_stops_at_a_precision(workers):
-    result = ra.drop('tetrahedron', precision=0.05, workers=workers, keep_poses=False)
-    widths = [(each.upper - each.lower) / 2 for each in result.distribution.intervals()]
-    assert max(widths) <= 0.05
-    assert result.poses is None
-
-
-@pytest.mark.slow
-def test_a_report_is_written(workers, tmp_path):
-    page = ra.drop('tetrahedron', drops=30, workers=workers).report(tmp_path / 'out')
-    assert page == tmp_path / 'out' / 'report.html'
-    assert 'tetrahedron' in page.read_text('utf-8')
-
-
-def test_convergence_is_checked_if_requested(workers):
-    result = ra.drop('tetrahedron', drops=60, workers=workers, check_convergence=True)
-    assert result.convergence.drops == 60
-
-
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
@@ -192,13 +173,6 @@ def test_ctrl_c_ends_the_drops_and_their_workers(engine):
     assert any('of 2000000 drops' in line for line in script.stderr)
     script.send_signal(signal.SIGINT)
     assert script.communicate(timeout=600)[0] == 'interrupted [] 1\n'
-
-
-def test_progress_is_shown_if_requested(workers, capsys):
-    ra.drop('tetrahedron', drops=5, workers=workers)
-    assert capsys.readouterr().err == ''
-    ra.drop('tetrahedron', drops=5, workers=workers, progress=True)
-    assert 'tetrahedron: 5 of 5 drops' in capsys.readouterr().err
 
 
 def test_what_is_odd_about_a_part_is_a_warning(workers, tmp_path):
