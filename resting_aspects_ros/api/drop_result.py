@@ -19,6 +19,7 @@ from resting_aspects_ros.statistics.poses import RestingPoses
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.report.page import Page
 
 
@@ -113,12 +114,12 @@ class DropResult(Result):
             fields['convergence'] = self.convergence
         return distribution_document(self.distribution, fields, self.part)
 
-    def page(self) -> 'Page':
-        """Return a page with pictures, charts and all numbers."""
+    def page(self, against: 'CountedDrops | None' = None) -> 'Page':
+        """Return a page with pictures, charts and all numbers; beside other counts, if given."""
         # This import takes about a second.
         from resting_aspects_ros.api.report_files import result_page
 
-        return result_page(self)
+        return result_page(self, against)
 
     def figure(self) -> 'Figure':
         """Return a bar for each symmetry class, with a picture of the part in it."""

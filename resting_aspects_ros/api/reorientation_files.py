@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.conditions import condition_facts, conditions_text
@@ -12,7 +11,6 @@ from resting_aspects_ros.api.report_files import (
     run_facts,
     warning_notes,
 )
-from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.format import aspects_text
 from resting_aspects_ros.report.page import (
@@ -66,28 +64,6 @@ def reorientation_file_names(actions: Sequence[str]) -> list[str]:
     """Return the names of all files of a page on these actions; without any, on retention."""
     figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
     return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
-
-
-def check_reorientation_report(flag: str, folder: Path, actions: Sequence[str]) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written.
-
-    ``actions`` are the names of the actions; without any, the report is on retention curves.
-    """
-    check_files(flag, folder, reorientation_file_names(actions))
-
-
-def write_reorientation_report(
-    results: Sequence['ReorientResult'],
-    folder: Path,
-    *,
-    wanted: Sequence[int] = (),
-    plan: 'PlanResult | None' = None,
-) -> Path:
-    """Write a report on one or several actions, and return the path of the page.
-
-    See reorientation_page. Raises OutputError if a file cannot be written.
-    """
-    return write_page(reorientation_page(results, wanted=wanted, plan=plan), folder)
 
 
 def reorientation_page(

@@ -17,7 +17,6 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.model_range import model_range_text
-from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
@@ -26,7 +25,7 @@ from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import ComparedResults
-from resting_aspects_ros.report.drop_page import FILES, drop_page
+from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.report.drops import MAX_ROWS, contact_table, symmetry_text
 from resting_aspects_ros.report.format import (
     GREY,
@@ -56,21 +55,6 @@ if TYPE_CHECKING:
 SEED = 1
 # Side of a picture of a placement, pixels: twice its size on the page.
 PIXELS = 400
-
-
-def default_folder(part: str) -> Path:
-    """Return the default folder of the report on a part."""
-    return Path('out') / part
-
-
-def check_report(flag: str, folder: Path) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    check_files(flag, folder, FILES)
-
-
-def write_report(result: 'DropResult', folder: Path, against: CountedDrops | None = None) -> Path:
-    """Write the report and return the path of the page. Raises OutputError."""
-    return write_page(result_page(result, against), folder)
 
 
 def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Page:

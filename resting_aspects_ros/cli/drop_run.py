@@ -154,15 +154,8 @@ def _noise(arguments: argparse.Namespace) -> Noise:
 
 def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
     """Make the folder of the result, None if it is not saved; raises InvalidValueError."""
-
-    def check_report(flag: str, out: Path) -> None:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.report_files import check_report
-
-        check_report(flag, out)
-
     check_output('--poses', arguments.poses)
-    return result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), check_report)
+    return result_folder(arguments, part, (DOCUMENT, PICTURE, POSES))
 
 
 def _result(

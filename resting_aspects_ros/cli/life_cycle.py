@@ -104,20 +104,12 @@ def exit_code(has: str, *, complete: bool, failure: RestingAspectsError | None =
 def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
     """Return the flag that requests a folder, and the folder: None if nothing is saved."""
     if arguments.out is None and getattr(arguments, 'report', False):
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.report_files import default_folder
-
-        return '--report', default_folder(part)
+        return '--report', Path('out') / part
     return '--out', arguments.out
 
 
-def result_folder(
-    arguments: argparse.Namespace,
-    part: str,
-    files: Iterable[str],
-    check_report: Callable[[str, Path], None] = lambda *_: None,
-) -> Path | None:
-    """Make the folder of a result with the given files, and with a page if requested.
+def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]) -> Path | None:
+    """Make the folder of a result with the given files.
 
     Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
     cannot be written.
@@ -130,8 +122,6 @@ def result_folder(
     make_folder(flag, out)
     for name in files:
         check_output(flag, out / name)
-    if getattr(arguments, 'report', False):
-        check_report(flag, out)
     return out
 
 

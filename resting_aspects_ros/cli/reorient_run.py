@@ -3,7 +3,6 @@
 import argparse
 import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.load_part import load_part
@@ -32,7 +31,6 @@ from resting_aspects_ros.cli.reorient_show import (
     write_page,
 )
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.statistics.intervals import check_precision
 from resting_aspects_ros.statistics.markov import wanted_mask
 
@@ -43,7 +41,7 @@ def reorient_and_show(arguments: argparse.Namespace, session: Session, confidenc
     options = _options(arguments, confidence)
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     wanted = _wanted(arguments, find_aspects(part))
-    out = _folder(arguments, part.name, actions)
+    out = result_folder(arguments, part.name, (DOCUMENT,))
     results, failure = partial_result(
         partial(reorient_each, part, actions, arguments.per_aspect, **options, **session.options)
     )
@@ -102,15 +100,3 @@ def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...
     numbers = parse_numbers('--wanted-classes', arguments.wanted_classes)
     wanted_mask(numbers, len(classes), 'symmetry class')
     return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
-
-
-def _folder(arguments: argparse.Namespace, part: str, actions: list[NamedAction]) -> Path | None:
-    """Return the folder of the result, None if it is not saved; raises InvalidValueError."""
-
-    def check_report(flag: str, out: Path) -> None:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
-
-        check_reorientation_report(flag, out, [action.name for action in actions])
-
-    return result_folder(arguments, part, (DOCUMENT,), check_report)

@@ -18,6 +18,7 @@ from resting_aspects_ros.api.reorient_result import (
     plan_reorientation,
 )
 from resting_aspects_ros.api.result import whole_file
+from resting_aspects_ros.api.result import write_page as write_page_files
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.cli.console import make_console, show_table
@@ -185,12 +186,9 @@ def _save_roadmap(answer: Answer, part: Part, path: Path) -> None:
 def write_page(answer: Answer, out: Path) -> Path:
     """Write the page with its figures and return its path; raises OutputError."""
     # This import is slow, and only needed for a page.
-    from resting_aspects_ros.api.reorientation_files import write_reorientation_report
+    from resting_aspects_ros.api.reorientation_files import reorientation_page
 
     print('writing the report ...', file=sys.stderr)
-    return write_reorientation_report(
-        answer.results,
-        out,
-        wanted=answer.wanted,
-        plan=answer.plan if len(answer.results) > 1 else None,
-    )
+    plan = answer.plan if len(answer.results) > 1 else None
+    page = reorientation_page(answer.results, wanted=answer.wanted, plan=plan)
+    return write_page_files(page, out)

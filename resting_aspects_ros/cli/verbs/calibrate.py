@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
+from resting_aspects_ros.cli.life_cycle import INTERRUPTED, result_folder, session
 from resting_aspects_ros.cli.options import add_workers, parse_integer
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
@@ -72,12 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
     # These imports are slow because of NumPy.
-    from resting_aspects_ros.api.result import check_files
     from resting_aspects_ros.studies.calibration.calibrate import calibrate
 
-    folder: Path | None = arguments.out
-    if folder is not None:
-        check_files('--out', folder, (DOCUMENT, ENTRY, PICTURE))
+    folder = result_folder(arguments, '', (DOCUMENT, ENTRY, PICTURE))
     with session(arguments) as started:
         result = calibrate(
             arguments.counts,

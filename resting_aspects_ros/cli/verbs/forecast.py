@@ -129,10 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
     with session(arguments) as started:
         # These imports are slow because of NumPy and shapely.
         from resting_aspects_ros.api.forecast import forecast_each
-        from resting_aspects_ros.api.forecast_result import (
-            save_forecast_picture,
-            write_forecast_report,
-        )
+        from resting_aspects_ros.api.forecast_result import save_forecast_picture
         from resting_aspects_ros.api.load_part import load_part
 
         options = _options(arguments)
@@ -141,7 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
             load_part(name, arguments.unit, arguments.parts, arguments.body)
             for name in arguments.part
         ]
-        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), _check_report)
+        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE))
         requests = list(zip(parts, sets, strict=True))
         results = forecast_each(requests, confidence=confidence, **options, **started.options)
         first, *others = results
@@ -151,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.report:
             files[PICTURE] = partial(save_forecast_picture, results)
         show = partial(_show, results, as_json=arguments.json)
-        report = partial(write_forecast_report, results) if arguments.report else None
+        report = (lambda folder: first.report(folder, others)) if arguments.report else None
         finish(arguments, out, files, show, report)
         return DONE
 
@@ -210,13 +207,6 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
             'each part'
         )
     return [[each] for each in sets]
-
-
-def _check_report(flag: str, out: Path) -> None:
-    # This import is slow, and only needed for a report.
-    from resting_aspects_ros.api.forecast_result import check_forecast_report
-
-    check_forecast_report(flag, out)
 
 
 def _show(results: 'Sequence[ForecastResult]', *, as_json: bool) -> None:

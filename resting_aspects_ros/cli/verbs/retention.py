@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.retention import retention
 
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE), _check_report)
+        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
         simulate = partial(
             retention,
             part,
@@ -119,13 +119,6 @@ def run(arguments: argparse.Namespace) -> int:
         disturbed = sum(int(curve.parts.sum()) for curve in result.curves)
         has = f'{disturbed} of {result.run.drops} disturbances'
         return exit_code(has, complete=result.complete, failure=failure)
-
-
-def _check_report(flag: str, out: Path) -> None:
-    # This import is slow, and only needed for a report.
-    from resting_aspects_ros.api.reorientation_files import check_reorientation_report
-
-    check_reorientation_report(flag, out, ())
 
 
 def _show(result: 'RetentionResult', *, as_json: bool) -> None:
