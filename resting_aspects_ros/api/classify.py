@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import on_level_floor
-from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
@@ -206,7 +206,7 @@ def classify(
     """
     radians = float(np.radians(tolerance))
     check_tolerance(radians)
-    loaded = part if isinstance(part, Part) or part is None else load_part(part)
+    loaded = None if part is None else given_part(part)
     table = _table(poses, MIN_POSES if loaded is None else MIN_POSES_WITH_PART)
     if surroundings is not None:
         if loaded is None:
@@ -216,8 +216,6 @@ def classify(
     clusters = find_clusters(down_in_part(table.orientation), radians)
     if loaded is None:
         return ClassificationResult(table, clusters, radians)
-    for warning in loaded.warnings:
-        warn(warning)
     return ClassificationResult(table, clusters, radians, _by_part(table, clusters, loaded))
 
 

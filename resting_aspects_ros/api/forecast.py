@@ -326,17 +326,18 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation: PlannedReorient | KnownReorient
+    reorientation: PlannedReorient | ReorientResult
     if isinstance(part, ReorientResult):
         if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
             raise InvalidValueError(
                 'invalid action or conditions: expected none with the result of reorient, which '
                 'has its own'
             )
-        reorientation = KnownReorient(part)
+        reorientation, aspects = part, part.matrix.aspects
     else:
         reorientation = plan_reorient(part, [named], per_aspect, **simulation)
-    loaded, aspects = reorientation.part, reorientation.aspects
+        aspects = reorientation.aspects
+    loaded = reorientation.part
     check_tray(loaded, aspects, cell, parts_on_tray)
     pickable = [pickable_aspects(aspects, *each) for each in sets]
     if grasps:
@@ -363,36 +364,16 @@ def plan_forecasts(
 
 
 @dataclass(frozen=True)
-class KnownReorient:
-    """Drops and an action that are simulated already, in place of a PlannedReorient."""
-
-    result: ReorientResult
-
-    @property
-    def part(self) -> Part:
-        """The part."""
-        return self.result.part
-
-    @property
-    def aspects(self) -> AspectSet:
-        """The aspects of the part that are counted."""
-        return self.result.matrix.aspects
-
-    def make(self, runner: Runner) -> list[ReorientResult]:
-        """Return the result."""
-        del runner
-        return [self.result]
-
-
-@dataclass(frozen=True)
 class PlannedForecasts:
     """Forecasts of a part that are checked, for one or several sets of pickable aspects.
 
+    reorientation : PlannedReorient or ReorientResult
+        Drops and an action, which can be simulated already.
     options : mapping
         Other arguments of `forecast_from`.
     """
 
-    reorientation: PlannedReorient | KnownReorient
+    reorientation: PlannedReorient | ReorientResult
     pickable: list[tuple[int, ...]]
     tray: Tray
     times: CycleTimes
@@ -401,7 +382,8 @@ class PlannedForecasts:
 
     def make(self, runner: Runner) -> list[ForecastResult]:
         """Simulate, and return the forecasts; raises StoppedError."""
-        (result,) = self.reorientation.make(runner)
+        known = self.reorientation
+        result = known if isinstance(known, ReorientResult) else known.make(runner)[0]
         found = []
         for ids in self.pickable:
             if runner.stopped():
