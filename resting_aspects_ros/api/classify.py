@@ -305,7 +305,7 @@ def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
             if status is RestStatus.SETTLED:  # no others need to have an orientation
                 index.append(sum(count.values()))
                 lines.append(line)
-                numbers.extend(_number(table, line, row, k) for k in columns)
+                numbers.extend(table.number(line, row, k) for k in columns)
             count[status] += 1
     if len(index) < min_poses:
         settled = ' settled' if sum(count.values()) > len(index) else ''
@@ -343,16 +343,6 @@ def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) 
     except KeyError:
         names = 'one of ' + ', '.join(status.name for status in RestStatus)
         raise table.wrong(line, row, column, names) from None
-
-
-def _number(table: CsvTable, line: int, row: Sequence[str], column: int) -> float:
-    try:
-        number = float(row[column])
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise table.wrong(line, row, column, 'a finite number, such as -0.5')
-    return number
 
 
 def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:

@@ -16,7 +16,7 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, warn
 from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, check_fit, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
@@ -73,27 +73,6 @@ def cycle_times(
         return times
     away = times.robot / 2 if place is None else place
     return dataclasses.replace(times, place=away)
-
-
-def pickable_aspects(
-    aspects: AspectSet, ids: Sequence[int] | None, classes: Sequence[int] | None
-) -> tuple[int, ...]:
-    """Return the ids of pickable aspects, ascending, from ids or from numbers of classes.
-
-    Raises InvalidValueError if an id or a number is not known, or if there is none.
-    """
-    members = aspects.classes()
-    what, limit, given = 'aspect', len(aspects), ids
-    if given is None:
-        what, limit, given = 'symmetry class', len(members), classes or ()
-    if not given:
-        raise InvalidValueError(f'invalid pickable {what}: expected at least one')
-    for k in given:
-        if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
-            raise InvalidValueError(f'invalid pickable {what} {shown(k)}: expected 1 to {limit}')
-    if ids is not None:
-        return tuple(sorted({int(k) for k in ids}))
-    return tuple(sorted(aspect.id for k in set(given) for aspect in members[k - 1]))
 
 
 def footprints_of(
@@ -339,7 +318,7 @@ def plan_forecasts(
         aspects = reorientation.aspects
     loaded = reorientation.part
     check_tray(loaded, aspects, cell, parts_on_tray)
-    pickable = [pickable_aspects(aspects, *each) for each in sets]
+    pickable = [aspects.chosen(*each, 'pickable') for each in sets]
     if grasps:
         # The import of shapely is only needed here.
         from resting_aspects_ros.api.grasps import check_grasps
@@ -411,7 +390,7 @@ def forecast_from(
     If whole symmetry classes are pickable, the forecast uses the counts by class.
     """
     aspects = result.matrix.aspects
-    ids = set(pickable_aspects(aspects, pickable, None))
+    ids = set(aspects.chosen(pickable, None, 'pickable'))
     classes = aspects.classes()
     by_class = all(
         ids.issuperset(members) or ids.isdisjoint(members)

@@ -32,7 +32,6 @@ from resting_aspects_ros.cli.reorient_show import (
 )
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.statistics.intervals import check_precision
-from resting_aspects_ros.statistics.markov import wanted_mask
 
 
 def reorient_and_show(arguments: argparse.Namespace, session: Session, confidence: float) -> int:
@@ -90,13 +89,11 @@ def _options(arguments: argparse.Namespace, confidence: float) -> dict[str, Any]
 
 def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...]:
     """Return the ids of the wanted aspects."""
-    if arguments.wanted is not None:
-        numbers = parse_numbers('--wanted', arguments.wanted)
-        wanted_mask(numbers, len(aspects))
-        return tuple(sorted(set(numbers)))
-    if arguments.wanted_classes is None:
-        return ()
-    classes = aspects.classes()
-    numbers = parse_numbers('--wanted-classes', arguments.wanted_classes)
-    wanted_mask(numbers, len(classes), 'symmetry class')
-    return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
+    given = [
+        None if text is None else parse_numbers(flag, text)
+        for flag, text in (
+            ('--wanted', arguments.wanted),
+            ('--wanted-classes', arguments.wanted_classes),
+        )
+    ]
+    return () if given == [None, None] else aspects.chosen(given[0], given[1], 'wanted')

@@ -8,7 +8,7 @@ from scipy.special import entr
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.intervals import containing
 
 # Differences that do not matter: 1 point of a share, and of an entropy in nat.
@@ -162,11 +162,7 @@ def make_objective(
                 f'of aspects, not {len(members)}'
             )
         return Objective((), members)
-    if wanted is not None:
-        ids = _checked('aspect', wanted, len(aspects))
-    else:
-        numbers = _checked('symmetry class', wanted_classes or (), len(members))
-        ids = tuple(sorted(k for number in numbers for k in members[number - 1]))
+    ids = aspects.chosen(wanted, wanted_classes, 'wanted')
     return Objective(ids, (ids,))
 
 
@@ -174,12 +170,3 @@ def listed(words: Iterable[str]) -> str:
     """Return words as a list in a sentence, such as 'a, b and c'."""
     known = list(words)
     return known[0] if len(known) == 1 else f'{", ".join(known[:-1])} and {known[-1]}'
-
-
-def _checked(what: str, numbers: Sequence[int], limit: int) -> tuple[int, ...]:
-    if not len(numbers):
-        raise InvalidValueError(f'invalid wanted {what}: expected at least one')
-    for k in numbers:
-        if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
-            raise InvalidValueError(f'invalid wanted {what} {shown(k)}: expected 1 to {limit}')
-    return tuple(sorted({int(k) for k in numbers}))

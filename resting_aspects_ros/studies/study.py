@@ -3,7 +3,6 @@
 The description of a study, its run and its result belong together; most lines are documentation.
 """
 
-import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -14,7 +13,7 @@ import numpy as np
 import yaml
 from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.result import Result, make_folder, whole_file
+from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
@@ -322,11 +321,8 @@ class StudyResult(Result):
 
     def save_tables(self, folder: str | Path) -> Path:
         """Write the rows as results.csv, and return its path; raises OutputError."""
-        rows, path = list(self.rows), Path(folder) / CSV
-        with whole_file(path) as part, part.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
+        path = Path(folder) / CSV
+        write_rows(path, list(self.rows))
         return path
 
     def page(self) -> 'Page':

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from, pickable_aspects
+from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from
 from resting_aspects_ros.feeding.control import (
     Advice,
     Controller,
@@ -124,7 +124,7 @@ def scenarios(
     yield '|---' * len(heads) + '|'
     for part, classes in PARTS.items():
         result = ra.reorient(part, 'flip', PER_ASPECT, drops=DROPS, seed=1)
-        ids = pickable_aspects(result.matrix.aspects, None, classes)
+        ids = result.matrix.aspects.chosen(None, classes, 'pickable')
         for limit, times in TIMES.items():
             found = forecast_from(result, ids, Tray(TRAY, CLEARANCE), times).named.model
             plain = controller_model(found)
