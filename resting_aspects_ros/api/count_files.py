@@ -214,18 +214,18 @@ def _read_csv(
         for line, row in table.rows():
             cells.begin('' if label is None else row[label])
             cells.add(cells.key(line, row, names.index(what)), 1)
-    elif len(labels) <= 1 and _names_classes(names, ids):
+    # Numbers alone can be the counts of a file without a header.
+    elif (
+        len(labels) <= 1
+        and any(map(parse_group, names))
+        and (ids is not None or not ''.join(names).isdecimal())
+    ):
         _read_columns(cells, label)
     else:
         aspects = ' (this file counts aspects instead of classes)' if ASPECT in names else ''
         other = f' (a counts file can be {COUNTS_FILES})' if ids is None else aspects
         raise _wrong_header(table, _EXPECTED + other)
     return cells
-
-
-def _names_classes(names: Sequence[str], ids: Sequence[int] | None) -> bool:
-    """Return whether a header names classes; numbers alone can be counts in a file without one."""
-    return any(map(parse_group, names)) and (ids is not None or not ''.join(names).isdecimal())
 
 
 def _read_rows(cells: '_Cells', of_key: int, of_count: int, label: int | None) -> None:

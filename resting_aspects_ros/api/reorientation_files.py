@@ -45,7 +45,7 @@ from resting_aspects_ros.report.transitions import (
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
 from resting_aspects_ros.statistics.markov import wanted_mask
-from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
@@ -119,7 +119,9 @@ def reorientation_page(
 def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) -> Iterator[Item]:
     """Yield what the page shows of one action."""
     action, matrix = result.action, result.matrix
-    yield f'{action.action.kind}: {_count_text(matrix)}.'
+    low, high = matrix.actions.min(), matrix.actions.max()
+    each = f'{low}' if low == high else f'{low} to {high}'
+    yield f'{action.action.kind}: {matrix.actions.sum()} actions, {each} from each aspect.'
     for note in _notes(result):
         yield Text(note, 'note')
     yield Facts(list(_action_facts(action)))
@@ -250,12 +252,6 @@ def retention_page(result: 'RetentionResult') -> Page:
         notes=[*notes, *warning_notes(part)],
         names=reorientation_file_names(()),
     )
-
-
-def _count_text(matrix: TransitionMatrix) -> str:
-    low, high = matrix.actions.min(), matrix.actions.max()
-    number = f'{low}' if low == high else f'{low} to {high}'
-    return f'{matrix.actions.sum()} actions, {number} from each aspect'
 
 
 def _notes(result: 'ReorientResult') -> Iterator[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from resting_aspects_ros.api.conditions import (
     condition_facts,
+    contact_planes,
     has_level_floor,
     outcome_hints,
     scene_of,
@@ -20,7 +21,7 @@ from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
-from resting_aspects_ros.aspects.support import NONE, ContactPlane
+from resting_aspects_ros.aspects.support import NONE
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.part.part import Part
@@ -210,11 +211,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     part, contacts, distribution = result.part, result.contacts, result.distribution
     if part is None or contacts is None:
         return None
-    scene = scene_of(part, result.run.conditions)
-    planes = [
-        ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
-        for face in scene.faces
-    ]
+    planes = contact_planes(scene_of(part, result.run.conditions))
     drawn = picture_part(part, distribution.aspects.aspects)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2

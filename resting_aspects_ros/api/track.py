@@ -368,11 +368,9 @@ def _advice(
 def _camera_separates(part: Part, one: Orientation, other: Orientation) -> bool:
     """Return whether the outlines of two rows differ where the wall is, from above."""
     outlines = [
-        shapely.transform(seen_outline(part, row.orientation), _from_corner)
+        shapely.transform(
+            seen_outline(part, row.orientation), lambda points: points - points.min(axis=0)
+        )
         for row in (one, other)
     ]
     return bool(shapely.hausdorff_distance(*outlines) > RESOLVED)
-
-
-def _from_corner(points: Array) -> Array:
-    return np.asarray(points - points.min(axis=0))

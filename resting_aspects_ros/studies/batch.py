@@ -68,10 +68,10 @@ def mesh_files(folder: Path) -> list[Path]:
     return found
 
 
-def part_sources(given: Sequence[str | Path]) -> Iterator[str | Path]:
-    """Yield names of parts and mesh files; a folder stands for the mesh files in it."""
+def part_sources(given: Sequence[Part | str | Path]) -> Iterator[Part | str | Path]:
+    """Yield parts, their names and mesh files; a folder stands for the mesh files in it."""
     for each in given:
-        folder = part_folder(each)
+        folder = None if isinstance(each, Part) else part_folder(each)
         if folder is None:
             yield each
         else:
@@ -100,7 +100,8 @@ def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> 
             path = Path(each)
         if path is not None and base is not None:
             path = base / path
-        found += [load_part(source) for source in part_sources([path or each])]
+        sources = part_sources([path or each])
+        found += [load_part(source) for source in sources if not isinstance(source, Part)]
     names = [part.name for part in found]
     for name in names:
         if names.count(name) > 1:
@@ -403,7 +404,7 @@ def drop_batch(
 
     check_seed(seed)
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
-    sources = _sources(parts)
+    sources = list(part_sources(parts))
     folder = None if out is None else Path(out)
     if folder is not None:
         make_folder('--out', folder)
@@ -414,7 +415,10 @@ def drop_batch(
                 break
             entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
             try:
-                part = source if isinstance(source, Part) else _loaded(source, unit)
+                mesh = None if isinstance(source, Part) else mesh_file(source)
+                part = source
+                if not isinstance(part, Part):
+                    part = load_part(part, None if mesh is None else unit)
                 result = drop(
                     part,
                     drops,
@@ -429,7 +433,6 @@ def drop_batch(
                     force=force,
                     progress=progress,
                 )
-                mesh = None if isinstance(source, Part) else mesh_file(source)
                 result = dataclasses.replace(result, mesh_file=mesh)
                 own = _folder(part.name, [each.folder for each in entries])
                 entry = dataclasses.replace(entry, result=result, folder=own)
@@ -461,17 +464,6 @@ def part_seed(seed: int, part: Part) -> int:
     """
     text = f'{seed} {part.part_sha256}'.encode('ascii')
     return int.from_bytes(hashlib.sha256(text).digest()[:8], 'little')
-
-
-def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
-    found: list[Part | str | Path] = []
-    for each in parts:
-        found += [each] if isinstance(each, Part) else part_sources([each])
-    return found
-
-
-def _loaded(source: str | Path, unit: str | None) -> Part:
-    return load_part(source, unit if mesh_file(source) is not None else None)
 
 
 def _folder(name: str, taken: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ addition to sampling, because a real part is no rigid body, and a hand is no rel
 is common to all parts.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -79,8 +80,9 @@ class ShareModel:
     @classmethod
     def of(cls, points: Array, counts: Counts, weights: Array) -> 'ShareModel':
         """Fit counts (n, g) of drops at points (n, d) with weights (n,)."""
-        d = points.shape[1]
-        degree = max(k for k in range(DEGREE + 1) if k == 0 or _number(d, k) <= weights.sum() / 3)
+        # The number of monomials of degree k in d dimensions is d + k over k.
+        most, d = weights.sum() / 3, points.shape[1]
+        degree = max(k for k in range(DEGREE + 1) if k == 0 or math.comb(d + k, k) <= most)
         x, drops = terms(points, degree), counts.sum(axis=1)
         fitted = [_logistic(x, each, drops, weights) for each in counts.T]
         coefficients, covariance, spread = zip(*fitted, strict=True)
@@ -96,10 +98,6 @@ class ShareModel:
         # A log odds with the variance v is a share with the variance v (p (1 - p))^2.
         error = (shares * shares * (1 - shares) * variance).sum(axis=1) + self.misfit
         return shares, np.minimum(error, 0.5)
-
-
-def _number(d: int, degree: int) -> int:
-    return terms(np.zeros((1, d)), degree).shape[1]
 
 
 def _logistic(x: Array, hits: Counts, drops: Counts, weights: Array) -> tuple[Array, Array, float]:

@@ -13,7 +13,6 @@ from resting_aspects_ros.api.conditions import surface_entry
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import (
-    FAINT,
     TEXT,
     new_figure,
     plain_axes,
@@ -49,10 +48,9 @@ WIDTH = 80
 
 REGIONS = (0.9, 0.5)
 FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
-COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
 CELLS, SMOOTH = 40, 1.5  # of the picture of a pair, in each direction, and their smoothing
-MAX_PAIRS, MAX_ROWS = 6, 60
-PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
+MAX_PAIRS = 6
+PANEL = 2.9  # side of a region, inches
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +162,7 @@ class CalibrationResult(Result):
         return surface_entry(self.surface, self.conditions, _source(self), samples)
 
     def figure(self) -> 'Figure':
-        """Return the regions of the conditions, and the counted and predicted shares."""
+        """Return the regions of the conditions."""
         return calibration_figure(self)
 
     def __str__(self) -> str:
@@ -361,38 +359,24 @@ def _pairs(factors: int) -> list[tuple[int, int]]:
 
 
 def calibration_figure(result: CalibrationResult) -> 'Figure':
-    """Return the picture: the regions of pairs of conditions, and below the shares of the parts.
-
-    A single region is beside the shares.
-    """
+    """Return the picture: the regions of pairs of conditions, or the density of a single one."""
     pairs = _pairs(len(result.estimates))[:MAX_PAIRS]
-    rows = 0.9 + ROW * min(sum(len(part.shown) for part in result.fit.given.parts), MAX_ROWS)
     columns = min(3, len(pairs))
-    bands = [PANEL] * -(-len(pairs) // columns)
-    beside = len(pairs) == 1
-    heights = [max(PANEL, rows)] if beside else [*bands, rows]
-    figure = new_figure(9.0, 0.6 + sum(heights))
+    rows = -(-len(pairs) // columns)
+    figure = new_figure(max(PANEL * columns, 5.0), 0.6 + PANEL * rows)
     figure.set_layout_engine('constrained', h_pad=0.1, w_pad=0.1)
+    shown = 'probability density'
+    if len(result.estimates) > 1:
+        shown = 'regions with 50 and 90 % of the probability; cross: most probable'
     figure.suptitle(
-        f'{result.surface}: conditions that fit {result.fit.given.drops} counted drops\n',
+        f'{result.surface}: conditions that fit {result.fit.given.drops} counted drops\n{shown}',
         color=TEXT,
-        fontsize=11,
+        fontsize=9,
         x=0.02,
         ha='left',
     )
-    figure.text(
-        *(0.02, 1 - 0.4 / figure.get_figheight()),
-        'probability density'
-        if len(result.estimates) == 1
-        else 'regions with 50 and 90 % of the probability; cross: most probable',
-        color=FAINT,
-        fontsize=8,
-        va='center',
-    )
-    grid = figure.add_gridspec(len(heights), 2 if beside else columns, height_ratios=heights)
-    for number, (i, j) in enumerate(pairs):
-        _draw_region(figure.add_subplot(grid[divmod(number, columns)]), result, i, j)
-    _draw_shares(figure.add_subplot(grid[0, 1] if beside else grid[-1, :]), result, beside=beside)
+    for number, (i, j) in enumerate(pairs, start=1):
+        _draw_region(figure.add_subplot(rows, columns, number), result, i, j)
     return figure
 
 
@@ -430,40 +414,3 @@ def _level(density: Array, region: float) -> float:
     ordered = np.sort(density.ravel())[::-1]
     place = int(np.searchsorted(np.cumsum(ordered), region * ordered.sum()))
     return float(ordered[min(place, len(ordered) - 1)])
-
-
-def _draw_shares(axes: 'Axes', result: CalibrationResult, *, beside: bool) -> None:
-    """Draw the counted shares over those of the simulation; beside a region it is narrow."""
-    parts = list(enumerate(result.fit.given.parts))
-    rows = [(k, g) for k, part in parts for g in part.shown][:MAX_ROWS]
-    fitted = [(result.predictions[k], g) for k, g in rows]
-    left = [(result.left_out[k], g) for k, g in rows] if result.left_out else []
-    y = np.arange(len(rows))
-    low, high = (
-        np.array([100 * getattr(each, end)[g] for each, g in left or fitted])
-        for end in ('low', 'high')
-    )
-    axes.hlines(y, low, high, color=FILL[0], linewidth=7, label='90 % interval')
-    for marker, color, label, shown, name in (
-        ('D', LEFT_OUT, 'predicted from the other parts', left, 'model'),
-        ('o', FITTED, 'fitted', fitted, 'model'),
-        ('|', COUNTED, 'counted', fitted, 'counted'),
-    ):
-        if shown:
-            shares = [100 * getattr(each, name)[g] for each, g in shown]
-            size = {'D': 4, 'o': 5, '|': 11}[marker]
-            axes.plot(shares, y, marker, color=color, markersize=size, label=label)
-    names = [f'{part.name}: {part.names[g]}' for k, part in parts for g in part.shown]
-    plain_axes(axes, 'x')
-    axes.set_yticks(y, [name[: 20 if beside else 34] for name in names[:MAX_ROWS]])
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_xlim(left=0)
-    axes.xaxis.set_major_formatter(lambda share, _: f'{share:g} %')
-    axes.legend(
-        fontsize=7,
-        frameon=False,
-        ncols=2 if beside else 4,
-        loc='lower left',
-        bbox_to_anchor=(0, 1),
-        labelcolor=TEXT,
-    )
