@@ -73,20 +73,6 @@ def test_long_run_of_three_aspects_is_that_of_the_tree_theorem(t):
     assert shares == pytest.approx(trees / trees.sum(), rel=1e-13)
 
 
-@given(seeds)
-def test_long_run_shares_do_not_change_by_an_action(seed):
-    rows, left, drop = chain(seed)
-    result = long_run(rows, left, drop)
-    x = result.shares
-    assert x.sum() == pytest.approx(1, abs=1e-12)
-    assert x @ rows + (x @ left) * drop / drop.sum() == pytest.approx(x, abs=1e-12)
-    for shares in result.stationary:
-        assert shares.sum() == pytest.approx(1, abs=1e-12)
-        assert shares @ rows + (shares @ left) * drop / drop.sum() == pytest.approx(
-            shares, abs=1e-12
-        )
-
-
 @given(seeds, st.booleans())
 def test_long_run_is_the_mean_over_many_actions_after_a_drop(seed, loses):
     rows, left, drop = chain(seed, loses)
@@ -134,15 +120,6 @@ def test_several_closed_classes_are_reported_with_their_weights():
     assert result.stationary == pytest.approx(np.array([[1, 0, 0, 0], [0, 1 / 3, 0, 2 / 3]]))
     assert result.shares == pytest.approx([0.4, 0.2, 0, 0.4])
     assert (result.transient, result.unreachable) == ((2,), ())
-
-
-def test_aspects_that_nothing_leads_to_are_unreachable():
-    # 2 leads to 1, but nothing leads to 2; 3 is absorbing, and only 2 would lead to it.
-    rows = [[0.5, 0.5, 0, 0], [1, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]]
-    result = found(rows, drop=[1, 0, 0, 0])
-    assert (result.unreachable, result.transient) == ((2, 3), (2,))
-    assert (result.closed, result.weights.tolist()) == (((0, 1), (3,)), [1, 0])
-    assert result.shares == pytest.approx([2 / 3, 1 / 3, 0, 0])
 
 
 @given(seeds)
@@ -274,29 +251,6 @@ def test_bounds_hold_as_often_as_stated_if_the_prior_is_true():
     assert held / runs == pytest.approx(0.9, abs=five_standard_errors(runs, 0.9) + 0.002)
 
 
-def test_bounds_hold_as_often_as_stated_for_a_fixed_chain():
-    # For a given truth the coverage is not exact, but its error is of the order of 1 / n, far
-    # below the error of counting it. The quantiles of 500 samples add up to 2 / 501.
-    truth = np.array(
-        [
-            [0.8, 0.1, 0.05, 0.02, 0, 0, 0.03],
-            [0.3, 0.6, 0.06, 0, 0.02, 0, 0.02],
-            [0.2, 0.1, 0.65, 0, 0, 0.05, 0],
-        ]
-    )
-    drop = np.array([0.5, 0.3, 0.2])
-    shares = long_run(truth[:, :3], truth[:, 3:].sum(axis=1), drop).shares
-    generator = np.random.default_rng(12)
-    runs, n = 600, 1000
-    held = np.zeros(3)
-    for _ in range(runs):
-        counts = np.array([generator.multinomial(n, row) for row in truth])
-        lower, upper = long_run_bounds(counts, drop, 0.9, generator, samples=500)
-        held += (lower <= shares) & (shares <= upper)
-    error = five_standard_errors(runs, 0.9) + 2 / 501
-    assert held / runs == pytest.approx([0.9] * 3, abs=error)
-
-
 def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     # With a drop only into the first aspect, and the second one leading only there, all columns
     # but one lead from 2 to 1: the long-run odds are a beta variate over another one.
@@ -417,16 +371,6 @@ def test_actions_of_the_plan_take_its_time(seed):
     policy = np.where(free, plan.action, 0)
     time = time_of_policy(rows, times, wanted, policy)
     assert time[free] == pytest.approx(plan.time[free], rel=1e-9)
-
-
-@given(seeds)
-def test_plan_of_a_single_action_takes_its_number_of_actions(seed):
-    rows, _, wanted = random_case(seed, max_actions=1, max_aspects=8)
-    probability, actions = reach(rows[0], wanted)
-    plan = best_plan(rows, np.array([0.7]), wanted)
-    certain = probability > 1 - 1e-9
-    assert plan.time[certain] == pytest.approx(0.7 * actions[certain], rel=1e-12)
-    assert (plan.time[~certain] == np.inf).all()
 
 
 def test_rare_transitions_do_not_blur_the_choice():
