@@ -13,7 +13,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import distribution_document
 from resting_aspects_ros.report.drops import contact_rows
 from resting_aspects_ros.simulation.job import RunDescription
-from resting_aspects_ros.statistics.distribution import Distribution, Placements
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placements
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 if TYPE_CHECKING:
@@ -35,8 +35,6 @@ class DropResult(Result):
         Conditions, seed, engine and versions.
     part : Part or None
         None if only its name and hash are known.
-    method : str
-        'drops'.
     complete : bool
         Whether all drops that were requested are counted.
     convergence : Convergence or None
@@ -60,7 +58,6 @@ class DropResult(Result):
     distribution: Distribution
     run: RunDescription
     part: Part | None
-    method: str
     complete: bool
     convergence: Convergence | None = None
     mesh_file: Path | None = None
@@ -91,7 +88,7 @@ class DropResult(Result):
             'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
             'unit': self.part.unit if self.part else None,
             'body': self.part.body or None if self.part else None,
-            'method': self.method,
+            'method': METHOD,
             'complete': self.complete,
             'drops_asked': self.run.drops,
             'no_model_range': self.no_model_range or None,
