@@ -23,14 +23,6 @@ TIMES = CycleTimes(1.2, 0.6, 0.6, 0.2)
 
 
 @pytest.fixture(scope='module')
-def crate(tmp_path_factory):
-    """A box of 10 x 20 x 30 mm, whose aspects have three heights."""
-    path = tmp_path_factory.mktemp('box') / 'crate.stl'
-    trimesh.creation.box((10, 20, 30)).export(path)
-    return ra.load_part(path)
-
-
-@pytest.fixture(scope='module')
 def tossed(crate, workers):
     return ra.reorient(crate, 'toss', 40, drops=100, seed=3, workers=workers)
 
@@ -113,13 +105,13 @@ def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
     assert document['upper'] > 0
 
 
-def test_report_has_the_sentence_and_a_figure(tossed, tmp_path):
+def test_report_has_the_sentence_and_a_figure(crate, tossed, tmp_path):
     first = forecast_from(tossed, [1, 2], TRAY, TIMES)
     other = forecast_from(tossed, [5, 6], TRAY, TIMES, parts_on_tray=5)
     page = first.report(tmp_path / 'o', [other])
     text = page.read_text()
-    assert f'crate, aspects 1 and 2: {first.sentence}.' in text
-    assert f'crate, aspects 5 and 6: {other.sentence}.' in text
+    assert f'{crate.name}, aspects 1 and 2: {first.sentence}.' in text
+    assert f'{crate.name}, aspects 5 and 6: {other.sentence}.' in text
     assert '<svg' in text
     assert (tmp_path / 'o' / 'forecast.png').read_bytes().startswith(b'\x89PNG')
 

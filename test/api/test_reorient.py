@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.runner import compare_matrices
@@ -22,14 +21,6 @@ def tetrahedron():
 @pytest.fixture(scope='module')
 def tapped(tetrahedron, workers):
     return ra.reorient(tetrahedron, KICK, 50, drops=100, seed=3, workers=workers)
-
-
-@pytest.fixture(scope='module')
-def crate(tmp_path_factory):
-    """A box of 10 x 20 x 30 mm, whose aspects have three heights."""
-    path = tmp_path_factory.mktemp('box') / 'crate.stl'
-    trimesh.creation.box((10, 20, 30)).export(path)
-    return ra.load_part(path)
 
 
 def test_every_action_is_counted_once(tapped):
