@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.count_files import (
-    MAX_MOVED,
     counted_drops,
     counts_from_array,
     read_observed,
@@ -27,6 +26,7 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.input_files import MAX_COUNTED
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.drift import drift_fields, drift_sentence
@@ -500,14 +500,16 @@ def machine_transitions(
     Raises
     ------
     InvalidValueError
-        A class is unknown, a pair occurs twice, a count is not an integer from 0 to MAX_MOVED,
+        A class is unknown, a pair occurs twice, a count is not an integer from 0 to MAX_COUNTED,
         there is no count, or the file has another format.
     """
     aspects = simulated.aspects
     ids = [members[0].symmetry_class for members in aspects.classes()]
-    source, rows = 'counts', counts
+    rows: Iterable[tuple[int, int, int]]
     if isinstance(counts, str | Path):
         source, rows = str(counts), read_transitions(Path(counts))
+    else:
+        source, rows = 'counts', counts
     machine = no_actions(aspects, confidence=simulated.confidence).by_class()
     found = set()
     for before, after, count in rows:
@@ -516,10 +518,10 @@ def machine_transitions(
                 f'invalid transition from {shown(before)} to {shown(after)} in {shown(source)}: '
                 f'expected each pair of the classes {", ".join(map(str, ids))} once'
             )
-        if not (isinstance(count, int | np.integer) and 0 <= count <= MAX_MOVED):
+        if not (isinstance(count, int | np.integer) and 0 <= count <= MAX_COUNTED):
             raise InvalidValueError(
                 f'invalid count {shown(count)} from {before} to {after} in {shown(source)}: '
-                f'expected an integer from 0 to {MAX_MOVED}'
+                f'expected an integer from 0 to {MAX_COUNTED}'
             )
         found.add((before, after))
         machine.counts[ids.index(before), ids.index(after)] = count

@@ -38,9 +38,8 @@ from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 LABELS = ('batch', 'time')
-# Columns of a file of transitions, and their maximum count.
+# Columns of a file of transitions.
 TRANSITION_COLUMNS = ('from', 'to', 'count')
-MAX_MOVED = 100_000_000
 COUNTS_FILES = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'of counts'
@@ -171,7 +170,7 @@ def read_transitions(path: Path) -> list[tuple[int, int, int]]:
             for place in places:
                 text = row[place].strip()
                 if not (text.isascii() and text.isdecimal() and len(text) <= 9):
-                    raise table.wrong(line, row, place, f'an integer from 0 to {MAX_MOVED}')
+                    raise table.wrong(line, row, place, f'an integer from 0 to {MAX_COUNTED}')
             before, after, count = (int(row[place]) for place in places)
             rows.append((before, after, count))
     return rows
