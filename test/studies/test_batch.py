@@ -11,9 +11,8 @@ from resting_aspects_ros.studies.points import Case
 
 
 def test_bad_parts_do_not_cost_the_others(tmp_path, here):
-    batch = ra.drop_batch(
-        ['tetrahedron', 'tetrahedrn', tmp_path / 'absent.stl'], 20, workers=here()
-    )
+    parts = ['tetrahedron', 'tetrahedrn', tmp_path / 'absent.stl']
+    batch = ra.drop_batch(parts, 20, model_range=False, workers=here())
     first, second, third = batch.entries
     assert first.result.distribution.drops == 20
     assert second.error.startswith("part 'tetrahedrn' is not known")
@@ -23,20 +22,25 @@ def test_bad_parts_do_not_cost_the_others(tmp_path, here):
 
 def test_parts_have_independent_reproducible_seeds(here):
     """A part has the same drops in any batch, and other initial states than other parts."""
-    first = ra.drop_batch(['washer', 'hex_nut'], 20, seed=5, workers=here()).entries
-    second = ra.drop_batch(['hex_nut', 'l_bracket', 'washer'], 20, seed=5, workers=here()).entries
-    runs = {each.case.part.name: each.result for each in second}
-    for each in first:
-        other = runs[each.case.part.name]
-        assert each.result.run.seed == other.run.seed
-        assert each.result.distribution.counts.tolist() == other.distribution.counts.tolist()
-    seeds = {each.run.seed for each in runs.values()}
+
+    def batch(*parts, seed=5):
+        entries = ra.drop_batch(parts, 20, seed=seed, model_range=False, workers=here()).entries
+        return {each.case.part.name: each.result for each in entries}
+
+    first, second = (
+        batch('tetrahedron', 'hex_nut'),
+        batch('hex_nut', 'box_10x20x30', 'tetrahedron'),
+    )
+    for name, each in first.items():
+        assert each.run.seed == second[name].run.seed
+        assert each.distribution.counts.tolist() == second[name].distribution.counts.tolist()
+    seeds = {each.run.seed for each in second.values()}
     assert len(seeds) == 3
-    again = ra.drop_batch(['washer'], 20, seed=6, workers=here()).entries[0]
-    assert again.result.run.seed not in seeds
+    assert batch('hex_nut', seed=6)['hex_nut'].run.seed not in seeds
     # A single run with the seed of the report repeats the drops of the batch.
-    alone = ra.drop('washer', 20, seed=runs['washer'].run.seed, workers=here())
-    assert alone.distribution.counts.tolist() == runs['washer'].distribution.counts.tolist()
+    seed, counts = second['hex_nut'].run.seed, second['hex_nut'].distribution.counts
+    alone = ra.drop('hex_nut', 20, seed=seed, model_range=False, workers=here())
+    assert alone.distribution.counts.tolist() == counts.tolist()
 
 
 def test_wrong_seed_is_refused_before_the_first_part(here):

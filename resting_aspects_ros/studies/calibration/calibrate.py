@@ -109,12 +109,13 @@ def calibrate(
     >>> [each.factor.name for each in result.estimates]
     ['restitution', 'friction']
     """
-    given = given_counts(counts)
     check_seed(seed)
-    count = POINTS_PER_FACTOR * len(given.factors) if points is None else points
-    _check_number('points', count, MIN_POINTS, MAX_POINTS)
+    if points is not None:
+        _check_number('points', points, MIN_POINTS, MAX_POINTS)
     if drops is not None:
         _check_number('drops', drops, 1, 1_000_000)
+    given = given_counts(counts)
+    count = points or POINTS_PER_FACTOR * len(given.factors)
     per_point = [drops or drops_per_point(part) for part in given.parts]
     total = sum(per_point) * (count + ROUNDS * (count // 2) + REPEATED)
     with (
