@@ -106,7 +106,7 @@ def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
 
 
 def test_report_has_the_sentence_and_a_figure(crate, tossed, tmp_path):
-    first = forecast_from(tossed, [1, 2], TRAY, TIMES)
+    first = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=5)
     other = forecast_from(tossed, [5, 6], TRAY, TIMES, parts_on_tray=5)
     page = first.report(tmp_path / 'o', [other])
     text = page.read_text()

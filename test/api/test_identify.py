@@ -47,7 +47,7 @@ def centre(known, position, orientation):
 @pytest.mark.parametrize('name', ALONE)
 def test_dropped_parts_are_identified_and_located(name, workers):
     known = known_part(name)
-    poses = ra.drop(name, drops=60, seed=3, workers=workers).poses
+    poses = ra.drop(name, drops=60, seed=3, model_range=False, workers=workers).poses
     ids = known.aspects.classify(poses.orientation)
     assert (ids > 0).sum() > 50
     for k in np.flatnonzero(ids > 0):
@@ -71,12 +71,12 @@ def test_dropped_parts_are_identified_and_located(name, workers):
 
 
 def test_default_prior_is_that_of_drops(bracket):
-    expected = ra.drop('l_bracket').distribution.by_class().counts + 0.5
+    expected = ra.drop('l_bracket', model_range=False).distribution.by_class().counts + 0.5
     np.testing.assert_allclose(bracket.shares, expected / expected.sum())
 
 
 def test_shares_of_drops_and_of_aspects(workers):
-    result = ra.drop('t_prism', drops=100, seed=1, workers=workers)
+    result = ra.drop('t_prism', drops=100, seed=1, model_range=False, workers=workers)
     by_class = result.distribution.by_class().counts
     for given in (result, result.distribution):
         shares = known_part('t_prism', given).shares
@@ -96,7 +96,7 @@ def test_wrong_shares_are_refused(shares):
 
 
 def test_distribution_of_another_part_is_refused(workers):
-    other = ra.drop('tetrahedron', drops=10, seed=1, workers=workers)
+    other = ra.drop('tetrahedron', drops=10, model_range=False, workers=workers)
     with pytest.raises(InvalidValueError, match='same part'):
         known_part('l_bracket', other)
 

@@ -12,7 +12,8 @@ from resting_aspects_ros.statistics.poses import RestStatus
 @pytest.fixture(scope='module')
 def dropped(workers):
     """Drops of a part in two runs."""
-    return [ra.drop('hex_nut', drops=300, seed=seed, workers=workers) for seed in (1, 2)]
+    options = {'drops': 300, 'model_range': False, 'workers': workers}
+    return [ra.drop('hex_nut', seed=seed, **options) for seed in (1, 2)]
 
 
 def test_estimate_has_a_result_for_each_method():
@@ -74,7 +75,7 @@ def test_a_result_is_compared_with_a_count_by_class(dropped, tmp_path):
 
 
 def test_what_cannot_be_compared_is_refused(dropped, workers):
-    other = ra.drop('tetrahedron', drops=30, workers=workers)
+    other = ra.drop('tetrahedron', drops=30, model_range=False, workers=workers)
     with pytest.raises(ra.InvalidValueError, match='different parts'):
         ra.compare(dropped[0], other)
     with pytest.warns(ra.RestingAspectsWarning, match='300 drops of A and B are the same'):
