@@ -56,7 +56,7 @@ def batches(rng, shares, number, size, deviation=0.0):
     ],
 )
 def test_power_is_reached_with_the_stated_number_of_parts(shares, drops, level, drifted):
-    repetitions, rng = 1000, np.random.default_rng(6)
+    repetitions, rng = 400, np.random.default_rng(6)
     parts = parts_needed(np.round(drops * np.array(shares)).astype(np.int64), 0.05, level)
     drifted = np.array(drifted) / sum(drifted)
     alarms = 0
