@@ -538,18 +538,19 @@ def _compared(
     matrices = machine, dataclasses.replace(simulated, interval=INTERVAL)
     (a, b), bounds = [m.probability for m in matrices], [m.bounds() for m in matrices]
     lower, upper = square_and_add(a, bounds[0], b, bounds[1])
-    for i in np.flatnonzero(machine.actions):
+    for i in np.flatnonzero(machine.actions).tolist():
         for j, after in enumerate(ids):
-            shares = [
+            measured, theirs = (
                 Interval(*(float(each[i, j]) for each in (share, *of_share)))
                 for share, of_share in zip((a, b), bounds, strict=True)
-            ]
+            )
             yield TransitionComparison(
                 ids[i],
                 after,
                 int(machine.actions[i]),
                 int(machine.counts[i, j]),
-                *shares,
+                measured,
+                theirs,
                 float(a[i, j] - b[i, j]),
                 float(lower[i, j]),
                 float(upper[i, j]),

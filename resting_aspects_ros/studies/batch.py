@@ -196,8 +196,8 @@ def _difference(
 def _distance(first: Part, second: Part) -> float:
     """Return the mean distance of the surfaces of two parts, R of the first."""
     one, other = _surface_points(first), _surface_points(second)
-    distances = KDTree(one).query(other)[0], KDTree(other).query(one)[0]
-    return float(np.mean(distances)) / first.hull_radius
+    both = [np.asarray(KDTree(a).query(b)[0]) for a, b in ((one, other), (other, one))]
+    return float(np.mean(both)) / first.hull_radius
 
 
 def _surface_points(part: Part) -> Array:

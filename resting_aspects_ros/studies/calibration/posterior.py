@@ -518,7 +518,7 @@ def g_test(fit: Fit, rng: np.random.Generator) -> GTest:
 
     def best(tables: Sequence[Counts]) -> tuple[float, int]:
         """Return G of tables (g,) of all parts, and the candidate that fits them best."""
-        likelihood = sum(each @ y for each, y in zip(logs, tables, strict=True))
+        likelihood = np.sum([each @ y for each, y in zip(logs, tables, strict=True)], axis=0)
         k = int(likelihood.argmax())
         whole = sum(xlogy(y, y / y.sum()).sum() for y in tables)
         return max(0.0, 2 * float(whole - likelihood[k])), k
