@@ -170,7 +170,8 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
     assert found.first_part == test.ends[test.drifted.start] + 1
     # In words, with the time of the first part, also as a warning.
     words, _ = expected.verdict.split(' since')
-    assert found.message.startswith(f'{words} since part {found.first_part} (1970-01-01 00:01')
+    since = f'{words} since part {found.first_part} (1970-01-01 00:02:29 UTC).'
+    assert found.message.startswith(since)
     status(lambda level, text, _: level == b'\1' and text == f'{PART}: {found.message}')
 
 
