@@ -38,7 +38,6 @@ EXTRAS = {
     'bullet': ['pybullet>=3.2,<4'],  # edges, meshes, and an independent check of the kernel
     'dask': ['distributed'],  # drops on many machines
     'gpu': ['numba-cuda'],  # the kernel on an NVIDIA GPU
-    'parquet': ['pyarrow'],  # results of studies as Parquet
     # The nodes also need the messages, which `make setup` builds; see docs/how_to/install.md.
     'ros': [
         'opencv-python-headless>=4.6',  # contours in the image of a camera

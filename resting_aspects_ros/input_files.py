@@ -474,6 +474,16 @@ class CsvTable:
             f'line {line}: expected {expected}'
         )
 
+    def number(self, line: int, row: Sequence[str], column: int) -> float:
+        """Return the number in a cell; raises InvalidValueError unless it is finite."""
+        try:
+            number = float(row[column])
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.wrong(line, row, column, 'a finite number, such as -0.5')
+        return number
+
     def _filled(self) -> Iterator[tuple[int, list[str]]]:
         return (
             (self._reader.line_num, row)

@@ -52,7 +52,6 @@ DEPENDENCIES = {
     'llvmlite': ('llvmlite', 'python3-llvmlite'),
     'numba': ('numba', 'python3-numba'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
-    'pyarrow': ('pyarrow', None),  # rosdep has no key for it
     'pydantic': ('pydantic', 'python3-pydantic'),
     'pytest': ('pytest', 'python3-pytest'),
     'rcl_interfaces': ('ros-jazzy-rclpy', 'rcl_interfaces'),

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import on_level_floor
-from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
@@ -206,7 +206,7 @@ def classify(
     """
     radians = float(np.radians(tolerance))
     check_tolerance(radians)
-    loaded = part if isinstance(part, Part) or part is None else load_part(part)
+    loaded = None if part is None else given_part(part)
     table = _table(poses, MIN_POSES if loaded is None else MIN_POSES_WITH_PART)
     if surroundings is not None:
         if loaded is None:
@@ -216,8 +216,6 @@ def classify(
     clusters = find_clusters(down_in_part(table.orientation), radians)
     if loaded is None:
         return ClassificationResult(table, clusters, radians)
-    for warning in loaded.warnings:
-        warn(warning)
     return ClassificationResult(table, clusters, radians, _by_part(table, clusters, loaded))
 
 
@@ -307,7 +305,7 @@ def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
             if status is RestStatus.SETTLED:  # no others need to have an orientation
                 index.append(sum(count.values()))
                 lines.append(line)
-                numbers.extend(_number(table, line, row, k) for k in columns)
+                numbers.extend(table.number(line, row, k) for k in columns)
             count[status] += 1
     if len(index) < min_poses:
         settled = ' settled' if sum(count.values()) > len(index) else ''
@@ -345,16 +343,6 @@ def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) 
     except KeyError:
         names = 'one of ' + ', '.join(status.name for status in RestStatus)
         raise table.wrong(line, row, column, names) from None
-
-
-def _number(table: CsvTable, line: int, row: Sequence[str], column: int) -> float:
-    try:
-        number = float(row[column])
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise table.wrong(line, row, column, 'a finite number, such as -0.5')
-    return number
 
 
 def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:

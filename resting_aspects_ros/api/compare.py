@@ -1,7 +1,8 @@
-"""Compare two distributions, and counted parts with the simulation."""
+"""Compare two distributions, and counted parts and their transitions with the simulation."""
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -9,7 +10,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
+from resting_aspects_ros.api.count_files import (
+    counted_drops,
+    counts_from_array,
+    read_observed,
+    read_transitions,
+)
 from resting_aspects_ros.api.counts import (
     CountedDrops,
     check_same_part,
@@ -19,12 +25,13 @@ from resting_aspects_ros.api.counts import (
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
-from resting_aspects_ros.errors import InvalidValueError, warn
+from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.input_files import MAX_COUNTED
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics import comparison as statistics
-from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter
+from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter, square_and_add
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
     LiveCounts,
@@ -39,7 +46,13 @@ from resting_aspects_ros.statistics.drift import (
     find_drift,
     parts_needed,
 )
-from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+    Interval,
+    check_confidence,
+)
+from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -414,3 +427,132 @@ def _observed(
     if isinstance(counts, ObservedCounts):
         return counts
     return counts_from_array(counts, simulated.groups)
+
+
+# -- Transitions ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TransitionComparison:
+    """The share of one transition of a machine beside the simulated share.
+
+    before, after : int
+        Symmetry classes before and after the action.
+    trials, successes : int
+        Parts that were in ``before``, and those of them that came to ``after``.
+    measured, simulated : Interval
+        Share of these parts, and of the simulated actions, each with its Wilson interval. Without
+        simulated actions the share is nan and its interval 0 to 1.
+    difference : float
+        The measured minus the simulated share; nan without simulated actions.
+    lower, upper : float
+        Bounds of the difference: method 10 of Newcombe 1998 (Statistics in Medicine 17:873), the
+        hybrid score interval. They hold for this pair by itself.
+    confidence : float
+        Confidence of all intervals.
+    """
+
+    before: int
+    after: int
+    trials: int
+    successes: int
+    measured: Interval
+    simulated: Interval
+    difference: float
+    lower: float
+    upper: float
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class MachineTransitions:
+    """The transitions that a machine showed, beside the simulated ones.
+
+    machine : TransitionMatrix
+        Counts of the machine from each symmetry class (row) to each; counts (c, c + 4). Its
+        ``probability`` and ``bounds`` are nan and 0 to 1 in a row without counts.
+    simulated : TransitionMatrix
+        The simulated action, by symmetry class.
+    comparisons : tuple of TransitionComparison
+        Each pair of classes in the rows with counts.
+    """
+
+    machine: TransitionMatrix
+    simulated: TransitionMatrix
+    comparisons: tuple[TransitionComparison, ...]
+
+
+def machine_transitions(
+    counts: str | Path | Iterable[tuple[int, int, int]], simulated: TransitionMatrix
+) -> MachineTransitions:
+    """Return the transition matrix of a machine beside the simulated one.
+
+    Parameters
+    ----------
+    counts : str, Path or iterable of (int, int, int)
+        For each pair of symmetry classes, the class before an action, the class after it, and the
+        number of parts; or a CSV with the columns ``from``, ``to`` and ``count``. Parts are
+        followed one by one, so that it is known which part was in which class before. A pair
+        without an entry was not seen.
+    simulated : TransitionMatrix
+        The same action, over the aspects of the part: a `ReorientResult` has it.
+
+    Raises
+    ------
+    InvalidValueError
+        A class is unknown, a pair occurs twice, a count is not an integer from 0 to MAX_COUNTED,
+        there is no count, or the file has another format.
+    """
+    aspects = simulated.aspects
+    ids = [members[0].symmetry_class for members in aspects.classes()]
+    rows: Iterable[tuple[int, int, int]]
+    if isinstance(counts, str | Path):
+        source, rows = str(counts), read_transitions(Path(counts))
+    else:
+        source, rows = 'counts', counts
+    machine = no_actions(aspects, confidence=simulated.confidence).by_class()
+    found = set()
+    for before, after, count in rows:
+        if before not in ids or after not in ids or (before, after) in found:
+            raise InvalidValueError(
+                f'invalid transition from {shown(before)} to {shown(after)} in {shown(source)}: '
+                f'expected each pair of the classes {", ".join(map(str, ids))} once'
+            )
+        if not (isinstance(count, int | np.integer) and 0 <= count <= MAX_COUNTED):
+            raise InvalidValueError(
+                f'invalid count {shown(count)} from {before} to {after} in {shown(source)}: '
+                f'expected an integer from 0 to {MAX_COUNTED}'
+            )
+        found.add((before, after))
+        machine.counts[ids.index(before), ids.index(after)] = count
+    if not machine.counts.any():
+        raise InvalidValueError(f'invalid counts in {shown(source)}: expected at least one part')
+    by_class = simulated.by_class()
+    return MachineTransitions(machine, by_class, tuple(_compared(machine, by_class, ids)))
+
+
+def _compared(
+    machine: TransitionMatrix, simulated: TransitionMatrix, ids: Sequence[int]
+) -> Iterator[TransitionComparison]:
+    """Yield the comparison of each pair of classes in the rows that the machine has counts of."""
+    matrices = machine, dataclasses.replace(simulated, interval=INTERVAL)
+    (a, b), bounds = [m.probability for m in matrices], [m.bounds() for m in matrices]
+    lower, upper = square_and_add(a, bounds[0], b, bounds[1])
+    for i in np.flatnonzero(machine.actions).tolist():
+        for j, after in enumerate(ids):
+            measured, theirs = (
+                Interval(*(float(each[i, j]) for each in (share, *of_share)))
+                for share, of_share in zip((a, b), bounds, strict=True)
+            )
+            yield TransitionComparison(
+                ids[i],
+                after,
+                int(machine.actions[i]),
+                int(machine.counts[i, j]),
+                measured,
+                theirs,
+                float(a[i, j] - b[i, j]),
+                float(lower[i, j]),
+                float(upper[i, j]),
+                simulated.confidence,
+            )

@@ -244,8 +244,7 @@ def contacts_in(scene: Scene, part: Part, aspects: AspectSet) -> ContactCounts |
     """Return counts by what the parts touch, without drops; None without walls."""
     if len(scene.faces) < 2:
         return None
-    planes = [_contact_plane(scene, face) for face in scene.faces]
-    return ContactCounts(ContactFinder(part, aspects, planes), aspects)
+    return ContactCounts(ContactFinder(part, aspects, contact_planes(scene)), aspects)
 
 
 def without_drops(
@@ -274,8 +273,11 @@ def conditions_text(conditions: DropConditions) -> str:
     return surface if around is None else f'{surface}, {surroundings_text(around)}'
 
 
-def _contact_plane(scene: Scene, face: HalfSpace) -> ContactPlane:
-    return ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
+def contact_planes(scene: Scene) -> list[ContactPlane]:
+    """Return the planes of surroundings in the tray frame, as contacts are counted on them."""
+    normals = [scene.in_tray(face.normal[None])[0] for face in scene.faces]
+    pairs = zip(scene.faces, normals, strict=True)
+    return [ContactPlane(face.name, normal, face.offset) for face, normal in pairs]
 
 
 def requested_surroundings(name: str | None, changes: list[str]) -> Surroundings | None:

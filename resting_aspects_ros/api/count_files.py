@@ -1,4 +1,4 @@
-"""Read counts of drops, or of newly supplied parts, from a log, a JSON document or a CSV.
+"""Read counts of drops, of newly supplied parts or of transitions, from a log, JSON or a CSV.
 
 A CSV of counts has one of two forms:
 
@@ -38,6 +38,8 @@ from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 LABELS = ('batch', 'time')
+# Columns of a file of transitions.
+TRANSITION_COLUMNS = ('from', 'to', 'count')
 COUNTS_FILES = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'of counts'
@@ -157,6 +159,28 @@ def check_parts(counts: ObservedCounts) -> None:
         )
 
 
+def read_transitions(path: Path) -> list[tuple[int, int, int]]:
+    """Read the class before an action, the class after it and the number of parts of each row."""
+    with open_text(path, 'file of transitions', MAX_BYTES) as file:
+        table = CsvTable(path, file)
+        names = [name.lower() for name in table.header]
+        if sorted(names) != sorted(TRANSITION_COLUMNS):
+            raise InvalidValueError(
+                f'invalid column names {shown(", ".join(table.header))} in {table.where}: '
+                f'expected {", ".join(TRANSITION_COLUMNS)}'
+            )
+        places = [names.index(name) for name in TRANSITION_COLUMNS]
+        rows = []
+        for line, row in table.rows():
+            for place in places:
+                text = row[place].strip()
+                if not (text.isascii() and text.isdecimal() and len(text) <= 9):
+                    raise table.wrong(line, row, place, f'an integer from 0 to {MAX_COUNTED}')
+            before, after, count = (int(row[place]) for place in places)
+            rows.append((before, after, count))
+    return rows
+
+
 def _last_of_log(path: Path) -> CountedDrops:
     """Read the last distribution in a log."""
     # This import takes a second, and other files do not need it.
@@ -194,18 +218,18 @@ def _read_csv(
         for line, row in table.rows():
             cells.begin('' if label is None else row[label])
             cells.add(cells.key(line, row, names.index(what)), 1)
-    elif len(labels) <= 1 and _names_classes(names, ids):
+    # Numbers alone can be the counts of a file without a header.
+    elif (
+        len(labels) <= 1
+        and any(map(parse_group, names))
+        and (ids is not None or not ''.join(names).isdecimal())
+    ):
         _read_columns(cells, label)
     else:
         aspects = ' (this file counts aspects instead of classes)' if ASPECT in names else ''
         other = f' (a counts file can be {COUNTS_FILES})' if ids is None else aspects
         raise _wrong_header(table, _EXPECTED + other)
     return cells
-
-
-def _names_classes(names: Sequence[str], ids: Sequence[int] | None) -> bool:
-    """Return whether a header names classes; numbers alone can be counts in a file without one."""
-    return any(map(parse_group, names)) and (ids is not None or not ''.join(names).isdecimal())
 
 
 def _read_rows(cells: '_Cells', of_key: int, of_count: int, label: int | None) -> None:

@@ -41,7 +41,7 @@ from resting_aspects_ros.simulation.job import (
 from resting_aspects_ros.simulation.starts import GivenStates, Noise, Starts
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -348,7 +348,6 @@ def make_drops(
             tally.distribution,
             planned.run,
             part,
-            METHOD,
             tally.complete,
             convergence,
             mesh,

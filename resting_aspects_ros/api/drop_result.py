@@ -13,12 +13,13 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import distribution_document
 from resting_aspects_ros.report.drops import contact_rows
 from resting_aspects_ros.simulation.job import RunDescription
-from resting_aspects_ros.statistics.distribution import Distribution, Placements
+from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placements
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.report.page import Page
 
 
@@ -34,8 +35,6 @@ class DropResult(Result):
         Conditions, seed, engine and versions.
     part : Part or None
         None if only its name and hash are known.
-    method : str
-        'drops'.
     complete : bool
         Whether all drops that were requested are counted.
     convergence : Convergence or None
@@ -59,7 +58,6 @@ class DropResult(Result):
     distribution: Distribution
     run: RunDescription
     part: Part | None
-    method: str
     complete: bool
     convergence: Convergence | None = None
     mesh_file: Path | None = None
@@ -90,7 +88,7 @@ class DropResult(Result):
             'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
             'unit': self.part.unit if self.part else None,
             'body': self.part.body or None if self.part else None,
-            'method': self.method,
+            'method': METHOD,
             'complete': self.complete,
             'drops_asked': self.run.drops,
             'no_model_range': self.no_model_range or None,
@@ -113,12 +111,12 @@ class DropResult(Result):
             fields['convergence'] = self.convergence
         return distribution_document(self.distribution, fields, self.part)
 
-    def page(self) -> 'Page':
-        """Return a page with pictures, charts and all numbers."""
+    def page(self, against: 'CountedDrops | None' = None) -> 'Page':
+        """Return a page with pictures, charts and all numbers; beside other counts, if given."""
         # This import takes about a second.
         from resting_aspects_ros.api.report_files import result_page
 
-        return result_page(self)
+        return result_page(self, against)
 
     def figure(self) -> 'Figure':
         """Return a bar for each symmetry class, with a picture of the part in it."""

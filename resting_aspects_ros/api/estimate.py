@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import (
@@ -18,7 +18,6 @@ from resting_aspects_ros.aspects.estimate import (
     check_method,
     estimate_each,
 )
-from resting_aspects_ros.errors import warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import against_fields, estimate_document
 from resting_aspects_ros.statistics.comparison import (
@@ -137,9 +136,7 @@ def estimate(
     names = list(METHODS) if methods is None else list(methods)
     for name in names:
         check_method(name)
-    loaded = part if isinstance(part, Part) else load_part(part)
-    for warning in loaded.warnings:
-        warn(warning)
+    loaded = given_part(part)
     shape = RestingShape(loaded)
     counted = None
     if against is not None:

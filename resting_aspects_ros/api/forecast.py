@@ -16,7 +16,7 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, warn
 from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, check_fit, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
@@ -73,27 +73,6 @@ def cycle_times(
         return times
     away = times.robot / 2 if place is None else place
     return dataclasses.replace(times, place=away)
-
-
-def pickable_aspects(
-    aspects: AspectSet, ids: Sequence[int] | None, classes: Sequence[int] | None
-) -> tuple[int, ...]:
-    """Return the ids of pickable aspects, ascending, from ids or from numbers of classes.
-
-    Raises InvalidValueError if an id or a number is not known, or if there is none.
-    """
-    members = aspects.classes()
-    what, limit, given = 'aspect', len(aspects), ids
-    if given is None:
-        what, limit, given = 'symmetry class', len(members), classes or ()
-    if not given:
-        raise InvalidValueError(f'invalid pickable {what}: expected at least one')
-    for k in given:
-        if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
-            raise InvalidValueError(f'invalid pickable {what} {shown(k)}: expected 1 to {limit}')
-    if ids is not None:
-        return tuple(sorted({int(k) for k in ids}))
-    return tuple(sorted(aspect.id for k in set(given) for aspect in members[k - 1]))
 
 
 def footprints_of(
@@ -326,19 +305,20 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation: PlannedReorient | KnownReorient
+    reorientation: PlannedReorient | ReorientResult
     if isinstance(part, ReorientResult):
         if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
             raise InvalidValueError(
                 'invalid action or conditions: expected none with the result of reorient, which '
                 'has its own'
             )
-        reorientation = KnownReorient(part)
+        reorientation, aspects = part, part.matrix.aspects
     else:
         reorientation = plan_reorient(part, [named], per_aspect, **simulation)
-    loaded, aspects = reorientation.part, reorientation.aspects
+        aspects = reorientation.aspects
+    loaded = reorientation.part
     check_tray(loaded, aspects, cell, parts_on_tray)
-    pickable = [pickable_aspects(aspects, *each) for each in sets]
+    pickable = [aspects.chosen(*each, 'pickable') for each in sets]
     if grasps:
         # The import of shapely is only needed here.
         from resting_aspects_ros.api.grasps import check_grasps
@@ -363,36 +343,16 @@ def plan_forecasts(
 
 
 @dataclass(frozen=True)
-class KnownReorient:
-    """Drops and an action that are simulated already, in place of a PlannedReorient."""
-
-    result: ReorientResult
-
-    @property
-    def part(self) -> Part:
-        """The part."""
-        return self.result.part
-
-    @property
-    def aspects(self) -> AspectSet:
-        """The aspects of the part that are counted."""
-        return self.result.matrix.aspects
-
-    def make(self, runner: Runner) -> list[ReorientResult]:
-        """Return the result."""
-        del runner
-        return [self.result]
-
-
-@dataclass(frozen=True)
 class PlannedForecasts:
     """Forecasts of a part that are checked, for one or several sets of pickable aspects.
 
+    reorientation : PlannedReorient or ReorientResult
+        Drops and an action, which can be simulated already.
     options : mapping
         Other arguments of `forecast_from`.
     """
 
-    reorientation: PlannedReorient | KnownReorient
+    reorientation: PlannedReorient | ReorientResult
     pickable: list[tuple[int, ...]]
     tray: Tray
     times: CycleTimes
@@ -401,7 +361,8 @@ class PlannedForecasts:
 
     def make(self, runner: Runner) -> list[ForecastResult]:
         """Simulate, and return the forecasts; raises StoppedError."""
-        (result,) = self.reorientation.make(runner)
+        known = self.reorientation
+        result = known if isinstance(known, ReorientResult) else known.make(runner)[0]
         found = []
         for ids in self.pickable:
             if runner.stopped():
@@ -429,7 +390,7 @@ def forecast_from(
     If whole symmetry classes are pickable, the forecast uses the counts by class.
     """
     aspects = result.matrix.aspects
-    ids = set(pickable_aspects(aspects, pickable, None))
+    ids = set(aspects.chosen(pickable, None, 'pickable'))
     classes = aspects.classes()
     by_class = all(
         ids.issuperset(members) or ids.isdisjoint(members)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.api.conditions import condition_facts, surface_text
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.report_files import part_facts, run_facts, warning_notes
-from resting_aspects_ros.api.result import Result, save_figure, write_page
+from resting_aspects_ros.api.result import Result, save_figure
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
@@ -257,14 +257,6 @@ class ForecastResult(Result):
     def page(self, alternatives: 'Sequence[ForecastResult]' = ()) -> Page:
         """Return a page with the curves and all numbers."""
         return forecast_page([self, *alternatives])
-
-
-def write_forecast_report(results: Sequence[ForecastResult], folder: Path) -> Path:
-    """Write a report on one or several forecasts, and return the path of the page.
-
-    Raises OutputError if a file cannot be written.
-    """
-    return write_page(forecast_page(results), folder)
 
 
 def forecast_page(results: Sequence[ForecastResult]) -> Page:

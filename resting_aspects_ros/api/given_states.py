@@ -1,7 +1,6 @@
 """Drops from given initial states, which a file can have, counted by state."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,7 +118,12 @@ def read_state_csv(path: Path) -> GivenStates:
                     f'invalid number of initial states in {str(path)!r}: expected at most '
                     f'{MAX_STATES}'
                 )
-            rows.append([_number(table, line, row, columns.get(n)) for n in (*NEEDED, *OPTIONAL)])
+            rows.append(
+                [
+                    table.number(line, row, columns[name]) if name in columns else 0.0
+                    for name in (*NEEDED, *OPTIONAL)
+                ]
+            )
             length = math.hypot(*rows[-1][1:5])
             if not abs(length - 1) <= LENGTH_TOLERANCE:
                 raise table.wrong(
@@ -147,15 +151,3 @@ def _columns(table: CsvTable) -> dict[str, int]:
             f'expected {", ".join(NEEDED)}, and any of {", ".join(OPTIONAL)}'
         )
     return {name: names.index(name) for name in (*NEEDED, *OPTIONAL) if name in names}
-
-
-def _number(table: CsvTable, line: int, row: Sequence[str], column: int | None) -> float:
-    if column is None:
-        return 0.0
-    try:
-        number = float(row[column])
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise table.wrong(line, row, column, 'a finite number, such as -0.5')
-    return number

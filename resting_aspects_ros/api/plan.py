@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
-from resting_aspects_ros.api.runner import Consumer, DropTally, TransitionTally
+from resting_aspects_ros.api.runner import DropTally, TransitionTally
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -84,11 +84,6 @@ class PlannedDrops:
     def tally(self) -> DropTally:
         """Return a tally of the run."""
         return DropTally(self.empty, self.run.drops, self.stop_at)
-
-    @property
-    def consumers(self) -> list[Consumer]:
-        """What counts the poses beside the distribution."""
-        return [] if self.contacts is None else [self.contacts.add]
 
 
 def plan_drops(

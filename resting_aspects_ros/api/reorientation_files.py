@@ -2,10 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from resting_aspects_ros.api.conditions import condition_facts, conditions_text
 from resting_aspects_ros.api.report_files import (
@@ -14,15 +11,8 @@ from resting_aspects_ros.api.report_files import (
     run_facts,
     warning_notes,
 )
-from resting_aspects_ros.api.result import write_page
-from resting_aspects_ros.api.roadmap import MeasuredComparison
 from resting_aspects_ros.errors import analysis
-from resting_aspects_ros.report.format import (
-    aspects_text,
-    interval_text,
-    points_text,
-    probability_text,
-)
+from resting_aspects_ros.report.format import aspects_text
 from resting_aspects_ros.report.page import (
     Chart,
     Facts,
@@ -34,7 +24,7 @@ from resting_aspects_ros.report.page import (
     file_names,
     reading,
 )
-from resting_aspects_ros.report.table import NOTHING, Table
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.report.transition_figures import (
     retention_figure,
     retention_note,
@@ -54,9 +44,8 @@ from resting_aspects_ros.report.transitions import (
 )
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
-from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.markov import wanted_mask
-from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
@@ -65,7 +54,6 @@ if TYPE_CHECKING:
 # The page on actions, and that on retention curves.
 PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
 HEAT_MAP, RETENTION = 'transitions', 'retention'
-MEASURED = ('from', 'to', 'measured', 'simulated', 'difference in points', 'verdict')
 # Conditions that matter only for drops.
 _RELEASE = {
     QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
@@ -78,32 +66,11 @@ def reorientation_file_names(actions: Sequence[str]) -> list[str]:
     return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
 
 
-def write_reorientation_report(
-    results: Sequence['ReorientResult'],
-    folder: Path,
-    *,
-    wanted: Sequence[int] = (),
-    plan: 'PlanResult | None' = None,
-    checks: Sequence[MeasuredComparison] = (),
-    simulated: Sequence['ReorientResult'] = (),
-) -> Path:
-    """Write a report on one or several actions, and return the path of the page.
-
-    See reorientation_page. Raises OutputError if a file cannot be written.
-    """
-    page = reorientation_page(
-        results, wanted=wanted, plan=plan, checks=checks, simulated=simulated
-    )
-    return write_page(page, folder)
-
-
 def reorientation_page(
     results: Sequence['ReorientResult'],
     *,
     wanted: Sequence[int] = (),
     plan: 'PlanResult | None' = None,
-    checks: Sequence[MeasuredComparison] = (),
-    simulated: Sequence['ReorientResult'] = (),
 ) -> Page:
     """Return a page on one or several actions.
 
@@ -115,24 +82,17 @@ def reorientation_page(
         Ids of wanted aspects.
     plan : PlanResult or None
         The best plan, if it is to be shown.
-    checks : sequence of MeasuredComparison
-        Comparisons with measured trials of any of the actions.
-    simulated : sequence of ReorientResult
-        Where rows of ``results`` are measured: the results in which they are simulated.
     """
     first = results[0]
     names = [result.action.name for result in results]
     runs = [f'Run of {name}' for name in names] if len(names) > 1 else ['Run']
-    simulated = simulated or results
     sections = [
         Section(
             f'Action {result.action.name}',
             f'action-{number}',
-            list(
-                _action_items(result, before, wanted, checks, suffix_of(result.action.name, names))
-            ),
+            list(_action_items(result, wanted, suffix_of(result.action.name, names))),
         )
-        for number, (result, before) in enumerate(zip(results, simulated, strict=True), start=1)
+        for number, result in enumerate(results, start=1)
     ]
     if plan is not None:
         sections.append(_plan_section(first, plan, wanted))
@@ -148,7 +108,7 @@ def reorientation_page(
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
             **_condition_facts(first.run.conditions),
-            **dict(zip(runs, map(_run_facts, simulated), strict=True)),
+            **dict(zip(runs, map(_run_facts, results), strict=True)),
         },
         notes=warning_notes(first.part),
         contents=len(results) > 1,
@@ -156,17 +116,13 @@ def reorientation_page(
     )
 
 
-def _action_items(
-    result: 'ReorientResult',
-    simulated: 'ReorientResult',
-    wanted: Sequence[int],
-    checks: Sequence[MeasuredComparison],
-    suffix: str,
-) -> Iterator[Item]:
+def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) -> Iterator[Item]:
     """Yield what the page shows of one action."""
     action, matrix = result.action, result.matrix
-    yield f'{action.action.kind}: {_count_text(simulated.matrix)}.'
-    for note in _notes(result, simulated):
+    low, high = matrix.actions.min(), matrix.actions.max()
+    each = f'{low}' if low == high else f'{low} to {high}'
+    yield f'{action.action.kind}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    for note in _notes(result):
         yield Text(note, 'note')
     yield Facts(list(_action_facts(action)))
     if action.source:
@@ -191,14 +147,6 @@ def _action_items(
     if wanted and (matrix.actions > 0).all():
         yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
         yield from _way_items(result, wanted)
-    if cells := [_check_cells(each) for each in checks if each.pair.action == action.name]:
-        yield Text('Measured trials', 'part')
-        yield Table('', MEASURED, rows=cells, texts={'verdict': None})
-        yield (
-            f'The difference is measured minus simulated. All intervals are '
-            f'{100 * matrix.confidence:g} % intervals of single transitions: if many are '
-            'compared, some differ by chance.'
-        )
 
 
 def _by_class_and_aspect(result: 'ReorientResult', tables: Sequence[Table]) -> Iterator[Item]:
@@ -306,24 +254,11 @@ def retention_page(result: 'RetentionResult') -> Page:
     )
 
 
-def _count_text(matrix: TransitionMatrix) -> str:
-    low, high = matrix.actions.min(), matrix.actions.max()
-    number = f'{low}' if low == high else f'{low} to {high}'
-    return f'{matrix.actions.sum()} actions, {number} from each aspect'
-
-
-def _notes(result: 'ReorientResult', simulated: 'ReorientResult') -> Iterator[str]:
-    matrix = result.matrix
+def _notes(result: 'ReorientResult') -> Iterator[str]:
     if not result.complete:
-        done = int(simulated.matrix.actions.sum())
-        yield _incomplete(done, result.run.drops, 'actions')
+        yield _incomplete(int(result.matrix.actions.sum()), result.run.drops, 'actions')
     if not result.action.action.has_effect:
         yield 'The action has no effect: every part stays where it is.'
-    replaced = (matrix.counts != simulated.matrix.counts).any(axis=1)
-    if replaced.any():
-        aspects = tuple(matrix.aspects.aspects[k] for k in np.flatnonzero(replaced))
-        measured = 'are measured trials instead of simulated actions'
-        yield f'The transitions from {aspects_text(aspects)} {measured}.'
 
 
 def _incomplete(done: int, requested: int, what: str) -> str:
@@ -355,23 +290,3 @@ def _run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
         ('number of drops', str(result.drop.drops)),
         ('maximum energy gain in an action', growth),
     ]
-
-
-def _check_cells(check: MeasuredComparison) -> list[str]:
-    pair = check.pair
-    simulated = difference = NOTHING
-    if check.actions:
-        simulated = _share_cell(check.simulated)
-        difference = points_text(check.difference, check.lower, check.upper)
-    return [
-        str(pair.from_aspect),
-        str(pair.to_aspect),
-        f'{pair.successes} of {pair.trials}, {_share_cell(check.measured)}',
-        simulated,
-        difference,
-        check.verdict,
-    ]
-
-
-def _share_cell(share: Interval) -> str:
-    return f'{probability_text(share)}\n{interval_text(share)}'

@@ -8,6 +8,7 @@ import numpy as np
 
 from resting_aspects_ros.api.conditions import (
     condition_facts,
+    contact_planes,
     has_level_floor,
     outcome_hints,
     scene_of,
@@ -17,16 +18,15 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
 from resting_aspects_ros.api.model_range import model_range_text
-from resting_aspects_ros.api.result import check_files, write_page
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
-from resting_aspects_ros.aspects.support import NONE, ContactPlane
+from resting_aspects_ros.aspects.support import NONE
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import ComparedResults
-from resting_aspects_ros.report.drop_page import FILES, drop_page
+from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.report.drops import MAX_ROWS, contact_table, symmetry_text
 from resting_aspects_ros.report.format import (
     GREY,
@@ -56,21 +56,6 @@ if TYPE_CHECKING:
 SEED = 1
 # Side of a picture of a placement, pixels: twice its size on the page.
 PIXELS = 400
-
-
-def default_folder(part: str) -> Path:
-    """Return the default folder of the report on a part."""
-    return Path('out') / part
-
-
-def check_report(flag: str, folder: Path) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    check_files(flag, folder, FILES)
-
-
-def write_report(result: 'DropResult', folder: Path, against: CountedDrops | None = None) -> Path:
-    """Write the report and return the path of the page. Raises OutputError."""
-    return write_page(result_page(result, against), folder)
 
 
 def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Page:
@@ -226,11 +211,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     part, contacts, distribution = result.part, result.contacts, result.distribution
     if part is None or contacts is None:
         return None
-    scene = scene_of(part, result.run.conditions)
-    planes = [
-        ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
-        for face in scene.faces
-    ]
+    planes = contact_planes(scene_of(part, result.run.conditions))
     drawn = picture_part(part, distribution.aspects.aspects)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2

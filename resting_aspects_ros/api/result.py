@@ -4,12 +4,11 @@ Output files are checked before the work, and replaced only when they are comple
 """
 
 import csv
-import glob
 import os
 import tempfile
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ from resting_aspects_ros.api.runner import Consumer
 from resting_aspects_ros.errors import InvalidValueError, OutputError
 from resting_aspects_ros.report.document import plain, to_json
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.system import lock_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,12 +65,18 @@ def check_output(flag: str, path: Path | None) -> None:
     )
 
 
+def check_files(flag: str, folder: Path, files: Iterable[str]) -> None:
+    """Make the folder; raises InvalidValueError if it, or one of the files, cannot be written."""
+    make_folder(flag, folder)
+    for name in files:
+        check_output(flag, folder / name)
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path, and replace the file with it at the end if nothing failed.
 
-    A device or a pipe is written directly. Temporary files that killed programs left for the same
-    file are removed.
+    A device or a pipe is written directly.
     """
     target = path.resolve()  # a symbolic link is kept
     ordinary = (path.is_file() or not path.exists()) and not path.is_relative_to('/dev')
@@ -80,38 +84,14 @@ def whole_file(path: Path) -> Iterator[Path]:
         if not ordinary:
             yield path
             return
-        _remove_abandoned(target)
-        with _locked_part(target) as part:
+        part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
+        try:
             yield part
             part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from error
-
-
-@contextmanager
-def _locked_part(target: Path) -> Iterator[Path]:
-    """Yield a new locked file beside the target, which is removed if it was not moved."""
-    while True:
-        part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
-        with part.open('xb') as file:
-            if lock_file(file, wait=True) is None:
-                file.close()  # Windows does not move a file that is open
-            if not part.exists():  # removed by another program before it was locked
-                continue
-            try:
-                yield part
-            finally:
-                part.unlink(missing_ok=True)
-            return
-
-
-def _remove_abandoned(target: Path) -> None:
-    """Remove unfinished files of the target that no program has locked."""
-    name = f'{glob.escape(target.stem)}.{"[0-9a-f]" * 8}.part{glob.escape(target.suffix)}'
-    for part in target.parent.glob(name):
-        with suppress(OSError), part.open('rb') as file:
-            if lock_file(file):
-                part.unlink()
 
 
 def _reason(error: BaseException) -> str:
@@ -211,11 +191,12 @@ def save_figure(figure: 'Figure', path: Path) -> None:
         part.write_bytes(png_bytes(figure))
 
 
-def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
-    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
-    make_folder(flag, folder)
-    for name in names:
-        check_output(flag, folder / name)
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as CSV, with the keys of the first one as the header; raises OutputError."""
+    with whole_file(path) as part, part.open('w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def write_page(page: 'Page', folder: Path) -> Path:

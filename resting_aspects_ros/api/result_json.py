@@ -264,7 +264,6 @@ def document_result(
         distribution,
         given.run,
         part,
-        METHOD,
         given.complete,
         document.convergence,
         history=history,

@@ -133,10 +133,6 @@ class DropProgress(ShownProgress):
                 print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
                 self._line, self._shown = line, now
 
-    def expect(self, total: int) -> None:
-        """Change the number of drops that are expected."""
-        self._total = max(total, self.done)
-
     def end(self, done: int) -> None:
         """Show ``done`` as the total of the finished run; does nothing if no update was shown."""
         if self._updated:

@@ -1,7 +1,7 @@
 """What passes the traps of a track, and which traps pass only a wanted orientation."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,11 +115,19 @@ def track(
     _check_parts(simulate)
     loaded = given_part(part)
     _warn_of_units(loaded, given)
-    options = _Options(surface, drops, seed, workers, progress, stopped, conditions)
+    options: dict[str, Any] = {
+        'surface': surface,
+        'drops': drops,
+        'seed': seed,
+        'workers': workers,
+        'progress': progress,
+        'stopped': stopped,
+        **conditions,
+    }
     dropped, acted, rows = _arrivals(loaded, given, before, options)
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
-    return _with_runs(TrackResult(dropped, passage, acted), simulate, options)
+    return _with_runs(TrackResult(dropped, passage, acted), simulate, seed, stopped)
 
 
 def design_track(
@@ -174,7 +182,15 @@ def design_track(
     given = default_track(loaded) if on is None else replace(given_track(on), traps=())
     limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
-    options = _Options(surface, drops, seed, workers, progress, stopped, conditions)
+    options: dict[str, Any] = {
+        'surface': surface,
+        'drops': drops,
+        'seed': seed,
+        'workers': workers,
+        'progress': progress,
+        'stopped': stopped,
+        **conditions,
+    }
     dropped, acted, rows = _arrivals(loaded, given, before, options)
 
     def measure(row: Orientation, trap: Any, name: str, critical: float) -> Band:
@@ -196,7 +212,7 @@ def design_track(
         for design in found.designs
     ]
     if results:
-        results[0] = _with_runs(results[0], simulate, options)
+        results[0] = _with_runs(results[0], simulate, seed, stopped)
     plain = pass_traps(loaded, rows, given, (want,), limits)
     bare = TrackResult(dropped, plain, acted, interrupted=bool(simulate) and stopped())
     advice = tuple(_advice(loaded, rows, given, want, found))
@@ -230,40 +246,15 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
 # -- Arrivals -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Options:
-    """Options that drops and actions share."""
-
-    surface: str | DropConditions
-    drops: int
-    seed: int
-    workers: int | Workers | None
-    progress: Progress
-    stopped: Callable[[], bool]
-    conditions: Mapping[str, Any]
-
-    @property
-    def shared(self) -> dict[str, Any]:
-        return {
-            'surface': self.surface,
-            'drops': self.drops,
-            'seed': self.seed,
-            'workers': self.workers,
-            'progress': self.progress,
-            'stopped': self.stopped,
-            **self.conditions,
-        }
-
-
 def _arrivals(
     part: Part,
     on: Track,
     before: Sequence[str | Action | NamedAction],
-    options: _Options,
+    options: Mapping[str, Any],
 ) -> tuple[DropResult, tuple[ReorientResult, ...], list[Orientation]]:
     """Return drops, actions, and the rows with their shares before the traps."""
-    dropped = drop(part, model_range=False, **options.shared)
-    acted = tuple(reorient(part, action, **options.shared) for action in before)
+    dropped = drop(part, model_range=False, **options)
+    acted = tuple(reorient(part, action, **options) for action in before)
     distribution = dropped.distribution
     shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
     for each in acted:
@@ -284,12 +275,14 @@ def _confusions(
     return {sensor: confusion(known, rows, sensor.noise, seed) for sensor in sensors}
 
 
-def _with_runs(result: TrackResult, parts: int, options: _Options) -> TrackResult:
+def _with_runs(
+    result: TrackResult, parts: int, seed: int, stopped: Callable[[], bool]
+) -> TrackResult:
     """Return the result with simulated parts."""
     if not parts or not result.passage.track.traps:
         return result
     physics = result.drop.run.conditions
-    runs = run_track(result.passage, physics, parts, options.seed, options.stopped)
+    runs = run_track(result.passage, physics, parts, seed, stopped)
     return replace(result, runs=runs, interrupted=runs is None)
 
 
@@ -368,11 +361,9 @@ def _advice(
 def _camera_separates(part: Part, one: Orientation, other: Orientation) -> bool:
     """Return whether the outlines of two rows differ where the wall is, from above."""
     outlines = [
-        shapely.transform(seen_outline(part, row.orientation), _from_corner)
+        shapely.transform(
+            seen_outline(part, row.orientation), lambda points: points - points.min(axis=0)
+        )
         for row in (one, other)
     ]
     return bool(shapely.hausdorff_distance(*outlines) > RESOLVED)
-
-
-def _from_corner(points: Array) -> Array:
-    return np.asarray(points - points.min(axis=0))

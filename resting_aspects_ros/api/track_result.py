@@ -1,6 +1,5 @@
 """Results of a track: what its traps do to each orientation, and which traps to build."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +12,7 @@ import shapely
 from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.result import Result, whole_file
+from resting_aspects_ros.api.result import Result, write_rows
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.format import numbers_text, share_text
@@ -414,10 +413,7 @@ class TrackResult(Result):
                     share = self.runs.share(t, k)
                     line[f'{name}_simulated'] = '' if share is None else str(share.probability)
             lines.append(line)
-        with whole_file(Path(path)) as part, part.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.DictWriter(file, list(lines[0]))
-            writer.writeheader()
-            writer.writerows(lines)
+        write_rows(Path(path), lines)
 
     def figure(self) -> 'Figure':
         """Return each orientation from above, with its contact, and whether it passes."""

@@ -1,6 +1,7 @@
 """The natural resting aspects of a part, and the classification of resting poses."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -11,7 +12,7 @@ from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.symmetry import Symmetry
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, angle_between, canonical, down_in_part
 
 # A pose is in the aspect with the nearest down direction, if the angle is at most this. In Bullet
@@ -183,6 +184,27 @@ class AspectSet:
         """Return the aspects of each symmetry class, in the order of the classes."""
         numbers = sorted({a.symmetry_class for a in self.aspects})
         return [tuple(a for a in self.aspects if a.symmetry_class == k) for k in numbers]
+
+    def chosen(
+        self, ids: Sequence[int] | None, numbers: Sequence[int] | None, what: str
+    ) -> tuple[int, ...]:
+        """Return ids of aspects, ascending, from ids or else from numbers of symmetry classes.
+
+        Raises InvalidValueError if there is none or one is not known; ``what`` says what they are
+        in its message, such as 'pickable'.
+        """
+        members = self.classes()
+        noun, limit, given = 'aspect', len(self), ids
+        if given is None:
+            noun, limit, given = 'symmetry class', len(members), numbers or ()
+        if not len(given):
+            raise InvalidValueError(f'invalid {what} {noun}: expected at least one')
+        for k in given:
+            if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
+                raise InvalidValueError(f'invalid {what} {noun} {shown(k)}: expected 1 to {limit}')
+        if ids is not None:
+            return tuple(sorted({int(k) for k in ids}))
+        return tuple(sorted(aspect.id for k in set(given) for aspect in members[k - 1]))
 
     @cached_property
     def _map(self) -> '_DirectionMap':

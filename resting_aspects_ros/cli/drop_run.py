@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from resting_aspects_ros.studies.batch import BatchEntry
 
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
-PAGE = 'report.html'
 BATCH_FOLDER = Path('out') / 'batch'
 NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # Flags without an effect or a meaning: with a log, which has these values; without given states;
@@ -76,7 +75,7 @@ def drop_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """
     simulate, part = _requested(arguments)
     check_output('--poses', arguments.poses)
-    out = result_folder(arguments, part, (DOCUMENT, PICTURE, POSES), PAGE)
+    out = result_folder(arguments, part, (DOCUMENT, PICTURE, POSES))
     result, failure = _result(partial(simulate, **session.options), arguments, out)
     result = dataclasses.replace(result, mesh_file=mesh_file(arguments.part))
     _show(result, arguments, out)

@@ -106,17 +106,12 @@ def exit_code(
 def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
     """Return the flag that requests a folder, and the folder: None if nothing is saved."""
     if arguments.out is None and getattr(arguments, 'report', False):
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.report_files import default_folder
-
-        return '--report', default_folder(part)
+        return '--report', Path('out') / part
     return '--out', arguments.out
 
 
-def result_folder(
-    arguments: argparse.Namespace, part: str, files: Iterable[str], page: str = ''
-) -> Path | None:
-    """Make the folder of a result with the given files, and with the page if it is requested.
+def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]) -> Path | None:
+    """Make the folder of a result with the given files.
 
     Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
     cannot be written.
@@ -125,7 +120,7 @@ def result_folder(
 
     flag, out = requested_folder(arguments, part)
     if out is not None:
-        check_files(flag, out, [*files, page] if page and arguments.report else [*files])
+        check_files(flag, out, files)
     return out
 
 

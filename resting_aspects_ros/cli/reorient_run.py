@@ -1,7 +1,6 @@
 """Simulate the actions that `resting_aspects reorient` requests, show and save the results."""
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,15 +18,8 @@ from resting_aspects_ros.api.reorient_result import (
     ReorientResult,
     plan_reorientation,
 )
-from resting_aspects_ros.api.result import whole_file
-from resting_aspects_ros.api.roadmap import (
-    MeasuredComparison,
-    MeasuredTrials,
-    compare_measured,
-    read_roadmap,
-    roadmap_document,
-    with_measured,
-)
+from resting_aspects_ros.api.result import whole_file, write_page
+from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.aspects.find import find_aspects
@@ -46,9 +38,8 @@ from resting_aspects_ros.cli.options import (
     requested_part,
     requested_precision,
 )
-from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.transitions import (
     Rows,
     actions_table,
@@ -63,19 +54,16 @@ from resting_aspects_ros.report.transitions import (
 from resting_aspects_ros.statistics.markov import Plan, wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
-DOCUMENT, ROADMAP, PAGE = 'transitions.json', 'roadmap.json', 'reorientation.html'
-# Rows with at least this number of measured trials replace the simulated ones.
-MIN_TRIALS = 50
+DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
 
 
 def reorient_and_show(arguments: argparse.Namespace, session: Session) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     actions = requested_actions(arguments)
     conditions, precision = requested_conditions(arguments), requested_precision(arguments)
-    measured = None if arguments.measured is None else read_roadmap(arguments.measured)
     part = requested_part(arguments)
     wanted = _wanted(arguments, find_aspects(part))
-    out = _folder(arguments, part.name)
+    out = result_folder(arguments, part.name, (DOCUMENT,))
     simulate = partial(
         reorient_each,
         part,
@@ -90,27 +78,21 @@ def reorient_and_show(arguments: argparse.Namespace, session: Session) -> int:
         engine=arguments.engine,
         **session.options,
     )
-    simulated, failure = partial_result(simulate)
-    results, checks = _with_trials(measured, simulated)
-    replaced = any(
-        (one.matrix.counts != other.matrix.counts).any()
-        for one, other in zip(results, simulated, strict=True)
-    )
-    answer = Answer(tuple(results), wanted, tuple(checks))
-    # Measured rows are those of single aspects, which a class would mix with simulated ones.
-    by_class = not (arguments.each or arguments.wanted is not None or replaced)
+    results, failure = partial_result(simulate)
+    answer = Answer(tuple(results), wanted)
+    by_class = not (arguments.each or arguments.wanted is not None)
     finish(
         arguments,
         out,
         (DOCUMENT, answer.to_json),
-        _files(answer, simulated, part, pictures=not arguments.report),
+        _files(answer, part, pictures=not arguments.report),
         partial(_show, answer, by_class=by_class),
-        partial(_write_page, answer, simulated),
+        partial(_write_page, answer),
     )
-    checked = all(result.convergence is not None for result in simulated)
+    checked = all(result.convergence is not None for result in results)
     return exit_code(
-        f'{sum(int(result.matrix.actions.sum()) for result in simulated)} actions',
-        complete=all(result.complete for result in simulated),
+        f'{sum(int(result.matrix.actions.sum()) for result in results)} actions',
+        complete=all(result.complete for result in results),
         failure=failure,
         unchecked=arguments.check_convergence and session.stop.asked and not checked,
     )
@@ -118,54 +100,14 @@ def reorient_and_show(arguments: argparse.Namespace, session: Session) -> int:
 
 def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...]:
     """Return the ids of the wanted aspects."""
-    if arguments.wanted is not None:
-        numbers = parse_numbers('--wanted', arguments.wanted)
-        wanted_mask(numbers, len(aspects))
-        return tuple(sorted(set(numbers)))
-    if arguments.wanted_classes is None:
-        return ()
-    classes = aspects.classes()
-    numbers = parse_numbers('--wanted-classes', arguments.wanted_classes)
-    wanted_mask(numbers, len(classes), 'symmetry class')
-    return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
-
-
-def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
-    """Return the folder of the result, None if it is not saved.
-
-    Raises InvalidValueError if the folder cannot be written, or has the file of measured trials,
-    which would be replaced.
-    """
-    out = result_folder(arguments, part, (DOCUMENT,), PAGE)
-    measured: Path | None = arguments.measured
-    if out is not None and measured is not None:
-        roadmap = out / ROADMAP
-        if roadmap.exists() and measured.samefile(roadmap):
-            raise InvalidValueError(
-                f'invalid folder {str(out)!r}: expected another one than that of --measured, '
-                'whose trials would be lost'
-            )
-    return out
-
-
-def _with_trials(
-    measured: MeasuredTrials | None, results: list[ReorientResult]
-) -> tuple[list[ReorientResult], list[MeasuredComparison]]:
-    """Return the results with measured rows, and the comparisons with measured trials."""
-    if measured is None:
-        return results, []
-    replaced: list[ReorientResult] = []
-    checks: list[MeasuredComparison] = []
-    for result in results:
-        name, matrix = result.action.name, result.matrix
-        if name in measured.actions:
-            checks += compare_measured(measured, matrix, name)
-            matrix = with_measured(measured, matrix, name, MIN_TRIALS)
-        replaced.append(dataclasses.replace(result, matrix=matrix))
-    if not checks:
-        names = ', '.join(result.action.name for result in results)
-        warn(f'{measured.source} has no trials of {names}')
-    return replaced, checks
+    given = [
+        None if text is None else parse_numbers(flag, text)
+        for flag, text in (
+            ('--wanted', arguments.wanted),
+            ('--wanted-classes', arguments.wanted_classes),
+        )
+    ]
+    return () if given == [None, None] else aspects.chosen(given[0], given[1], 'wanted')
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +116,10 @@ class Answer:
 
     wanted : tuple of int
         Ids of the wanted aspects; empty without any.
-    checks : tuple of MeasuredComparison
-        Comparisons with measured trials.
     """
 
     results: tuple[ReorientResult, ...]
     wanted: tuple[int, ...]
-    checks: tuple[MeasuredComparison, ...]
 
     @property
     def plan(self) -> PlanResult | None:
@@ -197,11 +136,6 @@ class Answer:
             document = {'schema_version': SCHEMA_VERSION, 'results': documents}
         if (plan := self.plan) is not None:
             document['plan'] = plan.document()
-        if self.checks:
-            document['measured'] = [
-                plain({**dataclasses.asdict(check), 'verdict': check.verdict})
-                for check in self.checks
-            ]
         return to_json(document)
 
 
@@ -216,7 +150,6 @@ def _show(answer: Answer, *, by_class: bool) -> None:
         _show_result(result, answer.wanted, by_class=by_class)
     if len(answer.results) > 1:
         _show_comparison(answer, by_class=by_class)
-    show_texts(*map(_check_text, answer.checks))
 
 
 def _show_comparison(answer: Answer, *, by_class: bool) -> None:
@@ -280,62 +213,37 @@ def _wanted_rows(
     return np.array([bool(wanted) and mask[[a.id - 1 for a in row]].all() for row in rows])
 
 
-def _check_text(check: MeasuredComparison) -> str:
-    pair = check.pair
-    if not check.actions:
-        return f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: not simulated'
-    return (
-        f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: measured {pair.successes} of '
-        f'{pair.trials}, simulated {100 * check.simulated.probability:.1f} %, difference '
-        f'{100 * check.difference:+.1f} points ({100 * check.lower:+.1f} to '
-        f'{100 * check.upper:+.1f}): {check.verdict}'
-    )
-
-
 # -- Files ----------------------------------------------------------------------------------------
 
 
-def _files(
-    answer: Answer, simulated: Sequence[ReorientResult], part: Part, *, pictures: bool
-) -> dict[str, Callable[[Path], object]]:
+def _files(answer: Answer, part: Part, *, pictures: bool) -> dict[str, Callable[[Path], object]]:
     """Return what writes the roadmap and each picture, which take longest.
 
-    The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
     With a page, which has the same pictures, none are needed here.
     """
-    saves: dict[str, Callable[[Path], object]] = {
-        ROADMAP: partial(_save_roadmap, answer, simulated, part)
-    }
+    saves: dict[str, Callable[[Path], object]] = {ROADMAP: partial(_save_roadmap, answer, part)}
     for result in answer.results if pictures else ():
         suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
         saves[f'transitions{suffix}.png'] = result.save_picture
     return saves
 
 
-def _save_roadmap(
-    answer: Answer, simulated: Sequence[ReorientResult], part: Part, path: Path
-) -> None:
+def _save_roadmap(answer: Answer, part: Part, path: Path) -> None:
     try:
         weights = estimate(part, ['csa']).estimates['csa'].probabilities
     except NotDefinedError:
         weights = None
-    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in answer.results}
     document = roadmap_document(part, answer.results[0].drop, weights, matrices)
     with whole_file(path) as file:
         file.write_text(to_json(document), encoding='utf-8')
 
 
-def _write_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
+def _write_page(answer: Answer, out: Path) -> Path:
     """Write the page with its figures and return its path; raises OutputError."""
     # This import is slow, and only needed for a page.
-    from resting_aspects_ros.api.reorientation_files import write_reorientation_report
+    from resting_aspects_ros.api.reorientation_files import reorientation_page
 
     print('writing the report ...', file=sys.stderr)
-    return write_reorientation_report(
-        answer.results,
-        out,
-        wanted=answer.wanted,
-        plan=answer.plan if len(answer.results) > 1 else None,
-        checks=answer.checks,
-        simulated=simulated,
-    )
+    plan = answer.plan if len(answer.results) > 1 else None
+    return write_page(reorientation_page(answer.results, wanted=answer.wanted, plan=plan), out)

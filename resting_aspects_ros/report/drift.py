@@ -82,7 +82,7 @@ def _when(test: DriftTest) -> str:
     first, last = int(test.ends[drifted.start]) + 1, int(test.ends[drifted.stop])
     label = f' ({test.labels[drifted.start]})' if test.labels else ''
     if drifted.stop < len(test.windows):
-        return f'in parts {first} to {last}{label}, but not in the later parts together'
+        return f'in parts {first} to {last}{label}, but not in the later windows'
     return f'since part {first}{label}'
 
 

@@ -10,8 +10,8 @@ from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
+from resting_aspects_ros.api.compare import MachineTransitions, machine_transitions
 from resting_aspects_ros.api.counts import single_groups
-from resting_aspects_ros.api.roadmap import MachineTransitions, machine_transitions
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.report.drift import drift_sentence
@@ -198,8 +198,8 @@ def _difference_text(found: MachineTransitions) -> str:
         return ''
     most = max(differing, key=lambda each: abs(each.difference))
     return (
-        f'{100 * most.measured.probability:.0f} % of class {most.pair.from_aspect} come to class '
-        f'{most.pair.to_aspect} instead of {100 * most.simulated.probability:.0f} %: '
+        f'{100 * most.measured.probability:.0f} % of class {most.before} come to class '
+        f'{most.after} instead of {100 * most.simulated.probability:.0f} %: '
         f'{points_text(most.difference, most.lower, most.upper)} points '
         f'({100 * most.confidence:g} % interval of this pair)'
     )

@@ -52,7 +52,6 @@ from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts as CountedParts
 from resting_aspects_ros.statistics.distribution import (
-    METHOD,
     Distribution,
     History,
     aspect_ids,
@@ -296,7 +295,6 @@ def _counted(logged: LoggedRun) -> tuple[DropResult, list[RestingPoses]]:
         model_range_of(distribution, part, run),
         run,
         part,
-        METHOD,
         logged.outcome.whole and logged.finished,
         history=history.points(),
         contacts=contacts,

@@ -379,13 +379,3 @@ def _named(code: int) -> int | str | None:
     if code == NONE:
         return None
     return code if code > 0 else CODE_TEXT[code]
-
-
-def contacts_text(contacts: Iterable[tuple[str, int | str | None]]) -> str:
-    """Return contacts in words: 'belt: aspect 1, wall: edge'."""
-    parts = [
-        f'{name.replace("_", " ")}: {"aspect " if isinstance(code, int) else ""}{code}'
-        for name, code in contacts
-        if code is not None
-    ]
-    return ', '.join(parts) or 'nothing'

@@ -1,4 +1,4 @@
-"""Drift: whether the parts of a window still have the shares of the simulation; see g_test."""
+"""Drift: whether the parts of a window still have the shares of the simulation."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -34,6 +34,9 @@ SHIFT = 0.05
 # The rarest class can always deviate by the largest one.
 MIN_SHIFT, MAX_SHIFT = 1e-4, 0.4
 MAX_PARTS = 100_000_000
+# Of windows with as many parts as find a deviation with a probability of 80 %, two in succession
+# miss it with 4 %.
+GAP = 2
 
 
 class TooFewDropsError(InvalidValueError):
@@ -84,8 +87,8 @@ class DriftTest:
     level : float
         Probability of an alarm in a window without drift.
     drifted : range
-        Indices of the windows that deviate, empty without an alarm; see `drifted_windows`. If the
-        windows recovered, it ends before the last one.
+        Indices of the windows of the last drift, empty without an alarm; see `drifted_windows`. If
+        it is over, it ends before the last one.
     scatter : BatchScatter or None
         By how much batches differ more than by chance; None if it is not known, and chance alone
         is assumed.
@@ -189,7 +192,6 @@ def find_drift(
     counts, ends, labels = observed.windows(window)
     scatter = batch_scatter(observed.windows(UNIT)[0])
     p_values = np.array([p_of_window(row, simulated, generator, level, scatter) for row in counts])
-    factor = 1.0 if scatter is None else max(scatter.factor, 1.0)
     return DriftTest(
         simulated,
         counts,
@@ -197,7 +199,7 @@ def find_drift(
         g_statistic(counts, simulated),
         p_values,
         level,
-        drifted_windows(counts, simulated, p_values, level, factor),
+        drifted_windows(np.flatnonzero(p_values <= level), len(counts)),
         scatter,
         confidence,
         observed.groups,
@@ -207,36 +209,17 @@ def find_drift(
     )
 
 
-def drifted_windows(
-    windows: Counts, simulated: Counts, p_values: Array, level: float, factor: float = 1.0
-) -> range:
-    """Return the windows that deviate together with the last alarm; empty without an alarm.
+def drifted_windows(alarms: Counts, windows: int) -> range:
+    """Return the windows of the last drift; empty without an alarm.
 
-    They begin where the G statistic of all windows up to the last alarm is largest, which is the
-    most likely beginning if the shares changed once (generalised likelihood ratio; Siegmund,
-    Venkatraman 1995, Annals of Statistics 23:255). They end with the last window. Windows that
-    speak against the deviation by a likelihood ratio of more than 1 / level are a recovery, before
-    or after which no further windows belong to it.
-
-    Parameters
-    ----------
-    windows, simulated : (w, c) and (c,) int
-    p_values : (w,) float
-    factor : float
-        By which the scatter of batches increases the statistics.
+    It has the last alarm, and the earlier ones that are at most GAP windows before another one of
+    it. It lasts until the last window, unless GAP windows without an alarm follow.
     """
-    alarms = np.flatnonzero(p_values <= level)
     if not len(alarms):
         return range(0)
-    last = int(alarms[-1])
-    totals = np.concatenate([windows[:1] * 0, windows.cumsum(axis=0)])
-    recovery = -2 * factor * np.log(level)
-    # Of the last window, of the last two, and so on.
-    back = g_statistic(totals[last + 1] - totals[last::-1], simulated)
-    recovered = np.flatnonzero(back < np.maximum.accumulate(back) - recovery)
-    first = last - int(back[: recovered[0] if len(recovered) else None].argmax())
-    until, lasting = g_statistic(totals[[last + 1, -1]] - totals[first], simulated)
-    return range(first, last + 1 if until - lasting > recovery else len(windows))
+    breaks = np.flatnonzero(np.diff(alarms, prepend=alarms[0] - GAP - 1) > GAP)
+    first, end = int(alarms[breaks[-1]]), int(alarms[-1]) + 1
+    return range(first, windows if windows - end < GAP else end)
 
 
 def largest_deviation(

@@ -48,9 +48,9 @@ PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
 MAX_ANGLE = np.radians(20.0)
 # Heights of the centre of mass of the same aspect differ by at most this, R.
 MAX_HEIGHT = 0.3
-# Parts whose hulls are on average further apart than this, R, are different parts.
+# Parts whose surfaces are on average further apart than this, R, are different parts.
 MAX_APART = 0.15
-# Points of a hull that are compared.
+# Points of a surface that are compared.
 SAMPLES = 400
 # Of more parts, only the first ones are compared with each other.
 MAX_COMPARED = 20
@@ -68,10 +68,10 @@ def mesh_files(folder: Path) -> list[Path]:
     return found
 
 
-def part_sources(given: Sequence[str | Path]) -> Iterator[str | Path]:
-    """Yield names of parts and mesh files; a folder stands for the mesh files in it."""
+def part_sources(given: Sequence[Part | str | Path]) -> Iterator[Part | str | Path]:
+    """Yield parts, their names and mesh files; a folder stands for the mesh files in it."""
     for each in given:
-        folder = part_folder(each)
+        folder = None if isinstance(each, Part) else part_folder(each)
         if folder is None:
             yield each
         else:
@@ -100,7 +100,8 @@ def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> 
             path = Path(each)
         if path is not None and base is not None:
             path = base / path
-        found += [load_part(source) for source in part_sources([path or each])]
+        sources = part_sources([path or each])
+        found += [load_part(source) for source in sources if not isinstance(source, Part)]
     names = [part.name for part in found]
     for name in names:
         if names.count(name) > 1:
@@ -148,50 +149,38 @@ def _descriptions(part: Part) -> Iterator[dict[str, Any]]:
     yield {**values, 'inertia': [float(each) for each in inertia]}
 
 
-@dataclass(frozen=True, eq=False)
-class AspectMatch:
-    """The symmetry classes that two designs share.
+def match_aspects(
+    first: Part, one: AspectSet, second: Part, other: AspectSet
+) -> tuple[tuple[tuple[int, int], ...], float]:
+    """Return which symmetry classes of two designs are the same, and how far these are apart.
 
+    The designs are compared in the frames of their meshes. A class is matched with the one whose
+    direction of gravity and height of the centre of mass are nearest. Parts that are too different
+    share none.
+
+    Returns
+    -------
     pairs : tuple of (int, int)
         Numbers of the classes in the first and the second design, from 1.
-    rotation : (3, 3) float
-        Turns the second design as the first; identity if the meshes are in the same frame.
     apart : float
-        Mean distance of the hulls after the rotation, R of the first.
+        Mean distance of the surfaces about the centres of mass, R of the first.
     """
-
-    pairs: tuple[tuple[int, int], ...]
-    rotation: Array
-    apart: float
-
-
-def match_aspects(first: Part, one: AspectSet, second: Part, other: AspectSet) -> AspectMatch:
-    """Return which symmetry classes of two designs are the same.
-
-    The designs are compared in the frames of their meshes and, if another orientation fits
-    clearly better, along their principal axes. A class is matched with the one whose direction of
-    gravity and height of the centre of mass are nearest. Parts that are too different share none.
-    """
-    rotation, apart = _best_rotation(first, second)
+    apart = _distance(first, second)
     if apart > MAX_APART:
-        return AspectMatch((), rotation, apart)
+        return (), apart
     mine, theirs = one.classes(), other.classes()
-    cost = np.array(
-        [[_difference(a, first, b, second, rotation) for b in theirs] for a in mine]
-    ).reshape(len(mine), len(theirs))
+    cost = np.array([[_difference(a, first, b, second) for b in theirs] for a in mine]).reshape(
+        len(mine), len(theirs)
+    )
     rows, columns = linear_sum_assignment(np.minimum(cost, 10.0))
     pairs = tuple(
         (int(r) + 1, int(c) + 1) for r, c in zip(rows, columns, strict=True) if cost[r, c] <= 1.0
     )
-    return AspectMatch(pairs, rotation, apart)
+    return pairs, apart
 
 
 def _difference(
-    mine: tuple[Aspect, ...],
-    first: Part,
-    theirs: tuple[Aspect, ...],
-    second: Part,
-    rotation: Array,
+    mine: tuple[Aspect, ...], first: Part, theirs: tuple[Aspect, ...], second: Part
 ) -> float:
     """Return how different two classes are; up to 1, they can be the same."""
     if mine[0].sweep.curved != theirs[0].sweep.curved:
@@ -199,34 +188,19 @@ def _difference(
     height = abs(
         mine[0].com_height / first.hull_radius - theirs[0].com_height / second.hull_radius
     )
-    down = np.concatenate([aspect.directions for aspect in mine])
-    turned = np.concatenate([aspect.directions for aspect in theirs]) @ rotation.T
-    cosine = float(np.clip((down @ turned.T).max(), -1, 1))
-    angle = float(np.arccos(cosine))
+    down, other = (np.concatenate([a.directions for a in each]) for each in (mine, theirs))
+    angle = float(np.arccos(np.clip((down @ other.T).max(), -1, 1)))
     return max(angle / MAX_ANGLE, height / MAX_HEIGHT)
 
 
-def _best_rotation(first: Part, second: Part) -> tuple[Array, float]:
-    """Return the rotation of the second part that fits the first best, and the distance."""
-    target, moved = _hull_points(first), _hull_points(second)
-    # Designs of one part have the same scale; another part may not.
-    tree, radius = KDTree(target), first.hull_radius
-    signs = [np.diag([a, b, a * b]).astype(float) for a, b in itertools.product((1, -1), repeat=2)]
-    along = [first.principal_axes @ s @ second.principal_axes.T for s in signs]
-    rotations = [np.eye(3), *along]
-    found = []
-    for rotation in rotations:
-        there = moved @ rotation.T
-        both = np.asarray(tree.query(there)[0]), np.asarray(KDTree(there).query(target)[0])
-        found.append(float(both[0].mean() + both[1].mean()) / (2 * radius))
-    best = int(np.argmin(found))
-    # The frames of the meshes are kept unless another orientation is clearly better.
-    if found[0] <= 1.2 * found[best] + 0.02:
-        best = 0
-    return rotations[best], found[best]
+def _distance(first: Part, second: Part) -> float:
+    """Return the mean distance of the surfaces of two parts, R of the first."""
+    one, other = _surface_points(first), _surface_points(second)
+    both = [np.asarray(KDTree(a).query(b)[0]) for a, b in ((one, other), (other, one))]
+    return float(np.mean(both)) / first.hull_radius
 
 
-def _hull_points(part: Part) -> Array:
+def _surface_points(part: Part) -> Array:
     """Return points on the surface of a part, evenly distributed, about its centre of mass, m."""
     corners = part.vertices[part.faces]
     twice = np.linalg.norm(
@@ -267,7 +241,7 @@ class SharedClass:
 
 @dataclass(frozen=True, eq=False)
 class CaseComparison:
-    """Two designs side by side; ``apart`` is the mean distance of their hulls, R."""
+    """Two designs side by side; ``apart`` is the mean distance of their surfaces, R."""
 
     first: Case
     second: Case
@@ -279,11 +253,12 @@ def compare_cases(cases: Sequence[Case], confidence: float) -> Iterator[CaseComp
     """Yield a comparison of each pair of designs that are dropped."""
     dropped = [case for case in cases if case.start is None]
     for first, second in itertools.combinations(dropped, 2):
-        match = match_aspects(first.part, first.aspects, second.part, second.aspects)
+        pairs, apart = match_aspects(first.part, first.aspects, second.part, second.aspects)
         both = np.flatnonzero((first.drops > 0) & (second.drops > 0))
-        pairs = match.pairs if len(both) else ()
-        shared = tuple(_shared(first, second, a, b, both, confidence) for a, b in pairs)
-        yield CaseComparison(first, second, shared, match.apart)
+        shared = tuple(
+            _shared(first, second, a, b, both, confidence) for a, b in pairs if len(both)
+        )
+        yield CaseComparison(first, second, shared, apart)
 
 
 def _shared(
@@ -296,10 +271,8 @@ def _shared(
         smooth = (counts + 0.5) / (drops + 1)
         variance += float((smooth * (1 - smooth) / drops).sum()) / len(both) ** 2
         shares.append(float((counts / drops).mean()))
-    reach, difference = (
-        float(norm.ppf((1 + confidence) / 2)) * variance**0.5,
-        shares[1] - shares[0],
-    )
+    difference = shares[1] - shares[0]
+    reach = float(norm.ppf((1 + confidence) / 2)) * variance**0.5
     return SharedClass(
         a, b, shares[0], shares[1], difference, difference - reach, difference + reach
     )
@@ -431,7 +404,7 @@ def drop_batch(
 
     check_seed(seed)
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
-    sources = _sources(parts)
+    sources = list(part_sources(parts))
     folder = None if out is None else Path(out)
     if folder is not None:
         make_folder('--out', folder)
@@ -442,7 +415,10 @@ def drop_batch(
                 break
             entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
             try:
-                part = source if isinstance(source, Part) else _loaded(source, unit)
+                mesh = None if isinstance(source, Part) else mesh_file(source)
+                part = source
+                if not isinstance(part, Part):
+                    part = load_part(part, None if mesh is None else unit)
                 result = drop(
                     part,
                     drops,
@@ -457,7 +433,6 @@ def drop_batch(
                     force=force,
                     progress=progress,
                 )
-                mesh = None if isinstance(source, Part) else mesh_file(source)
                 result = dataclasses.replace(result, mesh_file=mesh)
                 own = _folder(part.name, [each.folder for each in entries])
                 entry = dataclasses.replace(entry, result=result, folder=own)
@@ -489,17 +464,6 @@ def part_seed(seed: int, part: Part) -> int:
     """
     text = f'{seed} {part.part_sha256}'.encode('ascii')
     return int.from_bytes(hashlib.sha256(text).digest()[:8], 'little')
-
-
-def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
-    found: list[Part | str | Path] = []
-    for each in parts:
-        found += [each] if isinstance(each, Part) else part_sources([each])
-    return found
-
-
-def _loaded(source: str | Path, unit: str | None) -> Part:
-    return load_part(source, unit if mesh_file(source) is not None else None)
 
 
 def _folder(name: str, taken: Sequence[str]) -> str:

@@ -506,14 +506,12 @@ def factorial(factors: Sequence[Factor]) -> Design:
     return Design(points, tuple(lines))
 
 
-def sobol(d: int, points: int, seed: int | Sequence[int], first: int = 0) -> Array:
-    """Return points ``first`` to ``first + points - 1`` of a scrambled Sobol sequence."""
+def sobol(d: int, points: int, seed: int | Sequence[int]) -> Array:
+    """Return the first points (points, d) of a scrambled Sobol sequence."""
     # The name of the argument depends on the version of SciPy.
     known = inspect.signature(qmc.Sobol.__init__).parameters
     random: dict[str, Any] = {'rng' if 'rng' in known else 'seed': np.random.default_rng(seed)}
     sequence = qmc.Sobol(d, scramble=True, **random)
-    if first:
-        sequence.fast_forward(first)
     with warnings.catch_warnings():
         # A number that is no power of two is allowed: the sequence can be continued later.
         warnings.simplefilter('ignore', UserWarning)

@@ -1,31 +1,15 @@
-"""What is optimised: the share of wanted aspects or contacts, or the entropy."""
+"""What is optimised: the share of wanted aspects, or the entropy."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import entr
 
-from resting_aspects_ros.api.conditions import contacts_in, scene_of
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.aspects.support import (
-    CODE_TEXT,
-    CORNER,
-    EDGE,
-    NONE,
-    SIDE,
-    ContactFinder,
-)
-from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.statistics.distribution import contacts_text
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.intervals import containing
-from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-from resting_aspects_ros.studies.design import Setting
 
 # Differences that do not matter: 1 point of a share, and of an entropy in nat.
 SHARE_TOLERANCE, ENTROPY_TOLERANCE = 0.01, 0.02
@@ -33,47 +17,6 @@ SHARE_TOLERANCE, ENTROPY_TOLERANCE = 0.01, 0.02
 PRIOR = 1.0
 # Draws of a posterior, for an interval.
 DRAWS = 20_000
-# Contacts that are in no aspect, by name; also as tables and documents show them.
-CODES: dict[str, int] = {'none': NONE, 'side': SIDE, 'edge': EDGE, 'corner': CORNER} | {
-    text: code for code, text in CODE_TEXT.items()
-}
-EXPECTED = 'PLANE=CONTACT, such as belt=1,wall=edge'
-
-
-@dataclass(frozen=True)
-class WantedContacts:
-    """Contacts with some of the planes; with the other planes, any contact is accepted.
-
-    codes : tuple of (str, int)
-        Name of a plane, and the id of the aspect that lies on it, or NONE, SIDE, EDGE or CORNER.
-    """
-
-    codes: tuple[tuple[str, int], ...]
-
-    @property
-    def text(self) -> str:
-        """Such as 'belt: aspect 1, wall: edge'."""
-        return contacts_text((name, code or 'nothing') for name, code in self.named)
-
-    @property
-    def named(self) -> list[tuple[str, int | str | None]]:
-        """Contacts by the names of the planes, as `drop` shows them; None: not touched."""
-        return [
-            (name, code if code > NONE else CODE_TEXT[code] if code < NONE else None)
-            for name, code in self.codes
-        ]
-
-    def found(self, finder: ContactFinder, poses: RestingPoses) -> npt.NDArray[np.bool_]:
-        """Return which of the drops (n,) are at rest with these contacts."""
-        contacts = finder.find(poses.position, poses.orientation)
-        good = poses.status == RestStatus.SETTLED
-        names = np.array([plane.name for plane in finder.planes])
-        for name, code in self.codes:
-            # Of several planes with the same name, the first one that is touched counts.
-            own = contacts[:, names == name]
-            first = (own != NONE).argmax(axis=1)
-            good &= own[np.arange(len(own)), first] == code
-        return np.asarray(good)
 
 
 @dataclass(frozen=True)
@@ -85,18 +28,15 @@ class Objective:
     groups : tuple of tuple of int
         Ids of the aspects of each outcome that is distinguished: the wanted aspects, or the
         members of each symmetry class. All other ends of a drop are one more outcome, the last.
-    contacts : tuple of WantedContacts
-        Wanted instead of aspects: the counts then have two columns, and ``groups`` is the first.
     """
 
     wanted: tuple[int, ...]
     groups: tuple[tuple[int, ...], ...]
-    contacts: tuple[WantedContacts, ...] = ()
 
     @property
     def is_entropy(self) -> bool:
         """Whether the entropy is minimised."""
-        return not self.wanted and not self.contacts
+        return not self.wanted
 
     @property
     def tolerance(self) -> float:
@@ -113,15 +53,8 @@ class Objective:
         """What is sought, such as 'largest share of aspects 1 and 3'."""
         if self.is_entropy:
             return 'least entropy over the symmetry classes'
-        if self.contacts:
-            return f'largest share of {" or ".join(f"({c.text})" for c in self.contacts)}'
         noun = 'aspect' if len(self.wanted) == 1 else 'aspects'
         return f'largest share of {noun} {listed(map(str, self.wanted))}'
-
-    @property
-    def outcomes(self) -> list[list[int] | str]:
-        """Ids of the aspects of each outcome but the last, or 'wanted'."""
-        return ['wanted'] if self.contacts else [list(ids) for ids in self.groups]
 
     def columns(self, counts: Counts) -> Counts:
         """Return counts (c,) of the outcomes, from counts (k + 5,) by aspect and by OUTSIDE."""
@@ -215,17 +148,12 @@ def make_objective(
     wanted_classes: Sequence[int] | None = None,
     *,
     minimise_entropy: bool = False,
-    contacts: Sequence[WantedContacts] = (),
 ) -> Objective:
     """Return an objective; raises InvalidValueError unless exactly one is given and known."""
-    given = [wanted is not None, wanted_classes is not None, bool(contacts), minimise_entropy]
-    if sum(given) != 1:
+    if sum([wanted is not None, wanted_classes is not None, minimise_entropy]) != 1:
         raise InvalidValueError(
-            'invalid objective: expected one of wanted aspects, wanted classes, wanted contacts '
-            'and least entropy'
+            'invalid objective: expected one of wanted aspects, wanted classes and least entropy'
         )
-    if contacts:
-        return Objective((), ((1,),), tuple(contacts))
     members = tuple(tuple(a.id for a in each) for each in aspects.classes())
     if minimise_entropy:
         if len(members) < 2:
@@ -234,11 +162,7 @@ def make_objective(
                 f'of aspects, not {len(members)}'
             )
         return Objective((), members)
-    if wanted is not None:
-        ids = _checked('aspect', wanted, len(aspects))
-    else:
-        numbers = _checked('symmetry class', wanted_classes or (), len(members))
-        ids = tuple(sorted(k for number in numbers for k in members[number - 1]))
+    ids = aspects.chosen(wanted, wanted_classes, 'wanted')
     return Objective(ids, (ids,))
 
 
@@ -246,73 +170,3 @@ def listed(words: Iterable[str]) -> str:
     """Return words as a list in a sentence, such as 'a, b and c'."""
     known = list(words)
     return known[0] if len(known) == 1 else f'{", ".join(known[:-1])} and {known[-1]}'
-
-
-def _checked(what: str, numbers: Sequence[int], limit: int) -> tuple[int, ...]:
-    if not len(numbers):
-        raise InvalidValueError(f'invalid wanted {what}: expected at least one')
-    for k in numbers:
-        if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 1 <= k <= limit:
-            raise InvalidValueError(f'invalid wanted {what} {shown(k)}: expected 1 to {limit}')
-    return tuple(sorted({int(k) for k in numbers}))
-
-
-def contacts_wanted(
-    given: Sequence[str | Mapping[str, Any]], part: Part, base: Setting, aspects: AspectSet
-) -> list[WantedContacts]:
-    """Return wanted contacts with the planes of a setting; raises InvalidValueError."""
-    if not given:
-        return []
-    if base.action is not None:
-        raise InvalidValueError('invalid wanted contacts: expected only without an action')
-    planes = [plane.name for plane in finder_in(part, base.drop_conditions, aspects).planes]
-    return [read_contacts(each, planes, aspects) for each in given]
-
-
-def finder_in(part: Part, conditions: DropConditions, aspects: AspectSet) -> ContactFinder:
-    """Return what finds the contacts in surroundings; raises InvalidValueError without walls."""
-    counts = contacts_in(scene_of(part, conditions), part, aspects)
-    if counts is None:
-        raise InvalidValueError(
-            'invalid wanted contacts: expected surroundings with walls, such as --surroundings '
-            'l_chute'
-        )
-    return counts.finder
-
-
-def read_contacts(
-    given: str | Mapping[str, Any], planes: Sequence[str], aspects: AspectSet
-) -> WantedContacts:
-    """Return wanted contacts from a text or a mapping; raises InvalidValueError."""
-    pairs: list[tuple[str, Any]]
-    if isinstance(given, Mapping):
-        pairs = [(str(name), code) for name, code in given.items()]
-    else:
-        words = [word.partition('=') for word in given.split(',')]
-        if not all(equals for _, equals, _ in words):
-            raise InvalidValueError(f'invalid wanted contacts {shown(given)}: expected {EXPECTED}')
-        pairs = [(name.strip(), code.strip()) for name, _, code in words]
-    names = [name for name, _ in pairs]
-    for name in names:
-        if name not in planes:
-            raise InvalidValueError(
-                f'invalid plane {shown(name)} of wanted contacts: expected one of '
-                f'{", ".join(dict.fromkeys(planes))}{did_you_mean(name, planes)}'
-            )
-        if names.count(name) > 1:
-            raise InvalidValueError(f'invalid wanted contacts: expected {name} only once')
-    if not names:
-        raise InvalidValueError(f'invalid wanted contacts {shown(given)}: expected {EXPECTED}')
-    return WantedContacts(tuple((name, _code(each, len(aspects))) for name, each in pairs))
-
-
-def _code(given: Any, aspects: int) -> int:
-    text = 'none' if given is None else str(given)
-    if text in CODES:
-        return CODES[text]
-    if text.isdecimal() and 1 <= int(text) <= aspects:
-        return int(text)
-    raise InvalidValueError(
-        f'invalid wanted contact {shown(given)}: expected an aspect from 1 to {aspects}, side, '
-        'edge, corner or none'
-    )

@@ -20,7 +20,6 @@ from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
-from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.studies.design import (
     Factor,
     Setting,
@@ -35,9 +34,7 @@ from resting_aspects_ros.studies.objective import (
     DRAWS,
     Objective,
     compared,
-    contacts_wanted,
     estimated,
-    finder_in,
     make_objective,
 )
 from resting_aspects_ros.studies.optimum import (
@@ -177,7 +174,6 @@ def optimise(
     *,
     wanted: Sequence[int] | None = None,
     wanted_classes: Sequence[int] | None = None,
-    wanted_contacts: Sequence[str | Mapping[str, Any]] = (),
     minimise_entropy: bool = False,
     surface: str | DropConditions = DEFAULT_SURFACE,
     surroundings: str | Path | Surroundings | None = None,
@@ -206,9 +202,6 @@ def optimise(
         as '20mm:200mm' or '20mm:200mm:7' (7 levels), or the two ends in SI units.
     wanted, wanted_classes : sequence of int, optional
         Wanted aspects or symmetry classes, whose share is maximised.
-    wanted_contacts : sequence of str or mapping, optional
-        In surroundings with walls: contacts such as ``{'belt': 1, 'wall': 'edge'}``; a part
-        must have those of one entry. With planes that are not named, any contact is accepted.
     minimise_entropy : bool
         Minimise the entropy of the distribution over the symmetry classes instead.
     surface : str or DropConditions
@@ -253,13 +246,8 @@ def optimise(
     check_budget(budget, len(factors))
     with given_workers(workers) as pool:
         simulation = Simulation.of(loaded, pool)
-        aspects = simulation.aspects
         objective = make_objective(
-            aspects,
-            wanted,
-            wanted_classes,
-            minimise_entropy=minimise_entropy,
-            contacts=contacts_wanted(wanted_contacts, loaded, base, aspects),
+            simulation.aspects, wanted, wanted_classes, minimise_entropy=minimise_entropy
         )
         with DropProgress(loaded.name, budget, shown=progress) as bar:
             drops = _Drops(simulation, factors, base, objective, seed, bar, stopped)
@@ -326,20 +314,10 @@ class _Drops:
         self, setting: Callable[[], Setting], drops: int, batch: str, monitor: Monitor
     ) -> Counts:
         """Return counts (c,) of the outcomes; raises InvalidValueError if it is impossible."""
-        made, simulation, wanted = setting(), self.simulation, self.objective.contacts
+        made, simulation = setting(), self.simulation
         seed = point_seed(self.seed, simulation.part, made, batch)
-        if made.action is not None:
-            counts = simulation.dropped_and_acted(made, drops, seed, monitor)
-            return self.objective.columns(counts)
-        if not wanted:
-            return self.objective.columns(simulation.dropped(made, drops, seed, monitor))
-        finder, found = finder_in(simulation.part, made.drop_conditions, simulation.aspects), [0]
-
-        def count(poses: RestingPoses, _: Counts) -> None:
-            found[0] += int(np.any([each.found(finder, poses) for each in wanted], axis=0).sum())
-
-        simulation.dropped(made, drops, seed, monitor, [count])
-        return np.array([found[0], drops - found[0]])
+        simulate = simulation.dropped if made.action is None else simulation.dropped_and_acted
+        return self.objective.columns(simulate(made, drops, seed, monitor))
 
 
 def _found(drops: _Drops, budget: int, confidence: float) -> OptimiseResult:

@@ -1,6 +1,5 @@
 """The best conditions that a search found: their document, tables and sentences."""
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.api.conditions import conditions_text, scene_of
-from resting_aspects_ros.api.result import Result, whole_file
+from resting_aspects_ros.api.result import Result, write_rows
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
@@ -271,8 +270,7 @@ class OptimiseResult(Result):
             'part_sha256': self.part.part_sha256,
             'aim': self.aim,
             'wanted': list(self.objective.wanted),
-            'wanted_contacts': [dict(each.named) for each in self.objective.contacts],
-            'outcomes': self.objective.outcomes,
+            'outcomes': [list(ids) for ids in self.objective.groups],
             'unit': 'nat' if self.objective.is_entropy else '',
             'factors': [
                 {'name': factor.name, **factor.document, 'unit': factor.unit}
@@ -301,15 +299,13 @@ class OptimiseResult(Result):
 
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the search as CSV, in SI units."""
-        outcomes = [
-            '+'.join(map(str, each)) if isinstance(each, list) else each
-            for each in self.objective.outcomes
+        outcomes = ['+'.join(map(str, ids)) for ids in self.objective.groups]
+        names = [*outcomes, 'other']
+        rows = [
+            {**values, **dict(zip(names, counts.tolist(), strict=True))}
+            for values, counts in self.points
         ]
-        with whole_file(Path(path)) as file, file.open('w', newline='', encoding='utf-8') as out:
-            writer = csv.writer(out)
-            writer.writerow([*(f.name for f in self.factors), *outcomes, 'other'])
-            for values, counts in self.points:
-                writer.writerow([*values.values(), *counts.tolist()])
+        write_rows(Path(path), rows)
 
     def page(self) -> 'Page':
         """Return a page with the objective over each factor."""

@@ -3,7 +3,6 @@
 The description of a study, its run and its result belong together; most lines are documentation.
 """
 
-import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -14,10 +13,10 @@ import numpy as np
 import yaml
 from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.result import Result, make_folder, whole_file
+from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Counts
-from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
@@ -75,7 +74,7 @@ from resting_aspects_ros.studies.points import (
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
-SPEC, CSV, PARQUET, PAGE = 'study.yaml', 'results.csv', 'results.parquet', 'page.html'
+SPEC, CSV, PAGE = 'study.yaml', 'results.csv', 'page.html'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
 ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 120_000, 400, 10_000, 5
@@ -320,34 +319,11 @@ class StudyResult(Result):
                     'skipped': case.skipped.get(point, ''),
                 }
 
-    def save_tables(self, folder: str | Path) -> list[Path]:
-        """Write results.csv and, if pyarrow is installed, results.parquet.
-
-        Returns the paths; raises OutputError.
-        """
-        rows, folder = list(self.rows), Path(folder)
-        with (
-            whole_file(folder / CSV) as part,
-            part.open('w', newline='', encoding='utf-8') as file,
-        ):
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
-        try:
-            import pyarrow as pa
-            from pyarrow import parquet
-        except ImportError:
-            warn(f'{PARQUET} needs pyarrow, which is not installed: pip install pyarrow')
-            return [folder / CSV]
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
-        # Columns in which no row has a value have a type, too.
-        types = {'from_class': pa.int64(), 'class': pa.int64()}
-        table = pa.table(
-            {name: pa.array(column, type=types.get(name)) for name, column in columns.items()}
-        )
-        with whole_file(folder / PARQUET) as part:
-            parquet.write_table(table, part)
-        return [folder / CSV, folder / PARQUET]
+    def save_tables(self, folder: str | Path) -> Path:
+        """Write the rows as results.csv, and return its path; raises OutputError."""
+        path = Path(folder) / CSV
+        write_rows(path, list(self.rows))
+        return path
 
     def page(self) -> 'Page':
         """Return a page with curves, indices and findings."""

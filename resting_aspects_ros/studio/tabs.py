@@ -307,7 +307,7 @@ def _side(name: str, result: DropResult) -> Text:
 
 
 def _designs(first: Opened, second: Opened, a: DropResult, b: DropResult) -> Iterator[Item]:
-    """Yield the comparison of two parts, whose classes are matched by shape."""
+    """Yield the comparison of two parts, whose classes are matched in one frame."""
     cases = [BatchEntry(each.run.part, each).case for each in (a, b)]
     sides = list(zip(cases, (first, second), strict=True))
     pictures = {id(case): list(opened.pictures) for case, opened in sides}

@@ -1,9 +1,10 @@
-"""Identification and location through the Python interface."""
+"""Identification and location, and why an outline is not identified."""
 
 import json
 
 import numpy as np
 import pytest
+import shapely
 from doc_pages import code_blocks
 from scipy.spatial.transform import Rotation
 from shapely import affinity
@@ -11,12 +12,14 @@ from shapely import affinity
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import (
     identification_document,
+    identification_hint,
     identify_part,
     known_part,
     locate_part,
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.vision.identification import observed_polygon
 from resting_aspects_ros.vision.outline import seen_outline
 
 # Classes of l_bracket and t_prism whose outline no other class has.
@@ -44,7 +47,7 @@ def centre(known, position, orientation):
 @pytest.mark.parametrize('name', ALONE)
 def test_dropped_parts_are_identified_and_located(name, workers):
     known = known_part(name)
-    poses = ra.drop(name, drops=60, seed=3, workers=workers).poses
+    poses = ra.drop(name, drops=60, seed=3, model_range=False, workers=workers).poses
     ids = known.aspects.classify(poses.orientation)
     assert (ids > 0).sum() > 50
     for k in np.flatnonzero(ids > 0):
@@ -68,12 +71,12 @@ def test_dropped_parts_are_identified_and_located(name, workers):
 
 
 def test_default_prior_is_that_of_drops(bracket):
-    expected = ra.drop('l_bracket').distribution.by_class().counts + 0.5
+    expected = ra.drop('l_bracket', model_range=False).distribution.by_class().counts + 0.5
     np.testing.assert_allclose(bracket.shares, expected / expected.sum())
 
 
 def test_shares_of_drops_and_of_aspects(workers):
-    result = ra.drop('t_prism', drops=100, seed=1, workers=workers)
+    result = ra.drop('t_prism', drops=100, seed=1, model_range=False, workers=workers)
     by_class = result.distribution.by_class().counts
     for given in (result, result.distribution):
         shares = known_part('t_prism', given).shares
@@ -93,7 +96,7 @@ def test_wrong_shares_are_refused(shares):
 
 
 def test_distribution_of_another_part_is_refused(workers):
-    other = ra.drop('tetrahedron', drops=10, seed=1, workers=workers)
+    other = ra.drop('tetrahedron', drops=10, model_range=False, workers=workers)
     with pytest.raises(InvalidValueError, match='same part'):
         known_part('l_bracket', other)
 
@@ -153,3 +156,59 @@ def test_the_tutorial_prints_what_it_shows(capsys):
             assert printed == text
             printed = ''
     assert printed == ''
+
+
+@pytest.fixture(scope='module')
+def washer():
+    return known_part('washer')
+
+
+def answer_of(known, polygon):
+    """Return the answer and its reason for a polygon, m, which is moved and turned."""
+    moved = affinity.translate(affinity.rotate(polygon, 25), 0.1, -0.05)
+    seen = observed_polygon(moved)
+    found = identify_part(seen, known)
+    return found.answer, identification_hint(found, seen, [known])
+
+
+def test_known_outline_needs_no_reason(washer):
+    assert answer_of(washer, washer.outlines[0].polygon) == ('part', '')
+
+
+def test_missing_hole_is_not_touching_parts(washer):
+    answer, text = answer_of(washer, shapely.Polygon(washer.outlines[0].polygon.exterior))
+    assert answer == 'none'
+    assert text.startswith(
+        'Its outer boundary is that of washer, aspects 1, 2, but it has no holes where 1 hole is '
+        'expected'
+    )
+
+
+@pytest.mark.parametrize(
+    ('scale', 'expected'),
+    [
+        (1.2, 'its lengths are 1.2 times as long: check the scale of the camera'),
+        (100, 'its lengths are 100 times as long: its coordinates are probably in cm instead'),
+    ],
+)
+def test_wrong_scale_is_named(washer, scale, expected):
+    polygon = affinity.scale(washer.outlines[0].polygon, scale, scale, origin=(0, 0))
+    answer, text = answer_of(washer, polygon)
+    assert answer != 'part'
+    assert 'It has the shape of washer, aspects 1, 2, but' in text
+    assert expected in text
+
+
+def test_deviation_above_the_noise_is_stated(washer):
+    turns = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    radii = 0.00799 + 0.0005 * np.sin(9 * turns)
+    outer = np.stack([radii * np.cos(turns), radii * np.sin(turns)], axis=1)
+    hole = washer.outlines[0].polygon.interiors[0]
+    answer, text = answer_of(washer, shapely.Polygon(outer, [hole.coords]))
+    assert answer == 'none'
+    assert 'deviates by 0.' in text
+    assert 'a noise of 0.1 mm' in text
+
+
+def test_other_shape_has_no_reason(washer):
+    assert answer_of(washer, shapely.box(0, 0, 0.03, 0.02)) == ('none', '')

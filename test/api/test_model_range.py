@@ -34,14 +34,9 @@ def test_range_covers_the_uncertain_conditions_of_the_surface(dropped):
 
 def test_another_height_keeps_the_uncertainty_and_a_stated_friction_does_not(dropped):
     assert dropped(height=0.1).distribution.model.uncertain == ('restitution', 'friction')
-    exact = dropped(friction=0.3).distribution.model
-    assert exact.uncertain == ()
-
-
-def test_conditions_that_are_stated_are_exact(dropped):
     mat = shipped_surfaces().get()
-    for known in (dropped(restitution=mat.restitution), dropped(surface='steel', friction=0.25)):
-        assert known.distribution.model.uncertain == ()
+    for stated in ({'friction': 0.3}, {'restitution': mat.restitution}):
+        assert dropped(**stated).distribution.model.uncertain == ()
 
 
 def test_uncertainty_that_part_and_conditions_exclude_costs_no_drop(dropped):

@@ -31,12 +31,6 @@ def test_box_outlines_are_its_sides(box):
     assert box.part.name == 'box_10x20x30'
 
 
-def test_each_class_has_an_entry_for_each_other(box):
-    found = {k: {each.symmetry_class for each in v} for k, v in box.look_alikes.items()}
-    assert found == {1: {2, 3}, 2: {1, 3}, 3: {1, 2}}
-    assert {each.verdict for v in box.look_alikes.values() for each in v} == {'distinct'}
-
-
 def test_part_can_be_a_file(tmp_path):
     path = tmp_path / 'ball.stl'
     trimesh.creation.icosphere(3, radius=10).export(path)
@@ -100,12 +94,3 @@ def test_holes_are_clockwise():
     outer, inner = shoelace(flat['outer']), shoelace(hole)
     assert outer > 0 > inner
     assert outer + inner == pytest.approx(flat['area'], rel=1e-12)
-
-
-def test_turned_over_part_is_mirrored():
-    document = json.loads(ra.outlines('angle_45x30x8').to_json())
-    for each in document['outlines']:
-        verdicts = {o['symmetry_class'] for o in each['look_alike'] if o['verdict'] == 'mirrored'}
-        assert set(each['mirrored']) == verdicts
-        if each['mirror_symmetric']:
-            assert verdicts == set()

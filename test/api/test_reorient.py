@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.runner import compare_matrices
@@ -24,14 +23,6 @@ def tapped(tetrahedron, workers):
     return ra.reorient(tetrahedron, KICK, 50, drops=100, seed=3, workers=workers)
 
 
-@pytest.fixture(scope='module')
-def crate(tmp_path_factory):
-    """A box of 10 x 20 x 30 mm, whose aspects have three heights."""
-    path = tmp_path_factory.mktemp('box') / 'crate.stl'
-    trimesh.creation.box((10, 20, 30)).export(path)
-    return ra.load_part(path)
-
-
 def test_every_action_is_counted_once(tapped):
     assert tapped.complete
     assert tapped.matrix.actions.tolist() == [50] * 4
@@ -43,11 +34,6 @@ def test_counts_do_not_depend_on_the_number_of_workers(tapped, tetrahedron):
     again = ra.reorient(tetrahedron, KICK, 50, drops=100, seed=3, workers=1)
     np.testing.assert_array_equal(again.matrix.counts, tapped.matrix.counts)
     np.testing.assert_array_equal(again.drop.counts, tapped.drop.counts)
-
-
-def test_seeds_give_different_counts(tapped, tetrahedron, workers):
-    other = ra.reorient(tetrahedron, KICK, 50, drops=10, seed=4, workers=workers)
-    assert (other.matrix.counts != tapped.matrix.counts).any()
 
 
 def test_kick_without_energy_changes_nothing(tetrahedron, workers):
@@ -134,14 +120,10 @@ def test_best_plan_prefers_the_quicker_way(tetrahedron, workers):
     ('wrong', 'message'),
     [
         ({'action': 'jolt'}, "invalid action 'jolt': expected one of kick"),
-        ({'action': 'tapp'}, "did you mean 'tap'"),
         ({'action': 3}, 'invalid action 3'),
         ({'per_aspect': 0}, 'invalid number of actions per aspect 0'),
-        ({'per_aspect': 10**9}, 'invalid number of actions per aspect'),
         ({'precision': 0.9}, 'invalid precision'),
         ({'frition': 0.3}, "invalid condition 'frition'.*did you mean 'friction'"),
-        ({'surface': 'ice'}, 'invalid surface'),
-        ({'seed': -1}, 'invalid seed'),
         ({'action': ra.Kick(speed=99.0)}, 'invalid impact speed'),
         ({'action': ra.Kick(speed=20.0)}, 'invalid action kick: it moves tetrahedron with up to'),
     ],
@@ -151,13 +133,7 @@ def test_wrong_requests_are_named(tetrahedron, workers, wrong, message):
         ra.reorient(tetrahedron, **{'workers': workers, **wrong})
 
 
-@pytest.mark.parametrize('wanted', [[], [0], [5], [True, 9], ['1']])
-def test_unknown_wanted_aspects_are_named(tapped, wanted):
-    with pytest.raises(ra.InvalidValueError, match='invalid wanted aspect'):
-        tapped.reach(wanted)
-
-
-@pytest.mark.parametrize('value', [-0.1, float('nan'), 1e3, 'fast', None])
+@pytest.mark.parametrize('value', [-0.1, float('nan'), 1e3, 'fast', None, 10**400])
 def test_values_of_a_kick_are_checked(value):
     with pytest.raises(ra.InvalidValueError, match='invalid speed'):
         ra.Kick(speed=value)
@@ -272,11 +248,6 @@ def test_wanted_classes_have_one_plan_for_their_aspects(crate, workers):
     assert plan.action[4] == plan.action[5]
 
 
-def test_page_is_written_from_python(tapped, tmp_path):
-    page = tapped.report(tmp_path / 'new')
-    assert 'kick' in page.read_text(encoding='utf-8')
-
-
 @pytest.mark.parametrize('wrong', ['tap', 3, None])
 def test_named_action_needs_an_action(wrong):
     with pytest.raises(ra.InvalidValueError, match='invalid action'):
@@ -293,8 +264,3 @@ def test_retention_that_is_stopped_at_once_has_no_curves(crate, workers):
     result = ra.retention(crate, 5, workers=workers, stopped=lambda: True)
     assert result.curves == ()
     assert not result.complete
-
-
-def test_huge_integers_are_refused():
-    with pytest.raises(ra.InvalidValueError, match='invalid speed'):
-        ra.Kick(speed=10**400)

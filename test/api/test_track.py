@@ -23,7 +23,7 @@ KEYS = {
 
 @pytest.fixture(scope='module')
 def simulated():
-    return ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=300, simulate=3)
+    return ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=100, simulate=3)
 
 
 @pytest.fixture(scope='module')

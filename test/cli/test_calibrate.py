@@ -54,18 +54,6 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
     assert second.stdout == first.stdout
 
 
-@pytest.mark.slow
-def test_two_files_are_compared(run, counts, tmp_path):
-    other = tmp_path / 'other.yaml'
-    other.write_text(COUNTS.format(surface='mat', flat=60, rest=40), encoding='utf-8')
-    ended = run('calibrate', counts, other, *FEW, '--json')
-    assert ended.returncode == DONE, ended.stderr
-    document = json.loads(ended.stdout)
-    assert [each['surface'] for each in document['surfaces']] == ['oak_table', 'mat']
-    (compared,) = document['comparisons']
-    assert compared['p'] < 0.01
-
-
 def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):
     class Asked(Interruption):
         def __enter__(self):

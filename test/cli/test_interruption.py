@@ -221,28 +221,3 @@ def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session)
         f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron; '
         f'the result has {done} of 2000000 drops'
     )
-
-
-@pytest.mark.parametrize(
-    'number', [signal.SIGKILL, pytest.param(signal.SIGQUIT, marks=pytest.mark.slow)]
-)
-def test_unfinished_files_of_a_killed_command_are_removed(
-    begin, run, wait_for_poses, session, wait_until, tmp_path, number
-):
-    killed = begin(*QUICK, '--poses', 'p.csv')
-    wait_for_poses('p')
-    killed.send_signal(number)
-    killed.wait()
-    wait_until(lambda: session(killed.pid) == {})
-    (left,) = tmp_path.glob('p.*.part.csv')
-    # Similar names, and the file of a running command, are kept.
-    (tmp_path / 'p.mine.part.csv').write_text('', encoding='utf-8')
-    other = begin(*QUICK, '--poses', 'p.csv')
-    wait_until(lambda: left not in tmp_path.iterdir())
-    wait_for_poses('p')
-    assert run('drop', 'tetrahedron', '--drops', 5, '--poses', 'p.csv').returncode == 0
-    other.send_signal(signal.SIGINT)
-    _, errors = other.communicate(timeout=ENOUGH)
-    assert other.returncode == 130, errors
-    assert sorted(path.name for path in tmp_path.glob('*.csv')) == ['p.csv', 'p.mine.part.csv']
-    assert len((tmp_path / 'p.csv').read_text(encoding='utf-8').splitlines()) > 6

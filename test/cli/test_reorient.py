@@ -71,28 +71,6 @@ def test_ctrl_c_in_the_check_keeps_the_result(run_in, tmp_path, monkeypatch):
     assert 'convergence' not in document
 
 
-def test_measured_trials_replace_rows_with_enough(run_in, saved, tmp_path):
-    roadmap = json.loads((saved[0] / 'roadmap.json').read_text())
-    row = [each for each in roadmap['transitions'] if each['from_pose'] == 1]
-    for each in row:
-        each['experimental'] = {'status': 'tested', 'trials': 60, 'successes': 0}
-    row[0]['experimental']['successes'] = 60
-    (tmp_path / 'measured.json').write_text(json.dumps(roadmap))
-    words = (*WORDS, '--measured', 'measured.json', '--json')
-    document = json.loads(run_in(tmp_path, *words).stdout)
-    assert document['actions'] == [60, 10, 10, 10]
-    assert document['counts'][0][row[0]['to_pose'] - 1] == 60
-    assert len(document['measured']) == len(row)
-
-
-def test_folder_of_measured_trials_is_not_overwritten(run_in, saved):
-    before = (saved[0] / 'roadmap.json').read_bytes()
-    ended = run_in(saved[0], *WORDS, '--measured', 'roadmap.json', '--out', '.')
-    assert ended.returncode == 2
-    assert 'whose trials would be lost' in ended.stderr
-    assert (saved[0] / 'roadmap.json').read_bytes() == before
-
-
 def test_actions_of_a_file_are_simulated(run_in, tmp_path):
     (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
     ended = run_in(tmp_path, *WORDS, '--actions', 'mine.yaml', '--json')

@@ -54,8 +54,8 @@ def written(folder, part, found, surfaces):
     total = no_drops(planned.empty.aspects) + count_poses(planned.empty.aspects, poses)
     log = LocalRunLog(folder, part, planned.run)
     log.add(poses, None)
-    for consume in planned.consumers:
-        consume(poses, None)
+    if planned.contacts is not None:
+        planned.contacts.add(poses, None)
     log.close(total, planned.contacts)
     return log.folder, poses, total
 

@@ -33,7 +33,7 @@ from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix
 
 PART = 'hex_nut'
@@ -157,7 +157,7 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
         machine.send(total, session='b', header=Header(stamp=stamp))
         machine.posterior(has_parts(1 + total.sum()))
     found = machine.posterior(lambda each: each.drift and each.parts == 304)
-    dropped = DropResult(simulated.drop, simulated.run, simulated.part, METHOD, complete=True)
+    dropped = DropResult(simulated.drop, simulated.run, simulated.part, complete=True)
     expected = watch_drift(dropped, [[1, 0], *batches], window=WINDOW)
     test = expected.test
     assert list(found.concentration) == expected.live.concentration.tolist()
@@ -170,7 +170,8 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
     assert found.first_part == test.ends[test.drifted.start] + 1
     # In words, with the time of the first part, also as a warning.
     words, _ = expected.verdict.split(' since')
-    assert found.message.startswith(f'{words} since part {found.first_part} (1970-01-01 00:01')
+    since = f'{words} since part {found.first_part} (1970-01-01 00:02:29 UTC).'
+    assert found.message.startswith(since)
     status(lambda level, text, _: level == b'\1' and text == f'{PART}: {found.message}')
 
 

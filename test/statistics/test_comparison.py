@@ -1,23 +1,28 @@
-"""Comparisons: distances by hand, published intervals, and how often they cover the truth."""
+"""Comparisons: tests of equal shares against SciPy, and intervals of their differences."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest, chi2_contingency, chisquare
+from scipy.stats import binom, binomtest, chi2_contingency, chisquare, fisher_exact
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.comparison import (
+    MAX_UNITS,
+    MIN_EXPECTED,
+    TABLES,
     DropCounts,
+    batch_scatter,
     compare,
     compare_with_exact,
+    g_statistic,
+    p_of_one,
+    p_of_two,
+    p_of_window,
     square_and_add,
 )
-from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import bounds
 
 pairs = st.integers(1, 8).flatmap(
@@ -106,32 +111,6 @@ def test_distribution_does_not_differ_from_itself(pair):
         assert (found.upper >= -1e-15).all()
 
 
-def test_disjoint_distributions_have_the_maximum_distance():
-    found = compared([100, 0], [0, 100])
-    assert (found.total_variation, found.mean_deviation, found.largest_deviation) == (1, 1, 1)
-    assert found.p_value < 1e-40
-
-
-def test_more_drops_approach_the_exact_comparison():
-    one, exact = [300, 500, 200], np.array([0.35, 0.45, 0.2])
-    against = compare_with_exact(tally(one), exact, np.random.default_rng(1))
-    found = compared(one, (exact * 10**9).astype(np.int64))
-    np.testing.assert_allclose(found.lower, against.lower, atol=1e-5)
-    np.testing.assert_allclose(found.upper, against.upper, atol=1e-5)
-    assert found.p_value == pytest.approx(against.p_value, rel=1e-3)
-
-
-def test_distribution_is_accepted_for_comparison():
-    # The same numbers as in the first test.
-    counts = np.array([50, 30, 20], dtype=np.int64)
-    one = Distribution(AspectSet('a', ()), counts, 60, 30, 10)
-    other = tally([80, 40, 80], 0, 50, 0)
-    found = compare(one, other, np.random.default_rng(1))
-    same = compare(tally([50, 30, 20], 60, 30, 10), other, np.random.default_rng(1))
-    for field in dataclasses.fields(found):
-        np.testing.assert_equal(getattr(found, field.name), getattr(same, field.name))
-
-
 @pytest.mark.parametrize(
     ('one', 'other', 'lower', 'upper'),
     # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
@@ -176,68 +155,289 @@ def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
     assert held / runs >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / runs)
 
 
-def test_larger_confidence_gives_wider_bounds():
-    narrow, wide = (compared([50, 30], [20, 70], confidence=c) for c in (0.8, 0.99))
-    assert (wide.lower < narrow.lower).all()
-    assert (narrow.upper < wide.upper).all()
-    assert wide.confidence == 0.99
-
-
-def test_random_tables_depend_only_on_the_generator():
-    one, other = tally([3, 1, 5]), tally([1, 3, 2])
-    p = [compare(one, other, np.random.default_rng(seed)).p_value for seed in (1, 1, 2)]
-    assert p[0] == p[1] != p[2]
-    assert compare(one, other, np.random.default_rng(1)).p_by == 'monte carlo'
-
-
 @pytest.mark.parametrize(
-    ('one', 'other', 'expected'),
+    ('one', 'other', 'named'),
     [
-        (
-            [0, 0],
-            [1, 1],
-            'invalid counts [0, 0] of the first distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [1, 1],
-            [2, -1],
-            'invalid counts [2, -1] of the second distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [],
-            [],
-            'invalid counts [] of the first distribution: expected 0 or more, not all 0',
-        ),
-        (
-            [1, 1],
-            [1, 1, 1],
-            'invalid number of aspects 3 of the second distribution: expected 2, as in the first',
-        ),
+        ([0, 0], [1, 1], r'counts \[0, 0\] of the first'),
+        ([1, 1], [2, -1], r'counts \[2, -1\] of the second'),
+        ([], [], r'counts \[\] of the first'),
+        ([1, 1], [1, 1, 1], 'number of aspects 3 of the second distribution: expected 2'),
     ],
 )
-def test_error_for_counts_that_cannot_be_compared(one, other, expected):
-    with pytest.raises(InvalidValueError) as caught:
+def test_counts_that_cannot_be_compared_are_refused(one, other, named):
+    with pytest.raises(InvalidValueError, match=named):
         compared(one, other)
-    assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize('exact', [[0.5, 0.6], [1.5, -0.5], [1.0, math.nan], [1.0]])
+def test_invalid_probabilities_are_refused(exact):
+    with pytest.raises(InvalidValueError, match='invalid'):
+        compare_with_exact(tally([5, 5]), exact, np.random.default_rng(1))
+
+
+# Tolerance of a p value by random tables: five standard errors.
+FIVE_ERRORS = 5 * math.sqrt(0.25 / TABLES)
+
+
+def generator():
+    return np.random.default_rng(7)
+
+
+def counts(*numbers):
+    return np.array(numbers, dtype=np.int64)
+
+
+many = st.integers(2, 8).flatmap(
+    lambda k: st.tuples(*[st.lists(st.integers(0, 500), min_size=k, max_size=k)] * 2)
+)
+
+
+@given(many)
+def test_homogeneity_of_many_drops_agrees_with_scipy(rows):
+    one, other = (counts(*row) for row in rows)
+    seen = one + other > 0
+    if min(one.sum(), other.sum()) == 0 or seen.sum() < 2:
+        return
+    theirs = chi2_contingency([one[seen], other[seen]], correction=False)
+    if theirs.expected_freq.min() < MIN_EXPECTED:
+        return
+    p, source = p_of_two(one, other, generator())
+    assert source == 'chi-square'
+    assert p == pytest.approx(theirs.pvalue, rel=1e-6, abs=1e-300)
+
+
+def test_fit_of_many_drops_agrees_with_scipy():
+    found = counts(43, 138, 117, 31)
+    exact = np.array([0.125, 0.375, 0.375, 0.125])
+    p, source = p_of_one(found, exact, generator())
+    assert source == 'chi-square'
+    assert p == pytest.approx(chisquare(found, 329 * exact).pvalue)
+
+
+def test_fishers_tea_tasting_experiment():
+    # Fisher's lady tasting tea, 3 of 4 correct: 34 of the 70 tables deviate at least as much,
+    # calculated by hand: 2 (1 + 16).
+    p, source = p_of_two(counts(3, 1), counts(1, 3), generator())
+    assert source == 'monte carlo'
+    assert p == pytest.approx(34 / 70, abs=FIVE_ERRORS)
 
 
 @pytest.mark.parametrize(
-    ('probabilities', 'expected'),
+    ('one', 'other'),
+    [((8, 2), (1, 5)), ((10, 0), (4, 5)), ((200, 1), (190, 4)), ((2000, 0), (30, 1))],
+)
+def test_homogeneity_of_few_drops_agrees_with_fishers_test(one, other):
+    # Fisher orders tables by their probability. For these examples the selection is the same.
+    p, source = p_of_two(counts(*one), counts(*other), generator())
+    assert source == 'monte carlo'
+    assert p == pytest.approx(fisher_exact([one, other]).pvalue, abs=FIVE_ERRORS)
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 4])
+def test_fit_of_few_drops_agrees_with_the_sum_over_outcomes(count):
+    share, drops = 0.1, 12
+    outcomes = np.arange(drops + 1)
+    far = np.abs(outcomes - share * drops) >= abs(count - share * drops) - 1e-9
+    exact = binom.pmf(outcomes, drops, share)[far].sum()
+    given_shares = np.array([share, 1 - share])
+    p, source = p_of_one(counts(count, drops - count), given_shares, generator())
+    assert source == 'monte carlo'
+    assert p == pytest.approx(exact, abs=FIVE_ERRORS)
+
+
+def test_chi_square_is_used_from_five_expected_drops():
+    assert p_of_two(counts(5, 95), counts(5, 95), generator()) == (1.0, 'chi-square')
+    assert p_of_two(counts(4, 96), counts(5, 95), generator())[1] == 'monte carlo'
+    half = np.array([0.5, 0.5])
+    assert p_of_one(counts(5, 5), half, generator()) == (1.0, 'chi-square')
+    assert p_of_one(counts(5, 4), half, generator())[1] == 'monte carlo'
+
+
+@pytest.mark.parametrize('drops', [(40, 25), (1000, 1000)])
+def test_false_positive_rate_is_at_most_p(drops):
+    runs = 300
+    truth = [0.6, 0.3, 0.09, 0.01]
+    draw = np.random.default_rng(5)
+    p = [p_of_two(*(draw.multinomial(n, truth) for n in drops), draw)[0] for _ in range(runs)]
+    for level in (0.05, 0.2):
+        found = np.mean(np.array(p) <= level)
+        assert found <= level + 4 * math.sqrt(level * (1 - level) / runs)
+
+
+def test_aspect_never_seen_does_not_change_p():
+    with_it = p_of_two(counts(30, 0, 70), counts(50, 0, 50), generator())
+    assert with_it == p_of_two(counts(30, 70), counts(50, 50), generator())
+    exact = np.array([0.4, 0.0, 0.6])
+    with_it = p_of_one(counts(30, 0, 70), exact, generator())
+    assert with_it == p_of_one(counts(30, 70), exact[[0, 2]], generator())
+
+
+def test_p_of_millions_of_drops_with_a_rare_aspect():
+    p, source = p_of_two(counts(1_999_998, 2), counts(1_999_990, 10), generator())
+    assert source == 'chi-square'
+    p, source = p_of_two(counts(1_999_999, 1), counts(1_999_993, 7), generator())
+    assert source == 'monte carlo'
+    # Each rare drop is in either count with probability 1/2: 1 of 8, or a larger deviation.
+    assert p == pytest.approx(2 * (1 + 8) / 2**8, abs=FIVE_ERRORS)
+
+
+def test_p_values_at_the_border():
+    assert p_of_two(counts(500, 0), counts(0, 4), generator()) == (1 / (1 + TABLES), 'monte carlo')
+    assert p_of_two(counts(3), counts(1000), generator())[0] == 1
+    assert p_of_one(counts(3), np.ones(1), generator())[0] == 1
+    assert p_of_one(counts(99, 1), np.array([1.0, 0.0]), generator())[0] == 0
+
+
+FIVE, TWO = np.array([0.27, 0.28, 0.24, 0.13, 0.08]), np.array([0.7, 0.3])
+DROPS, SIZE, LEVEL = 10_000, 30, 0.05
+# Shares, drops and parts; with rare classes, and with windows larger than the simulation.
+CASES = {
+    'l_bracket': (FIVE, 10_000, 400),
+    'two classes': ([0.9, 0.1], 1000, 100),
+    'few drops': ([0.5, 0.3, 0.2], 100, 500),
+    'rare class': ([0.98, 0.02], 1000, 100),
+    'rare classes': ([0.97, 0.01, 0.01, 0.005, 0.005], 2000, 150),
+    'few parts': ([0.4, 0.3, 0.2, 0.1], 5000, 10),
+}
+# With rare classes or few parts, equal statistics are frequent, and the test is cautious.
+CAUTIOUS = ('rare class', 'rare classes', 'few parts')
+
+
+def batches(rng, shares, number, deviation, size=SIZE):
+    """Return counts of batches whose true shares have this standard deviation (Dirichlet)."""
+    if deviation:
+        within = deviation**2 / np.mean(shares * (1 - shares))
+        shares = rng.dirichlet(shares * (1 / within - 1), size=number)
+    return rng.multinomial(size, shares, size=number)
+
+
+def alarm_rate(shares, deviation, number, repetitions, *, known=True, size=SIZE):
+    """Return the share of runs whose last batches, at most 20, raise an alarm."""
+    rng = np.random.default_rng(5)
+    alarms = 0
+    for _ in range(repetitions):
+        simulated = rng.multinomial(DROPS, shares)
+        found = batches(rng, shares, number, deviation, size)
+        scatter = batch_scatter(found) if known else None
+        alarms += p_of_window(found[-20:].sum(axis=0), simulated, rng, LEVEL, scatter) <= LEVEL
+    return alarms / repetitions
+
+
+def tolerance(repetitions, rate=LEVEL):
+    """Return three standard errors of a rate."""
+    return 3 * np.sqrt(rate * (1 - rate) / repetitions)
+
+
+@given(pairs)
+def test_statistic_is_that_of_scipy(pair):
+    window, simulated = np.array(pair)
+    seen = window + simulated > 0
+    table = np.array([window, simulated])[:, seen]
+    theirs = 0.0
+    if seen.sum() > 1:
+        theirs = chi2_contingency(table, correction=False, lambda_='log-likelihood').statistic
+    assert g_statistic(window, simulated) == pytest.approx(theirs, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize('window', [[110, 90, 70, 30], [128, 94, 58, 20], [140, 94, 50, 16]])
+def test_p_value_of_many_parts_is_that_of_chi_square(window):
+    simulated = np.array([4000, 3000, 2200, 800])
+    found = p_of_window(np.array(window), simulated, np.random.default_rng(1), 0.001)
+    theirs = chi2_contingency([window, simulated], lambda_='log-likelihood').pvalue
+    # The relative standard error of the estimate is 10 %.
+    assert found == pytest.approx(theirs, rel=0.4)
+
+
+def test_p_value_of_few_parts_is_that_of_fisher():
+    window, simulated = np.array([3, 9]), np.array([30, 12])
+    found = p_of_window(window, simulated, np.random.default_rng(1), 0.001)
+    assert found == pytest.approx(fisher_exact([window, simulated]).pvalue, rel=0.3)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('level', [0.05, 0.01])
+@pytest.mark.parametrize('case', CASES)
+def test_false_rate_is_the_level(case, level):
+    shares, drops, parts = CASES[case]
+    rng, repetitions = np.random.default_rng(5), 1000
+    windows = rng.multinomial(parts, shares, size=repetitions)
+    simulated = rng.multinomial(drops, shares, size=repetitions)
+    alarms = sum(
+        p_of_window(*pair, rng, level) <= level for pair in zip(windows, simulated, strict=True)
+    )
+    rate, error = alarms / repetitions, 3.3 * np.sqrt(level * (1 - level) / repetitions)
+    assert rate <= level + error
+    assert case in CAUTIOUS or rate >= level - error
+
+
+@pytest.mark.parametrize(
+    ('window', 'simulated', 'low', 'high'),
     [
-        ([0.5, 0.6], 'invalid probabilities [0.5, 0.6]: expected 0 or more with a sum of 1'),
-        ([1.5, -0.5], 'invalid probabilities [1.5, -0.5]: expected 0 or more with a sum of 1'),
-        ([1.0, math.nan], 'invalid probabilities [1.0, nan]: expected 0 or more with a sum of 1'),
-        ([1.0], 'invalid number of aspects 1 of the estimate: expected 2, as in the first'),
+        ([50, 0], [99_999, 1], 1, 1),  # the most likely window
+        ([7, 0], [100, 0], 1, 1),  # a single class
+        ([95, 5], [10_000, 0], 0, 0.01 / 50),  # a class that was never simulated
     ],
 )
-def test_error_for_invalid_probabilities(probabilities, expected):
-    with pytest.raises(InvalidValueError) as caught:
-        compare_with_exact(tally([5, 5]), probabilities, np.random.default_rng(1))
-    assert str(caught.value) == expected
+def test_p_value_at_the_border(window, simulated, low, high):
+    rng = np.random.default_rng(1)
+    assert low <= p_of_window(np.array(window), np.array(simulated), rng, 0.01) <= high
 
 
-def test_invalid_confidence_is_rejected():
-    with pytest.raises(
-        InvalidValueError, match=r'^invalid confidence 1\.5: expected more than 0\.5'
-    ):
-        compared([5, 5], [5, 5], confidence=1.5)
+def test_alarms_are_too_frequent_without_the_scatter_and_not_with_it():
+    repetitions = 300
+    without = alarm_rate(FIVE, 0.08, 20, repetitions, known=False)
+    assert without > LEVEL + 2 * tolerance(repetitions)
+    assert alarm_rate(FIVE, 0.08, 20, repetitions) <= LEVEL + tolerance(repetitions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [4, 20, 60])
+@pytest.mark.parametrize('deviation', [0.0, 0.03, 0.08])
+@pytest.mark.parametrize('shares', [FIVE, TWO], ids=['five', 'two'])
+def test_alarm_rate_stays_at_its_level(shares, deviation, number):
+    repetitions = 1500
+    rate = alarm_rate(shares, deviation, number, repetitions)
+    assert rate <= LEVEL + tolerance(repetitions)
+    # With many batches the test is not needlessly cautious.
+    assert number < 60 or rate > LEVEL / 2 - tolerance(repetitions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('size', [10, 100])
+def test_alarm_rate_stays_at_its_level_for_other_sizes_of_batches(size):
+    repetitions = 800
+    rate = alarm_rate(FIVE, 0.05, 40, repetitions, size=size)
+    assert rate <= LEVEL + tolerance(repetitions)
+
+
+@pytest.mark.parametrize('deviation', [0.0, 0.03, 0.08])
+def test_factor_is_that_of_the_intraclass_correlation(deviation):
+    found = batch_scatter(batches(np.random.default_rng(3), FIVE, MAX_UNITS, deviation))
+    within = deviation**2 / np.mean(FIVE * (1 - FIVE))
+    expected = 1 + (SIZE - 1) * within
+    # The estimate has the relative standard error of the mean of chi-square statistics. The tails
+    # of a Dirichlet distribution are somewhat heavier.
+    error = expected * found.reference.std()
+    assert abs(found.factor - expected) < 5 * error
+    assert found.reference.mean() == pytest.approx(1)
+
+
+def test_one_change_of_the_shares_is_no_scatter():
+    rng = np.random.default_rng(2)
+    before, after = batches(rng, TWO, 21, 0.0, 500), batches(rng, TWO[::-1], 21, 0.0, 500)
+    found = batch_scatter(np.concatenate([before, after]))
+    assert found.factor < np.quantile(found.reference, 0.999)
+
+
+def test_scatter_needs_two_batches_with_two_classes():
+    assert batch_scatter(np.zeros((0, 3), dtype=np.int64)) is None
+    assert batch_scatter(np.array([[30, 20, 10]])) is None
+    assert batch_scatter(np.array([[30, 0, 0], [40, 0, 0]])) is None
+    assert batch_scatter(np.array([[30, 20, 10], [20, 30, 10]])).batches == 2
+
+
+def test_scatter_is_that_of_the_newest_batches():
+    rng = np.random.default_rng(3)
+    units = np.concatenate([batches(rng, TWO, 50, 0.2), batches(rng, TWO, MAX_UNITS, 0.0)])
+    found, newest = batch_scatter(units), batch_scatter(units[-MAX_UNITS:])
+    assert (found.factor, found.batches) == (newest.factor, MAX_UNITS)

@@ -1,23 +1,30 @@
-"""Distributions: every drop counted once, and Wilson's interval as in his paper."""
+"""Drops by aspect, over time and by contacts: every drop is counted once."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom, norm
+from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import random_orientations
-from resting_aspects_ros.statistics.distribution import Distribution, count_poses, no_drops
-from resting_aspects_ros.statistics.intervals import CONFIDENCE, METHODS, intervals
-from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-
-counts = st.lists(st.integers(0, 10**6), min_size=1, max_size=6)
-rests = st.tuples(*[st.integers(0, 1000)] * 3)
+from resting_aspects_ros.statistics.distribution import (
+    FIRST_SAMPLE,
+    ContactCounts,
+    Distribution,
+    History,
+    aspect_ids,
+    count_poses,
+    no_drops,
+)
+from resting_aspects_ros.statistics.intervals import METHODS, intervals
+from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 
 @pytest.fixture(scope='module')
@@ -29,7 +36,7 @@ def distribution(numbers, rest=(0, 0, 0)):
     return Distribution(AspectSet('a', ()), np.array(numbers, dtype=np.int64), *rest)
 
 
-def poses(orientation, status):
+def poses_with(orientation, status):
     n = len(status)
     return RestingPoses(
         first_drop=0,
@@ -42,56 +49,10 @@ def poses(orientation, status):
     )
 
 
-def wilson(count, n):
-    """Return both bounds of Wilson 1927: the solutions of (p - count/n)^2 = z^2 p (1 - p) / n."""
-    z = norm.ppf(0.5 + CONFIDENCE / 2)
-    p = count / n
-    middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    return middle - half, middle + half
-
-
-@given(counts, rests)
-def test_probability_is_count_over_all_drops_with_wilsons_interval(numbers, rest):
-    found = distribution(numbers, rest)
-    drops = sum(numbers) + sum(rest)
-    assert found.drops == drops
-    intervals = found.intervals()
-    assert len(intervals) == len(numbers)
-    for count, each in zip(numbers, intervals, strict=True):
-        if drops:
-            assert each.probability == count / drops
-            assert (each.lower, each.upper) == pytest.approx(wilson(count, drops), abs=1e-12)
-        assert 0 <= each.lower <= each.probability <= each.upper <= 1
-
-
-@given(st.data())
-def test_together_counts_several_aspects_as_one(data):
-    numbers = data.draw(counts)
-    ids = data.draw(st.lists(st.integers(1, len(numbers))))
-    found = distribution(numbers, (1, 2, 3))
-    count = sum(numbers[k - 1] for k in set(ids))
-    share = found.combined_interval(ids)
-    assert share.probability == count / found.drops
-    assert (share.lower, share.upper) == pytest.approx(wilson(count, found.drops), abs=1e-12)
-
-
-def test_together_of_one_aspect_is_its_own_interval():
-    for by_precision in (False, True):
-        found = dataclasses.replace(distribution([5, 10]), by_precision=by_precision)
-        assert [found.combined_interval([k]) for k in (1, 2)] == found.intervals()
-
-
 @pytest.mark.parametrize('k', [0, 3, -1])
 def test_unknown_aspect_id_is_rejected(k):
     with pytest.raises(InvalidValueError, match=f'invalid aspect {k}: expected 1 to 2'):
         distribution([5, 10]).combined_interval([1, k])
-
-
-def test_textbook_interval():
-    # 81 of 263: Newcombe 1998, table I.
-    (each,) = distribution([81], (182, 0, 0)).intervals()
-    assert (each.lower, each.upper) == pytest.approx((0.2553, 0.3662), abs=5e-5)
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -100,33 +61,10 @@ def test_every_interval_method_uses_all_drops_as_n(method, confidence):
     counted = distribution([30, 0, 50], (7, 8, 5))
     found = dataclasses.replace(counted, interval=method, confidence=confidence).intervals()
     assert found == intervals([30, 0, 50], 100, method, confidence)
+    counted = dataclasses.replace(counted, interval=method, confidence=confidence)
+    both = counted.combined_interval([1, 3, 1])
+    assert [both] == intervals([80], 100, method, confidence)
     assert [each.probability for each in found] == [0.3, 0.0, 0.5]
-
-
-def test_without_drops_intervals_are_zero_to_one(aspects):
-    nothing = no_drops(aspects)
-    assert nothing.drops == 0
-    assert [(i.probability, i.lower, i.upper) for i in nothing.intervals()] == [(0, 0, 1)] * 5
-
-
-def test_bounds_of_aspects_seen_never_or_always(aspects):
-    never, always = distribution([0, 1000]).intervals()
-    z = norm.ppf(0.975)
-    assert (never.lower, always.upper) == (0, 1)
-    assert never.upper == pytest.approx(z**2 / (1000 + z**2))
-    assert always.lower == pytest.approx(1000 / (1000 + z**2))
-
-
-@pytest.mark.parametrize('p', [0.01, 0.25, 0.5, 0.9])
-@pytest.mark.parametrize('n', [100, 1000])
-def test_interval_has_about_its_nominal_coverage(n, p):
-    # The coverage is computed exactly, over all counts. Counts are integers: it oscillates about
-    # the nominal 0.95, by less than 0.05 where n p is 1 or more.
-    k = np.arange(n + 1)
-    covered = [low <= p <= high for low, high in (wilson(count, n) for count in k)]
-    ours = [distribution([c, n - c]).intervals()[0] for c in k]
-    assert [i.lower <= p <= i.upper for i in ours] == covered
-    assert 0.9 < binom.pmf(k, n, p)[covered].sum() < 0.99
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300))
@@ -139,7 +77,7 @@ def test_each_pose_is_counted_exactly_once(aspects, seed, n):
         random_orientations(generator, n),
     )
     status = generator.choice([0, 0, 0, 1, 2, 3, 4], size=n)
-    found = count_poses(aspects, poses(orientation, status))
+    found = count_poses(aspects, poses_with(orientation, status))
     ids = aspects.classify(orientation)
     settled = status == RestStatus.SETTLED
     expected = [np.count_nonzero(settled & (ids == i)) for i in range(6)]
@@ -152,22 +90,15 @@ def test_each_pose_is_counted_exactly_once(aspects, seed, n):
     assert found.drops == n
 
 
-def test_unsettled_drop_is_in_no_aspect_even_if_its_pose_fits(aspects):
-    show = aspects.aspects[0].orientation
-    found = count_poses(aspects, poses([show] * 4, [0, 1, 2, 1]))
-    assert found.counts.tolist() == [1, 0, 0, 0, 0]
-    assert (found.unclassified, found.unsettled, found.failed, found.drops) == (0, 2, 1, 4)
-
-
 def test_all_drops_of_a_part_without_aspects_are_unclassified():
-    found = count_poses(AspectSet('a', ()), poses([[0, 0, 0, 1]] * 3, [0, 0, 1]))
+    found = count_poses(AspectSet('a', ()), poses_with([[0, 0, 0, 1]] * 3, [0, 0, 1]))
     assert (found.counts.tolist(), found.unclassified, found.unsettled) == ([], 2, 1)
     assert found.intervals() == []
 
 
 def test_distributions_of_different_drops_can_be_added(aspects):
     generator = np.random.default_rng(4)
-    all_poses = poses(random_orientations(generator, 500), generator.choice([0, 1, 2], 500))
+    all_poses = poses_with(random_orientations(generator, 500), generator.choice([0, 1, 2], 500))
     whole = count_poses(aspects, all_poses)
     total = count_poses(aspects, all_poses.between(0, 123))
     total = total + count_poses(aspects, all_poses.between(123, 500)) + no_drops(aspects)
@@ -184,3 +115,148 @@ def test_distributions_of_different_parts_cannot_be_added(aspects):
     other = no_drops(AspectSet('another', aspects.aspects))
     with pytest.raises(ValueError, match=r'^distributions of different parts cannot be added$'):
         no_drops(aspects) + other
+
+
+@pytest.fixture(scope='module')
+def poses(aspects):
+    rng = np.random.default_rng(5)
+    shown = np.array([each.orientation for each in aspects.aspects])
+    orientation = shown[rng.integers(0, 5, 3000)]
+    lost = rng.random(3000) < 0.05
+    orientation[lost] = random_orientations(rng, int(lost.sum()))
+    codes = np.zeros(3000, dtype=np.uint8)
+    status = (rng.random(3000) < 0.03).astype(np.uint8)
+    status[7], orientation[7] = RestStatus.FAILED, np.nan
+    zero = np.zeros(3000)
+    return RestingPoses(0, np.zeros((3000, 3)), orientation, status, codes, zero, zero)
+
+
+@given(cuts=st.lists(st.integers(0, 3000), max_size=12), end=st.integers(1, 3000))
+def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
+    history = History(aspects)
+    bounds = sorted({0, end, *(cut for cut in cuts if cut < end)})
+    for first, last in pairwise(bounds):
+        history.add(aspect_ids(aspects, poses.between(first, last)))
+    drops, counts = history.points()
+    assert drops[-1] == end
+    assert (np.diff(drops) > 0).all()
+    for n, row in zip(drops, counts, strict=True):
+        np.testing.assert_array_equal(row, count_poses(aspects, poses.between(0, n)).counts)
+
+
+def test_ten_samples_for_each_factor_of_ten(aspects, poses):
+    history = History(aspects)
+    history.add(aspect_ids(aspects, poses))
+    drops, counts = history.points()
+    assert drops[:3].tolist() == [10, 13, 16]
+    assert set(drops.tolist()) >= {FIRST_SAMPLE, 100, 1000, 3000}
+    assert len(drops) == len(counts) == 26
+
+
+def test_history_without_drops_is_empty(aspects):
+    drops, counts = History(aspects).points()
+    assert drops.shape == (0,)
+    assert counts.shape == (0, 5)
+
+
+PLANES = [
+    ContactPlane('floor', np.array([0.0, 0.0, 1.0])),
+    ContactPlane('wall', np.array([0.0, 1.0, 0.0])),
+]
+
+
+@pytest.fixture(scope='module')
+def block(solid, solids):
+    part = solid(solids.box(10, 20, 30))
+    return part, find_aspects(part)
+
+
+def no_counts(block):
+    part, aspects = block
+    return ContactCounts(ContactFinder(part, aspects, PLANES), aspects)
+
+
+def touching(block, turns, first=0, status=RestStatus.SETTLED):
+    """Poses in which the part touches floor and wall."""
+    part, _ = block
+    n = len(turns)
+    position = np.zeros((n, 3))
+    for plane in PLANES:
+        reach = np.array(
+            [(t.apply(np.array(part.hull_vertices)) @ plane.normal).min() for t in turns]
+        )
+        position -= reach[:, None] * plane.normal
+    return RestingPoses(
+        first_drop=first,
+        position=position,
+        orientation=turns.as_quat(canonical=True),
+        status=np.full(n, status, dtype=np.uint8),
+        decided_by=np.full(n, DecidedBy.STILLNESS, dtype=np.uint8),
+        time_to_rest=np.zeros(n),
+        energy_growth=np.zeros(n),
+    )
+
+
+def add(counted, given):
+    counted.add(given, np.zeros(len(given), dtype=np.int64))
+    return counted
+
+
+def table(counted):
+    return {p.contacts: p.count for p in counted.placements}
+
+
+def test_each_of_24_poses_of_a_block_is_counted_by_its_pair_of_sides(block):
+    counted = add(no_counts(block), touching(block, Rotation.create_group('O')))
+    assert sorted(table(counted).values()) == [1] * 24
+    # 24 pairs of adjacent sides, of which the 4 rotations of the block map 4 to each other.
+    classes = [p.symmetry_class for p in counted.placements]
+    assert sorted(np.bincount(classes)[1:].tolist()) == [4] * 6
+
+
+def test_counts_do_not_depend_on_the_order_or_the_chunks(block):
+    group = Rotation.create_group('O')
+    draws = np.random.default_rng(1).integers(0, len(group), 200)
+    whole = add(no_counts(block), touching(block, group[draws]))
+    pieces = no_counts(block)
+    for k in range(0, 200, 37):
+        add(pieces, touching(block, group[draws[::-1][k : k + 37]], first=k))
+    assert table(whole) == table(pieces)
+    assert whole.drops == pieces.drops == 200
+    assert sum(table(whole).values()) == 200
+
+
+def test_first_drops_keep_the_order_of_their_placements(block):
+    group = Rotation.create_group('O') * Rotation.from_euler('z', 20, degrees=True)
+    draws = np.random.default_rng(2).integers(0, len(group), 60)
+    few = add(no_counts(block), touching(block, group[draws[:20]]))
+    more = add(
+        add(no_counts(block), touching(block, group[draws[:20]])),
+        touching(block, group[draws[20:]]),
+    )
+    first = [p.contacts for p in few.placements]
+    assert [p.contacts for p in more.placements][: len(first)] == first
+
+
+def test_leaning_parts_are_told_apart_by_their_orientation(block):
+    """Turned by 20 and by 70 degrees, the block leans at the wall with different sides up."""
+    turns = Rotation.from_euler('z', np.array([[20, 21, 70, 200, 250]]).T, degrees=True)
+    counted = add(no_counts(block), touching(block, turns))
+    # 200 is 20 turned by half a turn, which maps the block onto itself; 250 is 70.
+    assert sorted(p.count for p in counted.placements) == [2, 3]
+
+
+def test_parts_that_are_not_at_rest_are_drops_without_placement(block):
+    given = touching(block, Rotation.create_group('O'), status=RestStatus.SLIDING)
+    counted = add(no_counts(block), given)
+    assert (counted.drops, counted.placements) == (24, [])
+
+
+def test_rows_are_sorted_by_count_with_the_shares_of_all_drops(block):
+    group = Rotation.create_group('O')
+    counted = add(no_counts(block), touching(block, group[np.array([0, 1, 1, 1, 2, 2])]))
+    add(counted, touching(block, group[:4], status=RestStatus.LOST))
+    rows = counted.sorted_rows('wilson', 0.95)
+    assert [placement.count for placement, _ in rows] == [3, 2, 1]
+    assert [interval.probability for _, interval in rows] == pytest.approx([0.3, 0.2, 0.1])
+    assert set(counted.named(rows[0][0])) == {'floor', 'wall'}

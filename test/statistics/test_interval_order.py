@@ -45,12 +45,6 @@ def test_credible_intervals_of_live_counts_contain_the_mean(simulated, data, wei
         assert_ordered(each.lower, each.probability, each.upper)
 
 
-def test_class_that_was_never_seen_has_its_mean_in_its_interval():
-    live = LiveCounts((1, 2), np.array([10_000, 0]), np.array([0, 0]))
-    rare = live.intervals()[1]
-    assert rare.lower <= rare.probability <= rare.upper
-
-
 @given(counts, st.data(), confidences)
 def test_bounds_of_a_difference_contain_it(one, data, confidence):
     other = data.draw(st.lists(count, min_size=len(one), max_size=len(one)).filter(any))

@@ -1,6 +1,8 @@
-"""Intervals: against scipy, published examples, and how often they cover the truth."""
+"""Intervals against SciPy and published examples, and the stopping rule."""
 
 import math
+import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,25 +11,24 @@ from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.intervals import METHODS, Interval, bounds, intervals
+from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.statistics.intervals import (
+    CHECKPOINT_STEP,
+    MAX_PRECISION,
+    METHODS,
+    MIN_PRECISION,
+    Interval,
+    bounds,
+    check_precision,
+    checkpoints,
+    intervals,
+    is_precise,
+    stopping_confidence,
+)
 
 counted = st.lists(st.integers(0, 10**6), min_size=1, max_size=20)
 confidences = st.floats(0.501, 0.9999)
 methods = pytest.mark.parametrize('method', METHODS)
-
-
-def five_standard_errors(runs, share):
-    """Return the tolerance of a share that is counted in this number of runs."""
-    return 5 * math.sqrt(share * (1 - share) / runs)
-
-
-def together(truth, drops, method, confidence, runs, seed):
-    """Return the share of simulated runs in which the intervals of all aspects hold."""
-    truth = np.array(truth)
-    rest = max(0.0, 1 - truth.sum())
-    counts = np.random.default_rng(seed).multinomial(drops, [*truth, rest], size=runs)[:, :-1]
-    lower, upper = bounds(counts, drops, method, confidence)
-    return ((lower <= truth) & (truth <= upper)).all(axis=1).mean()
 
 
 @given(counted, st.integers(0, 1000), confidences)
@@ -84,16 +85,6 @@ def test_interval_contains_the_share_and_grows_with_confidence(method, counts, r
         assert (inner.upper == 1) == (count == drops)
 
 
-@given(counted, st.integers(0, 1000))
-def test_simultaneous_is_wider_than_single_exact_intervals(counts, rest):
-    drops = sum(counts) + rest
-    every = intervals(counts, drops, 'simultaneous')
-    for count, one in zip(counts, every, strict=True):
-        (alone,) = intervals([count], drops, 'simultaneous')
-        assert one.lower <= alone.lower
-        assert one.upper >= alone.upper
-
-
 @methods
 def test_bounds_of_many_runs_agree_with_single_runs(method):
     generator = np.random.default_rng(1)
@@ -112,85 +103,175 @@ def test_intervals_without_drops_or_without_aspects(method):
     assert intervals([], 100, method) == []
 
 
-@pytest.mark.parametrize('drops', [250, 1000, 2375])
-def test_mean_coverage_of_wilson_is_nominal(drops):
-    # The coverage is computed exactly, over all counts. Because counts are integers, its mean over
-    # p deviates from the nominal one by less than 0.002 from 250 drops on.
-    p = np.linspace(10 / drops, 1 - 10 / drops, 501)[:, None]
-    count = np.arange(drops + 1)
-    lower, upper = bounds(np.stack([count, drops - count], axis=-1), drops)
-    hold = (lower[:, 0] <= p) & (p <= upper[:, 0])
-    covered = (binom.pmf(count, drops, p) * hold).sum(axis=1)
-    assert covered.mean() == pytest.approx(0.95, abs=0.002)
-    assert covered.min() > 0.93
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        *({'method': each} for each in ('wald', '')),
+        *({'confidence': each} for each in (0.5, 1, 95, True, '0.9', math.nan)),
+        *({'counts': each} for each in ([3, -1], [6, 5])),
+    ],
+    ids=str,
+)
+def test_invalid_arguments_are_named(wrong):
+    (value,) = wrong.values()
+    with pytest.raises(InvalidValueError, match=re.escape(repr(value))):
+        intervals(**({'counts': [1, 2], 'drops': 10} | wrong))
 
 
-def test_wilson_coverage_is_low_for_a_fifth_of_a_drop():
-    # This weakness of the method is known (Brown, Cai, DasGupta 2001). The lower bound of count 1
-    # is 0.1765 / n, so just below it the interval of every run with a drop misses the truth.
-    expected = 0.17
-    missed = 1 - math.exp(-expected)
-    found = together([expected / 1000], 1000, 'wilson', 0.95, 20_000, seed=2)
-    assert found == pytest.approx(1 - missed, abs=five_standard_errors(20_000, missed))
+precisions = st.floats(MIN_PRECISION, MAX_PRECISION)
+
+
+def test_first_checkpoints():
+    assert checkpoints(2000) == [250, 375, 500, 625, 875, 1125, 1500, 1875, 2000]
+
+
+@given(st.integers(1, MAX_DROPS))
+def test_checkpoints_grow_by_a_quarter_up_to_the_limit(drop_limit):
+    found = checkpoints(drop_limit)
+    assert found[-1] == drop_limit
+    assert all(drops % CHECKPOINT_STEP == 0 for drops in found[:-1])
+    for before, after in pairwise(found[:-1]):
+        assert 1.25 * before <= after < 1.25 * before + CHECKPOINT_STEP
+    assert found[0] == min(250, drop_limit)
+    assert len(found) <= 39
+
+
+def test_precision_of_maximum_drops_and_first_checkpoint():
+    # A share of one half has the widest interval.
+    half = [MAX_DROPS // 2] * 2
+    for confidence in (0.9, 0.95, 0.99):
+        assert is_precise(half, MAX_DROPS, MIN_PRECISION, 'wilson', confidence)
+        assert is_precise([125, 125], 250, 0.1, 'wilson', confidence)
+    # Simultaneous intervals are wider.
+    assert is_precise([*half, *[0] * 6], MAX_DROPS, MIN_PRECISION, 'simultaneous')
+    assert not is_precise([*half, *[0] * 7], MAX_DROPS, MIN_PRECISION, 'simultaneous')
+
+
+@methods
+@given(st.lists(st.integers(0, 3000), min_size=1, max_size=8), st.integers(1, 500), precisions)
+def test_precise_if_every_interval_is_narrow_enough(method, counts, rest, precision):
+    drops = sum(counts) + rest
+    error = 0.8 * 0.05 / (len(counts) if method == 'simultaneous' else 1)
+    theirs = 'exact' if method == 'simultaneous' else 'wilson'
+    found = [binomtest(c, drops).proportion_ci(1 - error, theirs) for c in counts]
+    widest = max(each.high - each.low for each in found) / 2
+    if abs(widest - precision) > 1e-9:
+        assert is_precise(counts, drops, precision, method) == (widest <= precision)
+
+
+@methods
+def test_precision_includes_aspects_never_seen(method):
+    # With so few drops its upper bound is too large.
+    assert not is_precise([0], 50, 0.03, method)
+    assert not is_precise([0, 0], 50, 0.03, method)
+    assert is_precise([0], 250, 0.03, method)
+
+
+def test_sample_size_of_goldberg():
+    # 385 drops give 5 % at 95 % for any probability (Goldberg et al. 1999), without checkpoints.
+    # A confidence of 0.9375 makes the confidence at the checkpoints 0.95.
+    assert is_precise([192, 193], 385, 0.05, 'wilson', 0.9375)
+    assert not is_precise([187, 188], 375, 0.05, 'wilson', 0.9375)
+
+
+def test_checkpoints_use_a_slightly_larger_confidence():
+    assert stopping_confidence() == pytest.approx(0.96)
+    assert stopping_confidence(0.9) == pytest.approx(0.92)
+    with pytest.raises(InvalidValueError, match=r'^invalid confidence 2: expected more than 0\.5'):
+        stopping_confidence(2)
+
+
+def coverage_when_stopped(precision, confidence, shares):
+    """Return the exact coverage of the interval of one aspect in stopped runs, for each share.
+
+    The distribution of the counts is carried from checkpoint to checkpoint, without the counts at
+    which a run stops. The aspect itself stops the run, which maximizes the effect of stopping.
+    """
+    alive = [np.ones(1) for _ in shares]
+    covered, drops_made = np.zeros(len(shares)), np.zeros(len(shares))
+    before = 0
+    for drops in checkpoints(MAX_DROPS):
+        count = np.arange(drops + 1)
+        stops = np.array([is_precise([c], drops, precision, 'wilson', confidence) for c in count])
+        lower, upper = bounds(count[:, None], drops, 'wilson', stopping_confidence(confidence))
+        more = np.arange(drops - before + 1)
+        for i, share in enumerate(shares):
+            chance = np.convolve(alive[i], binom.pmf(more, more[-1], share))
+            hold = (lower[:, 0] <= share) & (share <= upper[:, 0])
+            covered[i] += chance[stops & hold].sum()
+            drops_made[i] += drops * chance[stops].sum()
+            alive[i] = np.where(stops, 0, chance)
+        before = drops
+        if stops.all():
+            return covered[shares * drops_made >= 10]
+    raise AssertionError('no number of drops is enough')
+
+
+SHARES = np.linspace(0.01, 0.5, 99)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('precision', [0.05, 0.03, 0.02])
+def test_coverage_of_stopped_runs_is_nominal(precision):
+    covered = coverage_when_stopped(precision, 0.95, SHARES)
+    assert covered.min() > 0.944
+    assert np.quantile(covered, 0.05) > 0.95
+    assert 0.955 < covered.mean() < 0.965
 
 
 DISTRIBUTIONS = {
-    'two': [0.5, 0.5],
-    'skewed': [0.9, 0.05, 0.03, 0.019, 0.001],
-    'with a rest': [0.6, 0.2, 0.1],
-    'twenty': [0.05] * 20,
-    'nineteen rare': [0.9981, *[0.0001] * 19],
-    'nineteen rarer': [1 - 19 * 8e-5, *[8e-5] * 19],
+    'two': [0.7, 0.3],
+    'two, one rare': [0.999, 0.001],
+    'three and a rest': [0.6, 0.2, 0.1],
+    'five, one rare': [0.6, 0.25, 0.1, 0.049, 0.001],
+    'twenty alike': [0.05] * 20,
+    'twenty falling': [*np.geomspace(0.3, 0.004, 18) / 1.36, 0.001, 0.001],
 }
+RUNS = 500
 
 
-@pytest.mark.quick_cases(12)
-@pytest.mark.parametrize('confidence', [0.8, 0.95, 0.99])
-@pytest.mark.parametrize('drops', [100, 1000])
+def stopped_runs(truth, precision, method):
+    """Return the counts and the drops of runs that are stopped when they are precise."""
+    generator = np.random.default_rng(8)
+    chances = [*truth, max(0.0, 1 - sum(truth))]
+    counts, drops = np.zeros((RUNS, len(truth)), dtype=np.int64), np.zeros(RUNS, dtype=np.int64)
+    for i in range(RUNS):
+        for n in checkpoints(MAX_DROPS):
+            counts[i] += generator.multinomial(n - drops[i], chances)[:-1]
+            drops[i] = n
+            if is_precise(counts[i], n, precision, method):
+                break
+    return counts, drops
+
+
+@pytest.mark.quick_cases(4)
+@methods
 @pytest.mark.parametrize('name', DISTRIBUTIONS)
-def test_simultaneous_intervals_have_their_nominal_coverage(name, drops, confidence):
-    runs = 4000
-    held = together(DISTRIBUTIONS[name], drops, 'simultaneous', confidence, runs, seed=3)
-    assert held >= confidence - five_standard_errors(runs, confidence)
-
-
-def test_goodmans_intervals_have_less_than_nominal_coverage():
-    # The reason why `simultaneous` is not Goodman's method, which divides the error of Wilson's
-    # interval by k.
-    truth = DISTRIBUTIONS['nineteen rarer']
-    k = len(truth)
-    assert together(truth, 1000, 'wilson', 1 - 0.05 / k, 4000, seed=4) < 0.3
-    assert together(truth, 1000, 'simultaneous', 0.95, 4000, seed=4) > 0.99
+def test_stopped_runs_have_nominal_coverage_and_precision(name, method):
+    truth = np.array(DISTRIBUTIONS[name])
+    counts, drops = stopped_runs(truth.tolist(), 0.02, method)
+    lower, upper = bounds(counts, drops, method, stopping_confidence())
+    assert (upper - lower).max() <= 0.04
+    assert (np.abs(counts / drops[:, None] - truth) < 0.02).all(axis=1).mean() > 0.7
+    hold = (lower <= truth) & (truth <= upper)
+    # Four standard errors of a share counted in RUNS runs, for the worst of up to twenty.
+    tolerance = 4 * math.sqrt(0.95 * 0.05 / RUNS)
+    if method == 'simultaneous':
+        assert hold.all(axis=1).mean() >= 0.95 - tolerance
+    else:
+        assert hold.mean(axis=0).min() >= 0.95 - tolerance
 
 
 @pytest.mark.parametrize(
-    ('asked', 'expected'),
-    [
-        ({'method': 'wald'}, "invalid interval 'wald': expected wilson or simultaneous"),
-        ({'method': ''}, "invalid interval '': expected wilson or simultaneous"),
-        ({'confidence': 0.5}, 'invalid confidence 0.5: expected more than 0.5 and less than 1'),
-        ({'confidence': 1}, 'invalid confidence 1: expected more than 0.5 and less than 1'),
-        ({'confidence': 95}, 'invalid confidence 95: expected more than 0.5 and less than 1'),
-        ({'confidence': True}, 'invalid confidence True: expected more than 0.5 and less than 1'),
-        (
-            {'confidence': '0.9'},
-            "invalid confidence '0.9': expected more than 0.5 and less than 1",
-        ),
-        (
-            {'confidence': math.nan},
-            'invalid confidence nan: expected more than 0.5 and less than 1',
-        ),
-        (
-            {'counts': [3, -1]},
-            'invalid counts [3, -1]: expected 0 or more, at most 10 in total',
-        ),
-        (
-            {'counts': [6, 5]},
-            'invalid counts [6, 5]: expected 0 or more, at most 10 in total',
-        ),
-    ],
+    'precision', [0, -0.01, 0.000999, 0.2501, 1, math.nan, math.inf, '0.01', True, None]
 )
-def test_error_for_invalid_argument(asked, expected):
-    with pytest.raises(InvalidValueError) as caught:
-        intervals(**({'counts': [1, 2], 'drops': 10} | asked))
-    assert str(caught.value) == expected
+def test_precision_outside_limits_is_refused(precision):
+    for refuse in (check_precision, lambda p: is_precise([5, 5], 10, p)):
+        with pytest.raises(InvalidValueError, match=f'invalid precision {precision!r}'):
+            refuse(precision)
+
+
+@pytest.mark.parametrize('drop_limit', [0, -5])
+def test_drop_limit_below_one_is_refused(drop_limit):
+    with pytest.raises(InvalidValueError, match=f'invalid drop limit {drop_limit}'):
+        checkpoints(drop_limit)

@@ -1,5 +1,6 @@
-"""Chains of repeated actions: against closed formulas, series of powers and exact fractions."""
+"""Chains of repeated actions and the best plan: closed formulas, series, all policies."""
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.markov import (
+    best_plan,
     closed_classes,
     long_run,
     long_run_bounds,
@@ -18,7 +20,6 @@ from resting_aspects_ros.statistics.markov import (
 )
 
 seeds = st.integers(0, 2**32 - 1)
-rates = st.floats(1e-9, 1)
 
 
 def five_standard_errors(runs, share):
@@ -51,20 +52,10 @@ def mean_of_powers(rows, doublings=45):
     return mean
 
 
-def two(a, b):
-    return np.array([[1 - a, a], [b, 1 - b]])
-
-
 def found(transitions, drop, left=None):
     rows = np.array(transitions, dtype=np.float64)
     left = 1 - rows.sum(axis=1) if left is None else left
     return long_run(rows, np.array(left), np.array(drop, dtype=np.float64))
-
-
-@given(rates, rates)
-def test_long_run_of_two_aspects_is_the_ratio_of_the_rates(a, b):
-    shares = long_run(two(a, b), np.zeros(2), np.array([1.0, 0.0])).shares
-    assert shares == pytest.approx([b / (a + b), a / (a + b)], rel=1e-13)
 
 
 @given(st.tuples(*[st.floats(1e-9, 0.5)] * 6))
@@ -80,20 +71,6 @@ def test_long_run_of_three_aspects_is_that_of_the_tree_theorem(t):
     )
     shares = long_run(rows, np.zeros(3), np.ones(3)).shares
     assert shares == pytest.approx(trees / trees.sum(), rel=1e-13)
-
-
-@given(seeds)
-def test_long_run_shares_do_not_change_by_an_action(seed):
-    rows, left, drop = chain(seed)
-    result = long_run(rows, left, drop)
-    x = result.shares
-    assert x.sum() == pytest.approx(1, abs=1e-12)
-    assert x @ rows + (x @ left) * drop / drop.sum() == pytest.approx(x, abs=1e-12)
-    for shares in result.stationary:
-        assert shares.sum() == pytest.approx(1, abs=1e-12)
-        assert shares @ rows + (shares @ left) * drop / drop.sum() == pytest.approx(
-            shares, abs=1e-12
-        )
 
 
 @given(seeds, st.booleans())
@@ -145,31 +122,6 @@ def test_several_closed_classes_are_reported_with_their_weights():
     assert (result.transient, result.unreachable) == ((2,), ())
 
 
-def test_aspects_that_nothing_leads_to_are_unreachable():
-    # 2 leads to 1, but nothing leads to 2; 3 is absorbing, and only 2 would lead to it.
-    rows = [[0.5, 0.5, 0, 0], [1, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]]
-    result = found(rows, drop=[1, 0, 0, 0])
-    assert (result.unreachable, result.transient) == ((2, 3), (2,))
-    assert (result.closed, result.weights.tolist()) == (((0, 1), (3,)), [1, 0])
-    assert result.shares == pytest.approx([2 / 3, 1 / 3, 0, 0])
-
-
-def test_lost_parts_make_an_aspect_reachable_and_open():
-    result = found([[0.9, 0], [0, 1]], drop=[0.5, 0.5])
-    assert (result.closed, result.transient) == (((1,),), (0,))
-    assert result.shares.tolist() == [0, 1]
-
-
-def test_action_that_loses_every_part_gives_the_distribution_of_a_drop():
-    result = found(np.zeros((3, 3)), drop=[0.1, 0.3, 0.4])
-    assert result.shares == pytest.approx([1 / 8, 3 / 8, 4 / 8])
-
-
-def test_part_with_one_aspect_stays_in_it():
-    assert found([[0.7]], drop=[0.4]).shares.tolist() == [1]
-    assert found([[1.0]], drop=[0.4]).closed == ((0,),)
-
-
 @given(seeds)
 def test_closed_classes_are_entered_for_ever(seed):
     # The last state stands for all places outside the aspects.
@@ -186,83 +138,7 @@ def test_closed_classes_are_entered_for_ever(seed):
     assert classes == sorted(classes)
 
 
-def test_aspect_that_parts_leave_is_in_no_closed_class():
-    assert closed_classes(np.array([[0.0, 0.0], [0.0, 1.0]])) == [(1,)]
-    assert closed_classes(two(0.5, 0.5) * [[1], [1 - 1e-6]]) == []
-
-
-def test_without_losses_replacement_changes_nothing():
-    rows = two(0.3, 0.2)
-    assert with_replacement(rows, np.zeros(2), np.zeros(2)).tolist() == rows.tolist()
-
-
-@given(seeds)
-def test_replaced_transitions_are_a_stochastic_matrix(seed):
-    rows, left, drop = chain(seed)
-    whole = with_replacement(rows, left, drop)
-    assert whole.sum(axis=1) == pytest.approx(np.ones(len(rows)))
-    assert whole == pytest.approx(rows + np.outer(left, drop) / drop.sum())
-
-
-@pytest.mark.parametrize('function', [with_replacement, long_run])
-@pytest.mark.parametrize(
-    ('rows', 'left', 'drop', 'name'),
-    [
-        (
-            [[0.5, 0.4], [0, 1]],
-            [0.1, 0],
-            [0, 0],
-            'invalid drop probabilities [0.0, 0.0]',
-        ),
-        (
-            [[0.5, 0.4], [0, 1]],
-            [0.1, 0],
-            [0.5, math.nan],
-            'invalid drop probabilities [0.5, nan]',
-        ),
-        (
-            [[0.5, 0.4], [0, 1]],
-            [0.1, 0],
-            [1, -0.5],
-            'invalid drop probabilities [1.0, -0.5]',
-        ),
-        (
-            [[1, 0], [math.nan, math.nan]],
-            [0, math.nan],
-            [1, 0],
-            'invalid row 2 of the transition matrix [nan, nan, nan]',
-        ),
-        (
-            [[0.5, 0.25], [0, 1]],
-            [0, 0],
-            [1, 0],
-            'invalid row 1 of the transition matrix [0.5, 0.25, 0.0]',
-        ),
-        (
-            [[1.5, -0.5], [0, 1]],
-            [0, 0],
-            [1, 0],
-            'invalid row 1 of the transition matrix [1.5, -0.5, 0.0]',
-        ),
-    ],
-)
-def test_error_for_invalid_chain(function, rows, left, drop, name):
-    arguments = [np.array(each, dtype=np.float64) for each in (rows, left, drop)]
-    with pytest.raises(InvalidValueError) as caught:
-        function(*arguments)
-    of_drop = name.startswith('invalid drop')
-    expected = '0 or more, not all 0' if of_drop else 'probabilities with a sum of 1'
-    assert str(caught.value) == f'{name}: expected {expected}'
-
-
 # Reaching wanted aspects.
-
-
-def test_single_chance_is_a_geometric_distribution():
-    # Wanted 0.2, lost 0.1, stays 0.7: reached in 2/3, and the last action is after 1 / 0.3.
-    probability, actions = reach(np.array([[1.0, 0], [0.2, 0.7]]), np.array([True, False]))
-    assert probability == pytest.approx([1, 2 / 3])
-    assert actions == pytest.approx([0, 1 / 0.3])
 
 
 @pytest.mark.parametrize(('n', 'up'), [(2, 0.5), (5, 0.5), (9, 0.5), (6, 0.3), (6, 0.8)])
@@ -316,36 +192,10 @@ def test_reach_is_the_limit_of_a_chain_that_stops_when_wanted(seed):
     assert (actions[(probability > 0) & ~wanted] >= 1 - 1e-12).all()
 
 
-def test_closed_class_outside_the_wanted_aspects_never_reaches_them():
-    rows = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0.25, 0, 0.5, 0.25], [0, 0, 0, 1]])
-    probability, actions = reach(rows, np.arange(4) == 3)
-    assert probability == pytest.approx([0, 0, 0.5, 1])
-    assert np.isnan(actions).tolist() == [True, True, False, False]
-    assert actions[2] == pytest.approx(2)
-
-
-def test_aspect_whose_parts_are_all_lost_never_reaches_another():
-    probability, actions = reach(np.array([[0.0, 0], [0, 1]]), np.array([False, True]))
-    assert probability.tolist() == [0, 1]
-    assert math.isnan(actions[0])
-
-
-def test_nothing_wanted_is_never_reached():
-    probability, actions = reach(two(0.5, 0.5), np.zeros(2, dtype=bool))
-    assert probability.tolist() == [0, 0]
-    assert np.isnan(actions).all()
-
-
 def test_rows_of_wanted_aspects_are_not_used():
     rows = np.array([[0.5, 0.5], [np.nan, np.nan]])
     probability, actions = reach(rows, np.array([False, True]))
     assert (probability.tolist(), actions.tolist()) == ([1, 1], [2, 0])
-
-
-@pytest.mark.parametrize('row', [[math.nan, 0.5], [0.75, 0.5], [-0.25, 0.5]])
-def test_reach_rejects_an_invalid_row(row):
-    with pytest.raises(InvalidValueError, match=r'^invalid row 1 of the transition matrix'):
-        reach(np.array([row, [0, 1]]), np.array([False, True]))
 
 
 @pytest.mark.parametrize('denominator', [2**26, 9 * 10**7, 11 * 10**7])
@@ -401,29 +251,6 @@ def test_bounds_hold_as_often_as_stated_if_the_prior_is_true():
     assert held / runs == pytest.approx(0.9, abs=five_standard_errors(runs, 0.9) + 0.002)
 
 
-def test_bounds_hold_as_often_as_stated_for_a_fixed_chain():
-    # For a given truth the coverage is not exact, but its error is of the order of 1 / n, far
-    # below the error of counting it. The quantiles of 500 samples add up to 2 / 501.
-    truth = np.array(
-        [
-            [0.8, 0.1, 0.05, 0.02, 0, 0, 0.03],
-            [0.3, 0.6, 0.06, 0, 0.02, 0, 0.02],
-            [0.2, 0.1, 0.65, 0, 0, 0.05, 0],
-        ]
-    )
-    drop = np.array([0.5, 0.3, 0.2])
-    shares = long_run(truth[:, :3], truth[:, 3:].sum(axis=1), drop).shares
-    generator = np.random.default_rng(12)
-    runs, n = 600, 1000
-    held = np.zeros(3)
-    for _ in range(runs):
-        counts = np.array([generator.multinomial(n, row) for row in truth])
-        lower, upper = long_run_bounds(counts, drop, 0.9, generator, samples=500)
-        held += (lower <= shares) & (shares <= upper)
-    error = five_standard_errors(runs, 0.9) + 2 / 501
-    assert held / runs == pytest.approx([0.9] * 3, abs=error)
-
-
 def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     # With a drop only into the first aspect, and the second one leading only there, all columns
     # but one lead from 2 to 1: the long-run odds are a beta variate over another one.
@@ -438,21 +265,6 @@ def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     error = 5 * math.sqrt(0.05 * 0.95 / 20_000) / 0.103 * np.ptp(expected) / 3.29
     assert [lower[0], upper[0]] == pytest.approx(expected, abs=error)
     assert [upper[1], lower[1]] == pytest.approx(1 - expected, abs=error)
-
-
-@given(seeds, st.sampled_from([1, 30, 10**6]), st.sampled_from([0.6, 0.95]))
-def test_bounds_contain_the_shares_also_of_absorbing_aspects(seed, n, confidence):
-    rows, left, drop = chain(seed)
-    generator = np.random.default_rng(seed)
-    whole = np.column_stack([rows, left])
-    counts = np.array([generator.multinomial(n, row) for row in whole])
-    share = counts / n
-    shares = long_run(share[:, :-1], share[:, -1], drop).shares
-    lower, upper = long_run_bounds(counts, drop, confidence, generator, samples=100)
-    assert (lower <= shares).all()
-    assert (shares <= upper).all()
-    assert (lower >= 0).all()
-    assert (upper <= 1 + 1e-12).all()
 
 
 def test_transitions_that_were_never_seen_are_possible():
@@ -470,21 +282,126 @@ def test_samples_that_round_to_zero_do_not_break_the_bounds():
     assert np.isfinite(bounds).all()
 
 
-def test_without_actions_the_bounds_come_from_the_prior():
-    counts = np.zeros((30, 34), dtype=np.int64)
-    lower, upper = long_run_bounds(counts, np.ones(30), 0.95, np.random.default_rng(2))
-    assert np.isfinite([lower, upper]).all()
-    assert (lower < 0.01).all()
-    assert (upper > 0.05).all()
+# Invalid chains.
+
+STEPS = [[0.5, 0.4], [0, 1]]
 
 
-@pytest.mark.parametrize('confidence', [0.5, 1, math.nan])
-def test_bounds_reject_an_invalid_confidence(confidence):
+@pytest.mark.parametrize('function', [with_replacement, long_run])
+@pytest.mark.parametrize(
+    ('rows', 'left', 'drop', 'named'),
+    [
+        (STEPS, [0.1, 0], [0, 0], 'drop probabilities'),
+        (STEPS, [0.1, 0], [0.5, math.nan], 'drop probabilities'),
+        (STEPS, [0.1, 0], [1, -0.5], 'drop probabilities'),
+        ([[1, 0], [math.nan, math.nan]], [0, math.nan], [1, 0], 'row 2 of'),
+        ([[0.5, 0.25], [0, 1]], [0, 0], [1, 0], 'row 1 of'),
+        ([[1.5, -0.5], [0, 1]], [0, 0], [1, 0], 'row 1 of'),
+    ],
+)
+def test_invalid_chain_is_refused(function, rows, left, drop, named):
+    arguments = [np.array(each, dtype=np.float64) for each in (rows, left, drop)]
+    with pytest.raises(InvalidValueError, match=named):
+        function(*arguments)
+
+
+@pytest.mark.parametrize('row', [[math.nan, 0.5], [0.75, 0.5], [-0.25, 0.5]])
+def test_reach_rejects_an_invalid_row(row):
+    with pytest.raises(InvalidValueError, match='row 1 of'):
+        reach(np.array([row, [0, 1]]), np.array([False, True]))
+
+
+@pytest.mark.parametrize(
+    ('drop', 'confidence'), [([1, 1], 0.5), ([1, 1], math.nan), ([0, 0], 0.9)]
+)
+def test_bounds_reject_invalid_arguments(drop, confidence):
     counts = np.ones((2, 6), dtype=np.int64)
-    with pytest.raises(InvalidValueError, match=r'^invalid confidence'):
-        long_run_bounds(counts, np.ones(2), confidence, np.random.default_rng(1))
+    with pytest.raises(InvalidValueError, match='invalid'):
+        long_run_bounds(counts, np.array(drop), confidence, np.random.default_rng(1))
 
 
-def test_bounds_need_a_drop_into_an_aspect():
-    with pytest.raises(InvalidValueError, match=r'^invalid drop probabilities'):
-        long_run_bounds(np.ones((2, 6), int), np.zeros(2), 0.95, np.random.default_rng(1))
+def random_case(seed, max_actions=3, max_aspects=5):
+    """Return transitions with many zeros, so that there are traps, times and wanted aspects."""
+    generator = np.random.default_rng(seed)
+    a = int(generator.integers(1, max_actions + 1))
+    k = int(generator.integers(1, max_aspects + 1))
+    rows = generator.random((a, k, k)) * (generator.random((a, k, k)) < 0.35)
+    action, start = np.nonzero(rows.sum(axis=2) == 0)
+    rows[action, start, generator.integers(k, size=len(start))] = 1.0
+    rows /= rows.sum(axis=2, keepdims=True)
+    times = generator.uniform(0.1, 3.0, a)
+    return rows, times, generator.random(k) < 0.3
+
+
+def time_of_policy(rows, times, wanted, policy):
+    """Return the expected time (k,) of a policy; infinite if the part may never arrive."""
+    k = len(wanted)
+    chosen = np.where(wanted[:, None], np.eye(k), rows[policy, np.arange(k)])
+    steps = [set(np.flatnonzero(row).tolist()) for row in chosen]
+    arriving = set(np.flatnonzero(wanted).tolist())
+    while more := {i for i in range(k) if steps[i] & arriving} - arriving:
+        arriving |= more
+    failing = set(range(k)) - arriving
+    while more := {i for i in range(k) if steps[i] & failing and not wanted[i]} - failing:
+        failing |= more
+    certain = np.array([i for i in range(k) if i not in failing and not wanted[i]], dtype=int)
+    time = np.where(wanted, 0.0, np.inf)
+    inside = chosen[np.ix_(certain, certain)]
+    time[certain] = np.linalg.solve(np.eye(len(certain)) - inside, times[policy][certain])
+    return time
+
+
+@given(seeds)
+def test_plan_is_the_best_of_all_stationary_policies(seed):
+    rows, times, wanted = random_case(seed)
+    policies = itertools.product(range(len(times)), repeat=len(wanted))
+    every = [time_of_policy(rows, times, wanted, np.array(each)) for each in policies]
+    plan = best_plan(rows, times, wanted)
+    assert plan.time == pytest.approx(np.min(every, axis=0), rel=1e-9)
+
+
+@given(seeds)
+def test_actions_of_the_plan_take_its_time(seed):
+    rows, times, wanted = random_case(seed, max_actions=6, max_aspects=12)
+    plan = best_plan(rows, times, wanted)
+    free = plan.action >= 0
+    assert free.tolist() == (np.isfinite(plan.time) & ~wanted).tolist()
+    assert (plan.action < len(times)).all()
+    assert (plan.time[wanted] == 0).all()
+    policy = np.where(free, plan.action, 0)
+    time = time_of_policy(rows, times, wanted, policy)
+    assert time[free] == pytest.approx(plan.time[free], rel=1e-9)
+
+
+def test_rare_transitions_do_not_blur_the_choice():
+    # Both succeed once in 10^8 attempts, of 1.0 s and of 0.9 s.
+    rows = np.array([[[1 - 1e-8, 1e-8], [0, 1]]] * 2)
+    plan = best_plan(rows, np.array([1.0, 0.9]), np.array([False, True]))
+    assert plan.action.tolist() == [1, -1]
+    assert plan.time[0] == pytest.approx(0.9e8, rel=1e-12)
+
+
+@pytest.mark.parametrize('wanted', [False, True])
+def test_plan_has_no_action_if_all_or_no_aspects_are_wanted(wanted):
+    rows = np.array([[[0.5, 0.5], [0.5, 0.5]]])
+    plan = best_plan(rows, np.array([1.0]), np.full(2, wanted))
+    assert plan.action.tolist() == [-1, -1]
+    assert plan.time.tolist() == [0 if wanted else np.inf] * 2
+
+
+def test_plan_does_not_use_rows_of_wanted_aspects():
+    rows = np.array([[[0.5, 0.5], [np.nan, np.nan]]])
+    assert best_plan(rows, np.array([1.0]), np.array([False, True])).time.tolist() == [2, 0]
+
+
+@pytest.mark.parametrize('time', [0.0, -1.0, math.inf, math.nan])
+def test_time_of_an_action_must_be_positive_and_finite(time):
+    with pytest.raises(InvalidValueError, match='invalid times'):
+        best_plan(np.eye(2)[None].repeat(2, axis=0), np.array([1.0, time]), np.ones(2, bool))
+
+
+@pytest.mark.parametrize('row', [[0.5, 0.4], [math.nan, 1], [1.5, -0.5]])
+def test_plan_rejects_an_invalid_row(row):
+    rows = np.array([np.eye(2), [row, [0, 1]]])
+    with pytest.raises(InvalidValueError, match=r'^invalid row 1 of the transition matrix'):
+        best_plan(rows, np.array([1.0, 1.0]), np.array([False, True]))

@@ -1,4 +1,4 @@
-"""Resting poses as arrays: cut and joined without loss."""
+"""Resting poses as arrays: cut and joined without loss; which drops are known."""
 
 import dataclasses
 from itertools import pairwise
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.statistics.poses import DecidedBy, IndexRanges, RestingPoses, RestStatus
 
 
 def numbered(first, n):
@@ -26,13 +26,8 @@ def numbered(first, n):
 
 
 def test_codes_are_those_of_the_message():
-    assert [(s.name, int(s)) for s in RestStatus] == [
-        ('SETTLED', 0),
-        ('UNSETTLED', 1),
-        ('FAILED', 2),
-        ('LOST', 3),
-        ('SLIDING', 4),
-    ]
+    names = ['SETTLED', 'UNSETTLED', 'FAILED', 'LOST', 'SLIDING']
+    assert [(s.name, int(s)) for s in RestStatus] == [(n, k) for k, n in enumerate(names)]
     assert [(d.name, int(d)) for d in DecidedBy] == [('STILLNESS', 0), ('ENERGY', 1)]
 
 
@@ -74,3 +69,27 @@ def test_blocks_have_each_drop_once(assert_same_poses, spans):
         assert_same_poses(block, numbered(block.first_drop, len(block)))
     # Drops are missing between two blocks.
     assert all(a.end < b.first_drop for a, b in pairwise(blocks))
+
+
+ranges = st.tuples(st.integers(0, 40), st.integers(0, 40))
+
+
+def members(pieces):
+    return [index for first, end in pieces for index in range(first, end)]
+
+
+@given(st.lists(ranges, max_size=12), ranges)
+def test_ranges_agree_with_a_set(added, asked):
+    coverage, model = IndexRanges(), set()
+    for first, end in added:
+        new = coverage.add(first, end)
+        # Each index that was not there before, once, in order, in ranges that are not empty.
+        assert members(new) == sorted(set(range(first, end)) - model)
+        assert all(low < high for low, high in new)
+        model |= set(range(first, end))
+        assert len(coverage) == len(model)
+        assert coverage.end == max(model, default=-1) + 1
+    missing = coverage.missing(*asked)
+    assert members(missing) == sorted(set(range(*asked)) - model)
+    # As few ranges as there can be: none touches the next.
+    assert all(a[1] < b[0] for a, b in pairwise(missing))

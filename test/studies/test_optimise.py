@@ -37,6 +37,9 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
     assert document['best']['conditions']['height'] == document['best']['values']['height']
     assert document['notes'] == found.notes
     assert document['certainty'] == found.certainty
+    found.save_csv(tmp_path / 'p.csv')
+    header, *rows = (tmp_path / 'p.csv').read_text().splitlines()
+    assert (header, len(rows)) == ('height,friction,1+2,other', len(found.points))
 
 
 @pytest.mark.quick_cases(1)
@@ -76,13 +79,6 @@ def test_search_that_is_stopped_shows_what_is_known(here):
             'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], budget=2000, workers=here(),
             stopped=lambda: True,
         )  # fmt: skip
-
-
-def test_points_are_saved_as_csv(found, tmp_path):
-    found.save_csv(tmp_path / 'p.csv')
-    header, *rows = (tmp_path / 'p.csv').read_text().splitlines()
-    assert header == 'height,friction,1+2,other'
-    assert len(rows) == len(found.points)
 
 
 def test_result_does_not_depend_on_the_workers(found, here):
@@ -171,22 +167,6 @@ def upright(part):
     """Return a level plane above which parts are released upright, in their highest aspect."""
     highest = ra.find_aspects(part).aspects[-1]
     return Surroundings(Plane(), orientation=tuple(highest.orientation))
-
-
-@pytest.mark.slow
-def test_parts_that_are_released_upright_stay_upright_from_the_least_height(here):
-    part = ra.load_part('box_10x20x30')
-    found = ra.optimise(
-        part, {'height': '1mm:100mm'}, wanted_classes=[3], surroundings=upright(part), spin=20.0,
-        workers=here(lookahead=1), budget=4000,
-    )  # fmt: skip
-    assert found.curves[0].matters
-    assert found.best.values['height'] < 0.02
-    assert found.over(found.start).certainty > 0.95
-    assert found.over(found.start).gain.lower > 0
-    assert any('lower bound of its range' in note for note in found.notes) == (
-        found.best.values['height'] < 0.002
-    )
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from scipy.stats import chi2_contingency
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import given_conditions
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.errors import EngineError, InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.points import Monitor, Simulation, point_seed, run_tasks
@@ -85,11 +85,6 @@ def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
     assert len(workers.submitted) == 8
 
 
-def test_failure_of_a_worker_is_reported(part, here):
-    with pytest.raises(EngineError, match='a worker failed'):
-        drop_points(part, POINTS, 630, here(failing=(2,)))
-
-
 def test_impossible_point_is_skipped(part, here):
     low = MAT.changed(height=0.001, height_of=HeightOf.CENTRE_OF_MASS)
     possible, skipped = drop_points(part, [MAT, low], 10, here())
@@ -129,11 +124,6 @@ def test_actions_from_each_aspect_are_those_of_reorient(box, here):
     ).matrix
     for row, expected in zip(found, matrix.counts, strict=True):
         assert same_shares(row[:-1], expected)
-
-
-def test_actions_start_from_the_wanted_aspects_alone(box):
-    found = box.acted(TAP, 20, 3, Monitor(), (2, 5))
-    assert found.sum(axis=1).tolist() == [0, 20, 0, 0, 20, 0]
 
 
 @pytest.mark.parametrize('method', ['dropped_and_acted', 'acted'])

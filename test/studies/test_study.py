@@ -1,5 +1,6 @@
 """Studies: resumed, extended, repeated bit for bit, and refused where they do not fit."""
 
+import csv
 import errno
 import json
 from pathlib import Path
@@ -80,10 +81,6 @@ def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
     assert table(run_study(spec(), tmp_path, workers=here())) == whole
 
 
-def test_counts_do_not_depend_on_the_workers(here, whole):
-    assert table(run_study(spec(), None, workers=here(lookahead=1))) == whole
-
-
 def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
     made = spec(parts=['l_bracket'], drops=40)
     workers = here()
@@ -114,19 +111,6 @@ def test_part_of_a_study_is_saved_with_its_mass(tmp_path, here):
     saved = read_spec(tmp_path / SPEC)
     assert saved.parts[0].part_sha256 == part.part_sha256
     assert result.cases[0].drops.tolist() == [1, 1]
-
-
-def test_other_study_in_the_folder_has_its_own_points(tmp_path, here):
-    first = run_study(spec(parts=['l_bracket'], drops=20), tmp_path, workers=here())
-    workers = here()
-    other = run_study(spec(parts=['l_bracket'], drops=20, seed=2), tmp_path, workers=workers)
-    assert simulated(workers, 20) == 4
-    assert table(other) != table(first)
-    again = here()
-    assert table(run_study(spec(parts=['l_bracket'], drops=20), tmp_path, workers=again)) == table(
-        first
-    )
-    assert again.submitted == []
 
 
 def test_drops_of_other_versions_are_refused(tmp_path):
@@ -225,20 +209,15 @@ def test_surroundings_vary(here):
         ({'vary': {}}, 'missing factor'),
         ({'parts': []}, 'missing part'),
         ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
-        ({'parts': {'a': 1}}, "invalid parts {'a': 1}: expected the name of a part"),
         ({'design': ['curves']}, r"invalid design \['curves'\]: expected one of curves"),
-        ({'vary': {'height': '10mm:20mm:0'}}, 'invalid number of levels 0'),
         ({'points': 10**400}, 'invalid number of points'),
         ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
-        ({'action': [1]}, r'invalid action \[1\]'),
-        ({'surroundings': [1]}, r'invalid surroundings \[1\]'),
         ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),
         ({'drops': 0}, 'drops'),
         ({'parts': ['tetrahedron', 'tetrahedron']}, 'expected different names'),
-        ({'vary': {'height': [1, 2]}}, 'invalid range'),
     ],
 )
 def test_invalid_study_is_refused(changes, message):
@@ -246,20 +225,17 @@ def test_invalid_study_is_refused(changes, message):
         spec(**changes)
 
 
-@pytest.mark.parametrize('text', ['points: 0', 'points: [8]', 'points: -1'])
-def test_invalid_number_of_points_names_the_file(tmp_path, text):
+def test_invalid_value_names_the_file(tmp_path):
     path = tmp_path / 'odd.yaml'
-    path.write_text(f'parts: tetrahedron\nvary: {{friction: "0.1:0.5"}}\n{text}\n')
+    path.write_text('parts: tetrahedron\nvary: {friction: "0.1:0.5"}\npoints: 0\n')
     with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid (number of )?points'):
         read_spec(path)
 
 
 def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):
-    parquet = pytest.importorskip('pyarrow.parquet')
     result = run_study(spec(vary={'friction': '0.2:0.5:2'}, drops=10), None, workers=here())
-    files = result.save_tables(tmp_path)
-    assert [file.name for file in files] == ['results.csv', 'results.parquet']
-    rows = list(result.rows)
-    assert parquet.read_table(files[1]).to_pylist() == rows
-    assert len(rows) == 2 * 2
-    assert sum(row['count'] for row in rows) == 20
+    with result.save_tables(tmp_path).open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [row['friction'] for row in rows] == ['0.2', '0.2', '0.5', '0.5']
+    assert sum(int(row['count']) for row in rows) == 20
+    assert float(rows[0]['probability']) == next(result.rows)['probability']

@@ -19,7 +19,6 @@ from resting_aspects_ros.api.given_states import read_state_csv
 from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import read_polygon
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.surroundings import named_surroundings
@@ -129,24 +128,6 @@ def yaml_kinds() -> dict[str, Kind]:
     }
 
 
-ROADMAP = {
-    'format': 'bibazu_pose_roadmap_handover',
-    'schema_version': 1,
-    'poses': [
-        {'id': k, 'orientation_quaternion_xyzw': q}
-        for k, q in ((1, [0, 0, 0, 1]), (2, [0.6, 0, 0, 0.8]))
-    ],
-    'transitions': [
-        {
-            'from_pose': 1,
-            'to_pose': 2,
-            'action': {'name': 'tap'},
-            'experimental': {'status': 'tested', 'trials': 9, 'successes': 4},
-        }
-    ],
-}
-
-
 def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     """Return the kinds of files that the suite itself writes."""
     result = ra.drop(part, drops=20, seed=1, log=folder / 'logs', workers=1)
@@ -173,11 +154,6 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             (result.to_json().encode(), slope.to_json().encode()),
         ),
         'counted': Kind('counted.json', read_counts, (result.to_json().encode(), _json(counted))),
-        'roadmap': Kind(
-            'roadmap.json',
-            read_roadmap,
-            (_json(ROADMAP),),
-        ),
         'polygon': Kind(
             'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
         ),

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import track
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import forecast_controlled, forecast_from, pickable_aspects
+from resting_aspects_ros.api.forecast import forecast_controlled, forecast_from
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import (
     Choice,
@@ -152,7 +152,7 @@ def prepared(
 ) -> tuple[KnownPart, ControllerModel, ControlledRuns]:
     """Return a part, the model of its controller, which is also the truth, and its forecast."""
     result = ra.reorient(name, 'flip', PER_ASPECT, drops=DROPS, seed=SEED)
-    ids = pickable_aspects(result.matrix.aspects, None, classes)
+    ids = result.matrix.aspects.chosen(None, classes, 'pickable')
     forecast = forecast_from(result, ids, TRAY, TIMES, minutes=minutes)
     known = ra.known_part(name, result.drop)
     return known, controller_model(forecast.named.model), forecast_controlled(forecast)

@@ -45,10 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     logs = out / 'logs'
     check_files('--out', out, [f'{node}.log' for node in NODES])
     # These imports take a second, and --help does not need them.
-    from resting_aspects_ros.api.report_files import check_report, write_report
     from resting_aspects_ros.run_logs.contents import logged_result
 
-    check_report('--out', out)
     # A unique namespace separates the demo from other suites on this machine, and LOCALHOST from
     # other machines in the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -71,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         log = _ask(namespace, logs, check)
         print(f'Log:    {log}', flush=True)
         stop.check()
-    print(f'Report: {write_report(logged_result(log), out)}')
+    print(f'Report: {logged_result(log).report(out)}')
     return 0
 
 

@@ -123,15 +123,12 @@ def run(arguments: argparse.Namespace) -> int:
     with session(arguments) as started:
         # These imports are slow because of NumPy and shapely.
         from resting_aspects_ros.api.forecast import forecast_each
-        from resting_aspects_ros.api.forecast_result import (
-            save_forecast_picture,
-            write_forecast_report,
-        )
+        from resting_aspects_ros.api.forecast_result import save_forecast_picture
 
         options = _options(arguments)
         sets = _sets(arguments)
         parts = [requested_part(arguments, given) for given in arguments.part]
-        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE), PAGE)
+        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE))
         requests = list(zip(parts, sets, strict=True))
         results = forecast_each(
             requests, confidence=arguments.confidence, **options, **started.options
@@ -144,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
             (DOCUMENT, partial(first.to_json, others)),
             {} if arguments.report else {PICTURE: picture},
             partial(_show, results),
-            partial(write_forecast_report, results),
+            lambda folder: first.report(folder, others),
         )
         return DONE
 

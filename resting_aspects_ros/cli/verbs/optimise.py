@@ -60,15 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
     )
     parser.add_argument(
-        '--wanted-contacts',
-        metavar='PLANE=CONTACT,...',
-        action='append',
-        default=[],
-        help='in surroundings with walls, find the largest share of parts that touch the planes '
-        'so, such as belt=1,wall=edge: an aspect, side, edge, corner or none; can be repeated for '
-        'alternatives',
-    )
-    parser.add_argument(
         '--minimise-entropy',
         action='store_true',
         help='instead find the least entropy over the symmetry classes',
@@ -115,7 +106,6 @@ def run(arguments: argparse.Namespace) -> int:
             parse_ranges(arguments.vary),
             wanted=_numbers('--wanted', arguments.wanted),
             wanted_classes=_numbers('--wanted-classes', arguments.wanted_classes),
-            wanted_contacts=arguments.wanted_contacts,
             minimise_entropy=arguments.minimise_entropy,
             surface=conditions.changed(**changed_conditions(arguments)),
             surroundings=requested_surroundings(arguments.surroundings, arguments.set),

@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 from resting_aspects_ros.cli.action_options import add_action_values
 from resting_aspects_ros.cli.life_cycle import session
@@ -79,13 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     wanted.add_argument(
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
-    )
-    parser.add_argument(
-        '--measured',
-        metavar='FILE.json',
-        type=Path,
-        help='compare with the trials in a roadmap file, and use rows with enough trials instead '
-        'of the simulated ones',
     )
     add_confidence(parser)
     add_engine(parser)

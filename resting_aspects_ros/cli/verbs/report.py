@@ -7,7 +7,7 @@ from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
+from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.cli.options import add_out, add_part_place, refuse
 from resting_aspects_ros.errors import InvalidValueError
@@ -62,9 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
                 'aspect for --against'
             )
         check_against(against, result.run.part, result.run.part_sha256, aspects)
-    folder = arguments.out or default_folder(result.run.part)
-    check_report('--out', folder)
-    print(f'Report: {write_report(result, folder, against)}')
+    folder = arguments.out or Path('out') / result.run.part
+    make_folder('--out', folder)
+    print(f'Report: {result.report(folder, against)}')
     if against is not None:
         print(compare(result, against).verdict)
     return 0

@@ -180,7 +180,6 @@ def result_from(message: Any, part: 'Part | None') -> 'DropResult':
         distribution,
         run,
         part,
-        message.method,
         message.complete,
         contacts=distribution.contacts,
         no_model_range='' if distribution.model else missing_in(run),

@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.retention import retention
 
         part = requested_part(arguments)
-        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE), PAGE)
+        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
         simulate = partial(
             retention,
             part,

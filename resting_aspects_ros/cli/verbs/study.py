@@ -93,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(
         parser,
-        'folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
+        'folder of study.yaml, points.jsonl, results.csv and page.html; a '
         'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
     )
     add_workers(parser)

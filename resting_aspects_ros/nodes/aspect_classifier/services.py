@@ -21,7 +21,6 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.api.forecast import (
     cycle_times,
     forecast_from,
-    pickable_aspects,
     with_live_counts,
 )
 from resting_aspects_ros.api.forecast_result import ForecastResult
@@ -394,7 +393,7 @@ def response_fields(
     ids, classes = list(request.aspects), list(request.classes)
     if bool(ids) == bool(classes):
         raise InvalidValueError('invalid pickable aspects: expected either aspects or classes')
-    pickable = pickable_aspects(result.drop.aspects, ids or None, classes or None)
+    pickable = result.drop.aspects.chosen(ids or None, classes or None, 'pickable')
     if live is not None:
         for members in result.drop.aspects.classes():
             if 0 < len({each.id for each in members} & set(pickable)) < len(members):

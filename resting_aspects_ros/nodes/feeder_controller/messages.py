@@ -19,7 +19,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.api.forecast import footprints_of, pickable_aspects
+from resting_aspects_ros.api.forecast import footprints_of
 from resting_aspects_ros.api.grasps import check_grasps, load_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
@@ -123,7 +123,7 @@ def pickable_ids(part: KnownPart, settings: Settings) -> tuple[int, ...]:
     Raises InvalidValueError if the part does not have one of the classes, or if one has no grasp.
     """
     try:
-        ids = pickable_aspects(part.aspects, None, settings.pickable)
+        ids = part.aspects.chosen(None, settings.pickable, 'pickable')
     except InvalidValueError:
         raise InvalidValueError(
             f'invalid pickable_classes {list(settings.pickable)}: expected symmetry classes of '

@@ -1,8 +1,6 @@
 """Calibrate a surface to counts, for the Python interface and the command line."""
 
 import math
-import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -17,13 +15,6 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.studies.calibration.checks import (
-    GTest,
-    Prediction,
-    find_estimates,
-    g_test,
-    predict,
-)
 from resting_aspects_ros.studies.calibration.counts_file import (
     CountedPart,
     SurfaceCounts,
@@ -34,10 +25,15 @@ from resting_aspects_ros.studies.calibration.posterior import (
     REPEATED,
     ROUNDS,
     Fit,
+    GTest,
+    Prediction,
+    find_estimates,
     fit_surface,
+    g_test,
+    predict,
 )
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
-from resting_aspects_ros.studies.design import Setting, sobol
+from resting_aspects_ros.studies.design import Setting
 from resting_aspects_ros.studies.points import Simulation as PartSimulation
 from resting_aspects_ros.studies.points import Task, point_seed, reasons, run_tasks
 
@@ -46,8 +42,6 @@ POINTS_PER_FACTOR, MIN_POINTS, MAX_POINTS = 32, 8, 1024
 # Simulated drops of a part at each point: as many as were counted, within bounds. All points
 # together determine the shares, so that they add little to the variance of the counts.
 MIN_DROPS, MAX_DROPS = 100, 300
-# Points whose time is measured first, for the estimate of the whole time.
-PILOT = 4
 
 
 def calibrate(
@@ -115,12 +109,13 @@ def calibrate(
     >>> [each.factor.name for each in result.estimates]
     ['restitution', 'friction']
     """
-    given = given_counts(counts)
     check_seed(seed)
-    count = POINTS_PER_FACTOR * len(given.factors) if points is None else points
-    _check_number('points', count, MIN_POINTS, MAX_POINTS)
+    if points is not None:
+        _check_number('points', points, MIN_POINTS, MAX_POINTS)
     if drops is not None:
         _check_number('drops', drops, 1, 1_000_000)
+    given = given_counts(counts)
+    count = points or POINTS_PER_FACTOR * len(given.factors)
     per_point = [drops or drops_per_point(part) for part in given.parts]
     total = sum(per_point) * (count + ROUNDS * (count // 2) + REPEATED)
     with (
@@ -128,28 +123,11 @@ def calibrate(
         DropProgress(given.surface, total, shown=progress) as bar,
     ):
         simulate = Simulation(given, per_point, seed, pool, bar.update, stopped)
-        if progress is True:
-            seconds = _pilot_time(Simulation(given, per_point, seed, pool, stopped=stopped))
-            seconds *= total / sum(per_point)
-            print(
-                f'{given.surface}: {total} drops in the simulation, '
-                f'about {max(1.0, seconds):.0f} s',
-                file=sys.stderr,
-            )
         fit = fit_surface(given, simulate, points=count, seed=seed, discrepancy=discrepancy)
         if fit is None:
             raise StoppedError('interrupted in the first round of drops: there is no result')
         bar.end(simulate.made)
     return summarise(fit, seed)
-
-
-def _pilot_time(simulate: 'Simulation', clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the time of the drops of all parts at a point, s."""
-    design = sobol(simulate.dimensions, PILOT, 0)
-    simulate(design[:1])  # what is only needed once
-    begin = clock()
-    simulate(design)
-    return (clock() - begin) / PILOT
 
 
 def summarise(fit: Fit, seed: int) -> CalibrationResult:
@@ -211,11 +189,6 @@ class Simulation:
             for each in given.parts
         ]
         self.made = 0
-
-    @property
-    def dimensions(self) -> int:
-        """Number of fitted conditions."""
-        return len(self._given.factors)
 
     def __call__(self, points: Array) -> list[Counts] | None:
         """Return the counts (m, g) of each part at points (m, d); None if it was stopped.

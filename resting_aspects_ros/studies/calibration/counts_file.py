@@ -1,6 +1,6 @@
 """A counts file: parts that were counted on one surface, and what is known of the release."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -366,7 +366,10 @@ def read_groups(
     """
     if not isinstance(given, Mapping) or not given:
         raise InvalidValueError(f'invalid counts {shown(given)}: expected a mapping')
-    numbers = dict(_numbers(given))
+    numbers = {
+        (key if isinstance(key, str) else shown(key)).strip().lower(): _count(value, key)
+        for key, value in given.items()
+    }
     if len(numbers) < len(given):
         raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
     ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
@@ -386,12 +389,6 @@ def read_groups(
             f'invalid number of drops {counts.sum()}: expected 1 to {MAX_COUNTED}'
         )
     return tuple(groups.values()), tuple(groups), counts
-
-
-def _numbers(given: Mapping[Any, Any]) -> Iterator[tuple[str, int]]:
-    for key, value in given.items():
-        name = (key if isinstance(key, str) else shown(key)).strip().lower()
-        yield name, _count(value, key)
 
 
 def _count(value: Any, name: object) -> int:

@@ -1,4 +1,4 @@
-"""The posterior of the conditions of a surface, given counts of parts.
+"""The posterior of the conditions of a surface, given counts of parts, and what follows from it.
 
 Parts are dropped in the simulation at points of the ranges. The log odds of each share are a
 polynomial of the conditions, which is fitted to these drops, with the weight of a point where the
@@ -11,17 +11,19 @@ addition to sampling, because a real part is no rigid body, and a hand is no rel
 is common to all parts.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.special import expit, gammaln, logit, logsumexp
+from scipy.special import expit, gammaln, logit, logsumexp, xlogy
 
 from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.statistics.intervals import containing
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
-from resting_aspects_ros.studies.design import sobol
+from resting_aspects_ros.studies.design import Factor, sobol
 
 # Drops all parts at points (m, d) of the unit cube; returns counts (m, g) of each part, or None if
 # it was stopped.
@@ -78,8 +80,9 @@ class ShareModel:
     @classmethod
     def of(cls, points: Array, counts: Counts, weights: Array) -> 'ShareModel':
         """Fit counts (n, g) of drops at points (n, d) with weights (n,)."""
-        d = points.shape[1]
-        degree = max(k for k in range(DEGREE + 1) if k == 0 or _number(d, k) <= weights.sum() / 3)
+        # The number of monomials of degree k in d dimensions is d + k over k.
+        most, d = weights.sum() / 3, points.shape[1]
+        degree = max(k for k in range(DEGREE + 1) if k == 0 or math.comb(d + k, k) <= most)
         x, drops = terms(points, degree), counts.sum(axis=1)
         fitted = [_logistic(x, each, drops, weights) for each in counts.T]
         coefficients, covariance, spread = zip(*fitted, strict=True)
@@ -95,10 +98,6 @@ class ShareModel:
         # A log odds with the variance v is a share with the variance v (p (1 - p))^2.
         error = (shares * shares * (1 - shares) * variance).sum(axis=1) + self.misfit
         return shares, np.minimum(error, 0.5)
-
-
-def _number(d: int, degree: int) -> int:
-    return terms(np.zeros((1, d)), degree).shape[1]
 
 
 def _logistic(x: Array, hits: Counts, drops: Counts, weights: Array) -> tuple[Array, Array, float]:
@@ -262,7 +261,6 @@ def fit_surface(
     points: int,
     seed: int,
     discrepancy: bool = True,
-    rounds: int = ROUNDS,
 ) -> Fit | None:
     """Return the fit of counts; None if it was stopped before the first round was complete.
 
@@ -272,8 +270,6 @@ def fit_surface(
         Drops the parts.
     points : int
         Number of points of the first design, which fill the ranges.
-    rounds : int
-        Number of rounds of half as many points where the counts are probable.
     """
     where = sobol(len(given.factors), points, seed)
     made = simulate(where)
@@ -281,7 +277,7 @@ def fit_surface(
         return None
     values = DISCREPANCIES if discrepancy else np.zeros(1)
     fit = _fit(given, where, made, np.ones(points), values, seed)
-    for number in range(rounds):
+    for number in range(ROUNDS):
         added = fit.probable(max(1, points // 2), np.random.default_rng((seed, number)))
         more = simulate(added)
         if more is None:
@@ -354,3 +350,186 @@ def _check(fit: Fit, best: Array, simulated: Sequence[Counts]) -> tuple[tuple[Ar
         deviations.append(dropped - shares[0])
         differ |= bool((np.abs(deviations[-1]) > DIFFERENCE * np.sqrt(variance) + 0.002).any())
     return tuple(deviations), differ
+
+
+# -- Estimates, predictions and the G test --------------------------------------------------------
+
+
+CONFIDENCE = 0.9
+# A condition is not determined if its interval is longer than this share of the range.
+WIDE = 0.5
+DRAWS = 4000
+# Of a test by parametric bootstrap.
+REPETITIONS = 199
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A fitted condition.
+
+    best : float
+        Its value at the most probable conditions.
+    mean, deviation : float
+        Of the posterior.
+    low, high : float
+        The shortest interval with 90 % of the posterior, extended to ``best`` and ``mean``.
+    determined : bool
+        Whether the interval is at most half of the range.
+    """
+
+    factor: Factor
+    best: float
+    mean: float
+    deviation: float
+    low: float
+    high: float
+    determined: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Shares of the groups of a part; each array is (g,).
+
+    model, model_low, model_high : float
+        Mean and interval of the shares in the simulation.
+    low, high : float
+        Interval of the shares of as many drops as were counted, with the discrepancy.
+    """
+
+    counted: Array
+    model: Array
+    model_low: Array
+    model_high: Array
+    low: Array
+    high: Array
+
+    @property
+    def deviation(self) -> float:
+        """Mean absolute deviation of the counted shares from the model."""
+        return float(np.abs(self.counted - self.model).mean())
+
+    @property
+    def inside(self) -> bool:
+        """Whether all counted shares are in their intervals."""
+        low, high = self.low - 1e-9, self.high + 1e-9
+        return bool(((low <= self.counted) & (self.counted <= high)).all())
+
+
+@dataclass(frozen=True)
+class GTest:
+    """Test of the hypothesis that the counts are multinomial with shares of the simulation.
+
+    statistic : float
+        G of the counts and the shares at the conditions that fit them best.
+    p : float
+        Probability of a statistic at least as large if the hypothesis is true, by parametric
+        bootstrap: counts are drawn with these shares, and each table has its own best conditions.
+    """
+
+    statistic: float
+    p: float
+
+
+def find_estimates(fit: Fit) -> list[Estimate]:
+    """Return an estimate of each factor."""
+    weights = fit.weights().sum(axis=0)
+    found = []
+    for k, factor in enumerate(fit.given.factors):
+        start, end = shortest_interval(fit.candidates[:, k], weights)
+        low, high = factor.values(np.array([start, end]))
+        values = factor.values(fit.candidates[:, k])
+        mean = float(weights @ values)
+        deviation = float(np.sqrt(weights @ (values - mean) ** 2))
+        best = float(factor.values(fit.best[k : k + 1])[0])
+        for value in (best, mean):
+            low, high = containing(value, low, high)
+        determined = end - start <= WIDE
+        found.append(Estimate(factor, best, mean, deviation, float(low), float(high), determined))
+    return found
+
+
+def shortest_interval(values: Array, weights: Array) -> tuple[float, float]:
+    """Return the shortest interval with CONFIDENCE of the weights (n,) of values (n,)."""
+    order = np.argsort(values)
+    ordered, sums = values[order], np.cumsum(weights[order])
+    before = sums - weights[order]
+    ends = np.searchsorted(sums, np.minimum(before + CONFIDENCE * sums[-1], sums[-1]))
+    possible = before <= (1 - CONFIDENCE) * sums[-1] + 1e-12
+    ends = np.minimum(ends, len(values) - 1)
+    lengths = np.where(possible, ordered[ends] - ordered, np.inf)
+    first = int(lengths.argmin())
+    return float(ordered[first]), float(ordered[ends[first]])
+
+
+def find_discrepancy(fit: Fit) -> tuple[float, float, float]:
+    """Return mean, low and high of the discrepancy."""
+    weights, values = fit.weights().sum(axis=1), fit.discrepancies
+    tail, sums = (1 - CONFIDENCE) / 2, np.cumsum(weights)
+    ends = [min(int(np.searchsorted(sums, q)), len(values) - 1) for q in (tail, 1 - tail)]
+    mean = float(weights @ values)
+    low, high = containing(mean, *values[ends])
+    return mean, float(low), float(high)
+
+
+def correlation(fit: Fit, one: int, other: int) -> float:
+    """Return the correlation of two factors, on the scales of their ranges."""
+    points = fit.candidates[:, [one, other]]
+    covariance = np.cov(points, rowvar=False, aweights=fit.weights().sum(axis=0))
+    return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
+
+
+def predict(fit: Fit, rng: np.random.Generator, *, left_out: bool = False) -> list[Prediction]:
+    """Return the prediction of each part from the counts of all, or of all others.
+
+    Of a single part, there is no prediction from others.
+    """
+    parts = range(len(fit.given.parts))
+    if left_out and len(parts) == 1:
+        return []
+    return [_prediction(fit, k, fit.weights(k if left_out else None), rng) for k in parts]
+
+
+def _prediction(fit: Fit, k: int, weights: Array, rng: np.random.Generator) -> Prediction:
+    """Return the prediction of a part with weights (r, m) of discrepancy and candidate."""
+    part, (shares, error) = fit.given.parts[k], fit.shares[k]
+    mean = weights.sum(axis=0) @ shares
+    drawn = rng.choice(weights.size, DRAWS, p=weights.ravel() / weights.sum())
+    row, point = np.unravel_index(drawn, weights.shape)
+    model = dirichlet(shares[point], error[point], rng)
+    real = dirichlet(model, fit.discrepancies[row] ** 2, rng)
+    observed = rng.multinomial(part.drops, real) / part.drops
+    tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    of_model = containing(mean, *np.quantile(model, tails, axis=0))
+    of_counts = containing(mean, *np.quantile(observed, tails, axis=0))
+    return Prediction(part.shares, mean, *of_model, *of_counts)
+
+
+def dirichlet(shares: Array, rho: Array, rng: np.random.Generator) -> Array:
+    """Return Dirichlet shares (m, g) about shares, with intraclass correlations rho (m,)."""
+    total = 1 / np.maximum(rho, 1e-7) - 1
+    gammas = rng.standard_gamma(np.maximum(shares * total[:, None], 1e-6))
+    return np.asarray(gammas / np.maximum(gammas.sum(axis=1, keepdims=True), 1e-300))
+
+
+def g_test(fit: Fit, rng: np.random.Generator) -> GTest:
+    """Return the G test of all parts together."""
+    drops = [part.drops for part in fit.given.parts]
+    logs = [np.log(shares) for shares, _ in fit.shares]
+
+    def best(tables: Sequence[Counts]) -> tuple[float, int]:
+        """Return G of tables (g,) of all parts, and the candidate that fits them best."""
+        likelihood = np.sum([each @ y for each, y in zip(logs, tables, strict=True)], axis=0)
+        k = int(likelihood.argmax())
+        whole = sum(xlogy(y, y / y.sum()).sum() for y in tables)
+        return max(0.0, 2 * float(whole - likelihood[k])), k
+
+    def drawn(k: int) -> list[Counts]:
+        """Return tables with the shares of a candidate, and the error of these shares."""
+        return [
+            rng.multinomial(n, dirichlet(shares[k : k + 1], error[k : k + 1], rng)[0])
+            for n, (shares, error) in zip(drops, fit.shares, strict=True)
+        ]
+
+    found, k = best([part.counts for part in fit.given.parts])
+    repeated = np.array([best(drawn(k))[0] for _ in range(REPETITIONS)])
+    return GTest(found, float((1 + (repeated >= found - 1e-9).sum()) / (1 + REPETITIONS)))

