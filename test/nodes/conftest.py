@@ -707,7 +707,7 @@ def run_script(run_command):
 def start_process(run_command, wait):
     """Start a node in a process, which is killed at the end of the module.
 
-    ``constants`` are set before: {'nodes.drop_client.ARRIVAL_TIMEOUT': 1.0}.
+    ``constants`` are set before: {'ros.goal_client.ARRIVAL_TIMEOUT': 1.0}.
     """
 
     def start_process(kind, namespace, parameters=(), constants=(), ready='ready', arguments=()):

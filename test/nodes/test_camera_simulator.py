@@ -17,11 +17,11 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.cli.feeder_display import foxglove_layout
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.camera_simulator.cell import (
+from resting_aspects_ros.nodes.camera_simulator.node import (
+    IMAGES,
     camera_info_msg,
     camera_transform,
 )
-from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
 from resting_aspects_ros.nodes.vision_example.node import camera_from, grey_image
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, FRAME
 from resting_aspects_ros.vision.tray_image import TrayCamera

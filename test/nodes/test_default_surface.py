@@ -51,7 +51,7 @@ def test_default_conditions_are_published_completely(suite, simulator, surfaces)
 def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     quick = {
         'aspect_classifier': {
-            'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
+            'ros.goal_client.STARTUP_TIMEOUT': 1.0,
             'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
         }
     }

@@ -23,7 +23,7 @@ from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.feeder_controller.messages import PARAMETERS, settings_from
+from resting_aspects_ros.nodes.feeder_controller.model_updates import PARAMETERS, settings_from
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED

@@ -11,7 +11,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
 from resting_aspects_ros.feeding.image_advice import advise_image
 from resting_aspects_ros.feeding.tray_state import Detection, Image
-from resting_aspects_ros.nodes.feeder_controller.messages import (
+from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
     pick_msgs,
     pickable_ids,

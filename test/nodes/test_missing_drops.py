@@ -22,7 +22,7 @@ from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 40
 SHORTER = {
-    'nodes.drop_client.ARRIVAL_TIMEOUT': 0.3,
+    'ros.goal_client.ARRIVAL_TIMEOUT': 0.3,
     'nodes.aspect_classifier.services.ARRIVAL_TIMEOUT': 0.3,
     'nodes.aspect_classifier.services.COUNT_TIMEOUT': 0.3,
     'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.3,

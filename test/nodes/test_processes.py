@@ -31,8 +31,8 @@ MANY = 2_000_000  # drops of a run that does not end by itself
 QUICK = {
     'aspect_classifier': {
         'ros.goal_client.RETRY_PERIOD': 1.0,
-        'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
-        'nodes.drop_client.DISCOVERY_TIMEOUT': 1.0,
+        'ros.goal_client.STARTUP_TIMEOUT': 1.0,
+        'ros.goal_client.DISCOVERY_TIMEOUT': 1.0,
     },
     'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 1.0},
 }

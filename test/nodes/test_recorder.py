@@ -13,7 +13,7 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.drop_recorder.run_topics import FolderLock, absolute_folder
+from resting_aspects_ros.nodes.drop_recorder.node import FolderLock, absolute_folder
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.run_logs.recorder import RunRecorder

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.nodes.log_replayer.player import PAUSE_BEFORE, LogPlayer, replayed_topics
+from resting_aspects_ros.nodes.log_replayer.node import PAUSE_BEFORE, LogPlayer, replayed_topics
 
 SECOND = 10**9
 # Batches of the log, its first message is the part, and the time between two messages.

@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.topics import Qos, load_schema, qos_profiles, yaml_text
-from resting_aspects_ros.nodes.log_replayer.player import replayed_topics
+from resting_aspects_ros.nodes.log_replayer.node import replayed_topics
 from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 INTERFACES = 'resting_aspects_interfaces/msg'

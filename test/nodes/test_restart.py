@@ -26,7 +26,7 @@ def suite(fresh_suite, folder):
         {
             'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
             'aspect_classifier': {
-                'nodes.drop_client.STARTUP_TIMEOUT': 1.0,
+                'ros.goal_client.STARTUP_TIMEOUT': 1.0,
                 'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
             },
         },

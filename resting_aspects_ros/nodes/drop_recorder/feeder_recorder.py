@@ -29,8 +29,8 @@ from resting_aspects_ros.logs.topics import PART_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, subscribe
 from resting_aspects_ros.ros.conversions import NANOSECONDS
+from resting_aspects_ros.ros.diagnostics import count_text
 from resting_aspects_ros.ros.discovery import TopicDiscovery
-from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     CELL,
