@@ -141,35 +141,6 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
         assert (qos.depth, qos.reliability.name) == (7, 'BEST_EFFORT')
 
 
-@pytest.mark.parametrize(
-    ('name', 'content', 'expected'),
-    [
-        (
-            'no.mcap',
-            b'solid nut\nfacet',
-            "log '{}' is damaged, or not an MCAP file: it begins with b'solid nu'",
-        ),
-        ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
-    ],
-)
-def test_invalid_logs_are_rejected_unchanged(tmp_path, name, content, expected):
-    path = tmp_path / name
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(LogError) as caught:
-        recover_log(path)
-    hint = '; expected the folder of a run, or an .mcap file'
-    assert str(caught.value) == expected.format(path) + hint
-    assert content is None or path.read_bytes() == content
-
-
-def test_folder_with_two_files_is_rejected(tmp_path):
-    for name in 'ab':
-        (tmp_path / f'{name}.mcap').touch()
-    with pytest.raises(LogError, match=r'expected one \.mcap file, .*, found 2 files$'):
-        recover_log(tmp_path)
-
-
 def test_pipe_is_rejected_without_waiting(tmp_path):
     log, _ = write(tmp_path)
     log.close()
@@ -241,10 +212,8 @@ for i in range(10**9):
 """
 
 
-@pytest.mark.parametrize(
-    'moment',
-    [pytest.param(k, marks=[pytest.mark.slow] if k >= 3 else []) for k in range(20)],
-)
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('moment', range(10))
 def test_kill_loses_at_most_one_batch(tmp_path, moment):
     rest = random.Random(moment).uniform(0, 0.2)
     command = [sys.executable, '-c', WRITE_UNTIL_KILLED, str(tmp_path)]

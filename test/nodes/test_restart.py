@@ -1,36 +1,23 @@
 """A restarted classifier knows the distributions in the logs of earlier runs."""
 
-import shutil
-
 import pytest
-from resting_aspects_interfaces.msg import (
-    Status,
-)
+from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.simulation.conditions import parts_folder
+from resting_aspects_ros.api.conditions import with_surroundings
+from resting_aspects_ros.client import RestingAspectsClient, connection
 
 SEED = 5
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('parts')
-    for name in ('box_10x20x30.stl', 'tetrahedron.stl'):
-        shutil.copy(parts_folder() / name, folder)
-    return folder
-
-
-@pytest.fixture(scope='module')
-def suite(fresh_suite, folder):
+def suite(fresh_suite):
     return fresh_suite(
         {
-            'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
             'aspect_classifier': {
                 'ros.goal_client.STARTUP_TIMEOUT': 1.0,
-                'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
+                'nodes.aspect_classifier.known.QUIET_PERIOD': 0.3,
             },
         },
-        parts_folder=folder,
         workers=1,
     )
 
@@ -74,3 +61,19 @@ def test_known_distribution_needs_no_simulator(restarted, first):
     answer = known(restarted, surface='rubber_mat')
     assert without_stamp(answer.distribution) == without_stamp(first)
     restarted.start_again('drop_simulator')
+
+
+def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypatch):
+    monkeypatch.setattr(connection, 'RETRY_PERIOD', 1.0)
+    slow = with_surroundings(surfaces.get(), 'bowl_track')
+    received = []
+    with RestingAspectsClient(suite.client.node) as client:
+        answer = client.get_distribution_async(
+            'tetrahedron', drops=400, conditions=slow, seed=82, progress=received.append
+        )
+        suite.client.wait(lambda: received, 'progress')
+        suite.nodes['aspect_classifier'].end()
+        assert not answer.done()
+        suite.start_again('aspect_classifier')
+        suite.client.wait(answer.done, 'answer of the new classifier')
+    assert (answer.result().drops, answer.result().run.seed) == (400, 82)
