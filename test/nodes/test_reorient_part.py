@@ -87,12 +87,6 @@ def test_feedback_counts_drops_then_actions(goal):
     assert {each.total for each in goal.feedback} == {240}
 
 
-def test_late_subscriber_receives_the_matrix(suite, found):
-    late = suite.client.listen(TransitionMatrix, 'transitions/tetrahedron', LATCHED)
-    suite.client.wait(lambda: late, 'latched matrix')
-    assert late[0] == found
-
-
 def test_service_returns_the_matrix(suite, found):
     def known():
         answer = suite.client.transitions('tetrahedron', 'tap')
