@@ -209,8 +209,8 @@ class TransitionRecorder:
         check_transitions(message, part)
         if (log := self._log_of(run_from(message.run))) is None:
             return
-        topic = Topic(self._discovery.topic(part), self._discovery.type_name, offered_qos(LATCHED))
-        log.write(topic, data, time.time_ns(), nanoseconds(message.header.stamp))
+        stamp = nanoseconds(message.header.stamp)
+        log.write(self._discovery.logged(part), data, time.time_ns(), stamp)
         if log.being_written:
             log.drops = sum(message.actions)
         if message.ended:
@@ -247,9 +247,7 @@ class SurroundingsRecorder:
         message, data = kept
         if (message.part, message.document) != (log.run.part, log.run.conditions.surroundings_key):
             return
-        topic = Topic(
-            self._watch.topic(message.part), self._watch.type_name, offered_qos(SURROUNDINGS_QOS)
-        )
+        topic = self._watch.logged(message.part, SURROUNDINGS_QOS)
         log.write_surroundings(topic, data, message, time.time_ns())
         self._reports.written(log)
 
@@ -416,10 +414,7 @@ class DropRecorder(Node):
     def _write_part(self, log: RunRecorder, part: PartDescription, data: bytes) -> None:
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
-        topic = Topic(
-            self._part_watch.topic(log.run.part), self._part_watch.type_name, offered_qos(LATCHED)
-        )
-        log.write_part(topic, data, part, self._now())
+        log.write_part(self._part_watch.logged(log.run.part), data, part, self._now())
         self._reports.written(log)
 
     def _close_interrupted(self) -> bool:
