@@ -17,6 +17,8 @@ from resting_aspects_ros.client import connection
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.nodes.aspect_classifier import known
+from resting_aspects_ros.ros import diagnostics
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.conditions import parts_folder
@@ -43,10 +45,12 @@ def _call_here(self, function, arguments):
 
 @pytest.fixture(scope='session', autouse=True)
 def cheap_nodes():
-    """Compute in threads of this process, and model ranges from few drops."""
+    """Compute in threads of this process, model ranges from few drops, and wait for less long."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FileWorker, '_call', _call_here)
         patch.setattr(model_range, 'DROPS', 20)
+        patch.setattr(known, 'QUIET_PERIOD', 2.0)
+        patch.setattr(diagnostics, 'PERIOD', 0.2)
         yield
 
 

@@ -47,7 +47,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     quick = {
         'aspect_classifier': {
             'ros.goal_client.STARTUP_TIMEOUT': 1.0,
-            'nodes.aspect_classifier.known.QUIET_PERIOD': 0.3,
+            'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
         }
     }
     suite = fresh_suite(quick, workers=1, surface='steel')

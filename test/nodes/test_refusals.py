@@ -1,24 +1,11 @@
 """Invalid requests are rejected with a message, and the nodes continue."""
 
 import math
-import shutil
 
 import pytest
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.simulation.conditions import parts_folder
-
-
-@pytest.fixture(scope='module')
-def suite(fresh_suite, tmp_path_factory):
-    """Start a suite with a good and a broken part."""
-    folder = tmp_path_factory.mktemp('parts')
-    shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
-    whole = (folder / 'tetrahedron.stl').read_bytes()
-    (folder / 'cut_short.stl').write_bytes(whole[:-20])
-    quiet = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.3}
-    return fresh_suite({'aspect_classifier': quiet}, parts_folder=folder)
 
 
 @pytest.fixture(params=['get_distribution', 'drop_part'])
@@ -42,7 +29,7 @@ def refused(request, suite):
 def test_unknown_part_name(refused, name):
     status = refused(part=name)
     assert status.code == Status.UNKNOWN_PART
-    assert 'known parts: cut_short, tetrahedron' in status.message
+    assert 'known parts: box_10x20x30, ' in status.message
     assert len(status.message) < 300
 
 

@@ -26,7 +26,7 @@ def suite(fresh_suite):
     return fresh_suite(
         {
             'drop_simulator': {'nodes.drop_simulator.reorientation.PUBLISH_PERIOD': 0.05},
-            'aspect_classifier': {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.3},
+            'aspect_classifier': {'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0},
             'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.5},
         },
         workers=1,
