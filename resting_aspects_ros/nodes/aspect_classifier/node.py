@@ -78,8 +78,7 @@ class AspectClassifier(Node):
 
     Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers,
     surroundings_markers and current_poses, and known transitions/<part>. Serves
-    get_distribution, get_transitions, classify_pose, identify_part, locate_part, forecast and
-    list_parts.
+    get_distribution, get_transitions, classify_pose, identify_part and forecast.
 
     Parameters
     ----------
