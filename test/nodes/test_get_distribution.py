@@ -8,10 +8,8 @@ import pytest
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.conditions import with_surroundings
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.client import RestingAspectsClient, connection
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.job import plan_run
@@ -301,19 +299,3 @@ def test_known_distribution_needs_no_simulator(restarted, before):
     answer = known(restarted, surface='rubber_mat', seed=[77])
     assert without_stamp(answer.distribution) == without_stamp(before)
     restarted.start_again('drop_simulator')
-
-
-def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypatch):
-    monkeypatch.setattr(connection, 'RETRY_PERIOD', 1.0)
-    slow = with_surroundings(surfaces.get(), 'bowl_track')
-    received = []
-    with RestingAspectsClient(suite.client.node) as client:
-        answer = client.get_distribution_async(
-            'tetrahedron', drops=400, conditions=slow, seed=82, progress=received.append
-        )
-        suite.client.wait(lambda: received, 'progress')
-        suite.nodes['aspect_classifier'].end()
-        assert not answer.done()
-        suite.start_again('aspect_classifier')
-        suite.client.wait(answer.done, 'answer of the new classifier')
-    assert (answer.result().drops, answer.result().run.seed) == (400, 82)

@@ -193,7 +193,7 @@ def test_services_pause_and_resume(received, replay, log):
 @pytest.mark.parametrize(
     ('parameters', 'error', 'message'),
     [
-        ({'log': ''}, RestingAspectsError, "invalid log ''"),
+        ({'log': "''"}, RestingAspectsError, "invalid log ''"),
         ({'log': '{tmp}/empty'}, RestingAspectsError, "'{tmp}/empty': expected at least one mess"),
         ({'log': '{log}', 'rate': '.nan'}, ParameterException, 'rate'),
         (

@@ -16,9 +16,10 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import RestingPoses, Status
 from rosbags.highlevel import AnyReader
 
+from resting_aspects_ros.api.conditions import with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.main import main
-from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient
+from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, connection
 from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.ros.conversions import poses_from
@@ -150,6 +151,22 @@ def test_repeatedly_killed_workers_fail_the_goal(suite, action):
         found = goal.result.transitions
         assert (found.complete, found.ended, sum(found.actions) > 0) == (False, True, True)
     assert client.drop('tetrahedron', 5).outcome == 'succeeded'
+
+
+def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypatch):
+    monkeypatch.setattr(connection, 'RETRY_PERIOD', 1.0)
+    slow = with_surroundings(surfaces.get(), 'bowl_track')
+    received = []
+    with RestingAspectsClient(suite.client.node) as client:
+        answer = client.get_distribution_async(
+            'tetrahedron', drops=700, conditions=slow, seed=82, progress=received.append
+        )
+        suite.client.wait(lambda: received, 'progress')
+        suite.nodes['aspect_classifier'].end(signal.SIGKILL)
+        assert not answer.done()
+        suite.start_again('aspect_classifier')
+        suite.client.wait(answer.done, 'answer of the new classifier')
+    assert (answer.result().drops, answer.result().run.seed) == (700, 82)
 
 
 # Last test of the suite: ROS lists a killed node for another 20 s.
