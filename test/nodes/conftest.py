@@ -45,9 +45,10 @@ def _call_here(self, function, arguments):
     if self._stopped:
         raise FileLimitError('the node ends')
     try:
-        if function.__name__ not in SHARED:
+        name = getattr(function, '__name__', '')  # a functools.partial has none
+        if name not in SHARED:
             return function(*arguments)
-        key = function.__name__, SHARED[function.__name__](*arguments)
+        key = name, SHARED[name](*arguments)
         if key not in _shared:
             _shared[key] = function(*arguments)
         return _shared[key]
