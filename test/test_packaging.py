@@ -137,17 +137,6 @@ def needed_to_launch():
     return imported | started
 
 
-def test_the_maintainer_address_is_neutral_everywhere():
-    files = [
-        *ROOT.glob('package.xml'),
-        *ROOT.glob('*/package.xml'),
-        *ROOT.glob('examples/*/*.xml'),
-    ]
-    assert len(files) == 3
-    for text in [path.read_text() for path in (*files, ROOT / 'setup.py')]:
-        assert re.findall(r'[\w.]+@[\w.-]+', text) == ['maintainers@resting-aspects.invalid']
-
-
 def test_imports_of_the_suite_are_declared():
     pinned, keys = needed('resting_aspects_ros')
     in_launch = needed_to_launch()

@@ -22,7 +22,7 @@ from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition
+    from resting_aspects_ros.nodes.log_replayer.node import ReplayPosition
 
 # Width of a table that is written to a pipe or a file.
 PIPED_WIDTH = 80

@@ -17,7 +17,6 @@ from resting_aspects_ros.api.forecast import (
     cycle_times,
     forecast_controlled,
     forecast_from,
-    pickable_aspects,
 )
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import load_part
@@ -87,7 +86,7 @@ class PlannedDemo:
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the pickable aspects."""
-        return pickable_aspects(self.known.aspects, None, self.classes)
+        return self.known.aspects.chosen(None, self.classes, 'pickable')
 
     @property
     def pickable_text(self) -> str:
@@ -197,12 +196,12 @@ def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[tuple[in
     classes = known.aspects.classes()
     if arguments.pickable_classes is not None:
         numbers = parse_numbers('--pickable-classes', arguments.pickable_classes)
-        pickable_aspects(known.aspects, None, numbers)
+        known.aspects.chosen(None, numbers, 'pickable')
         return tuple(sorted(set(numbers))), False
     if arguments.pickable is None:
         return (int(np.argmax(known.shares)) + 1,), True
     ids = parse_numbers('--pickable', arguments.pickable)
-    given = set(pickable_aspects(known.aspects, ids, None))
+    given = set(known.aspects.chosen(ids, None, 'pickable'))
     members = [{aspect.id for aspect in each} for each in classes]
     return tuple(k for k, each in enumerate(members, start=1) if each & given), False
 

@@ -13,10 +13,12 @@ from concurrent.futures import Future as PoolFuture
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
+from weakref import WeakKeyDictionary
 
-from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -27,7 +29,6 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.ros.interface import SERVICES
 
 # The policies of a topic that a user can override.
 OVERRIDES = QoSOverridingOptions(
@@ -38,8 +39,11 @@ OVERRIDES = QoSOverridingOptions(
         QoSPolicyKind.DURABILITY,
     ]
 )
-# Minimum time between two logged errors of the same callback, s.
+# Minimum time between two logged errors with the same beginning, s.
 LOG_PERIOD = 60.0
+# rclpy throttles each line of code per logger object: each failure of a node has its own logger,
+# so that failures do not throttle each other.
+_LOGGERS: 'WeakKeyDictionary[Node, dict[str, RcutilsLogger]]' = WeakKeyDictionary()
 
 
 def subscribe(
@@ -105,15 +109,6 @@ def advertise(
         )
 
 
-def serve(node: Node, kind: Any, name: str, callback: Callable[..., object]) -> None:
-    """Create a service whose callback may wait.
-
-    In the default group of the node, a waiting request would block what it waits for.
-    """
-    group = ReentrantCallbackGroup()
-    node.create_service(kind, name, callback, qos_profile=SERVICES, callback_group=group)
-
-
 def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callable[..., None]:
     """Return a callback whose exceptions are logged, at most one within LOG_PERIOD.
 
@@ -144,6 +139,14 @@ def guarded_task(
             report(error)
 
     return task
+
+
+def start_task(
+    node: Node, failure: str, function: Callable[..., Awaitable[None]], *arguments: Any
+) -> None:
+    """Run a coroutine function as a guarded task of the executor of the node, which calls this."""
+    assert node.executor is not None
+    node.executor.create_task(guarded_task(node, failure, function), *arguments)
 
 
 def steady_timer(
@@ -196,10 +199,9 @@ def _qos_override_errors(node: Node, topic: str) -> Iterator[None]:
 
 
 def _reporter(node: Node, failure: str) -> Callable[[Exception], None]:
-    """Return a function that logs errors of one callback, at most one within LOG_PERIOD."""
-    # rclpy throttles each line of code per logger object: each callback has its own logger, so
-    # that callbacks do not throttle each other.
-    logger = get_logger(node.get_logger().name)
+    """Return a function that logs errors with a beginning, at most one within LOG_PERIOD."""
+    loggers = _LOGGERS.setdefault(node, {})
+    logger = loggers.setdefault(failure, get_logger(node.get_logger().name))
 
     def report(error: Exception) -> None:
         known = isinstance(error, RestingAspectsError)

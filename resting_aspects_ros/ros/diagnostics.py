@@ -1,4 +1,4 @@
-"""The status of a node, published on /diagnostics once a second."""
+"""The status of a node, published on /diagnostics once a second, and its texts."""
 
 import dataclasses
 import time
@@ -11,11 +11,14 @@ from rclpy.node import Node
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.interface import DIAGNOSTICS
+from resting_aspects_ros.simulation.job import RunDescription
 
 PERIOD = 1.0
 DEPTH = 10
 # The value that diagnostic_updater uses without a device.
 HARDWARE_ID = 'none'
+# Maximum number of entries of a mapping that diagnostics show.
+MAX_LISTED = 10
 
 
 @dataclass(frozen=True)
@@ -101,3 +104,43 @@ def _with_duplicates(diagnosis: Diagnosis, duplicates: DuplicateNodeDetector) ->
     if duplicates.harmless_reason:
         return dataclasses.replace(diagnosis, warnings=[problem, *diagnosis.warnings])
     return dataclasses.replace(diagnosis, errors=[problem, *diagnosis.errors])
+
+
+# -- texts ----------------------------------------------------------------------------------------
+
+
+def count_text(number: int, one: str, more: str) -> str:
+    """Return a number with its noun: '1 run', '2 runs'."""
+    return f'{number} {one if number == 1 else more}'
+
+
+def progress_text(run: RunDescription, drops: int, unit: str = 'drops') -> str:
+    """Return the progress of a run, such as '3000 of 20000 drops'."""
+    bound = 'at most ' if run.precision else ''
+    return f'{drops} of {bound}{count_text(run.drops, unit[:-1], unit)}'
+
+
+def active_runs_text(runs: Sequence[tuple[RunDescription, int]]) -> str:
+    """Return the progress of the first run and the number of others; empty without a run."""
+    if not runs:
+        return ''
+    run, drops = runs[0]
+    more = f', and {count_text(len(runs) - 1, "more run", "more runs")}' if runs[1:] else ''
+    return f'{run.part}: {progress_text(run, drops)}{more}'
+
+
+def run_values(runs: Sequence[tuple[RunDescription, int]]) -> dict[str, object]:
+    """Return the number of active runs and the progress of each, for diagnostics."""
+    each = {
+        f'run {k}': f'{run.part}: {progress_text(run, drops)}, run {run.run_id}'
+        for k, (run, drops) in enumerate(runs, 1)
+    }
+    return {'active runs': len(runs), **truncated(each)}
+
+
+def truncated(values: Mapping[str, str]) -> dict[str, str]:
+    """Return the first MAX_LISTED entries, and the number of entries left out."""
+    shown = dict(list(values.items())[:MAX_LISTED])
+    if len(values) > MAX_LISTED:
+        shown['not shown'] = f'{len(values) - MAX_LISTED} more'
+    return shown

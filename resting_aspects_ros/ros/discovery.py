@@ -18,9 +18,10 @@ from rclpy.publisher import Publisher
 from rclpy.qos import LivelinessPolicy, QoSProfile
 from std_msgs.msg import Empty
 
+from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
-from resting_aspects_ros.ros.interface import LATCHED, PRESENCE
+from resting_aspects_ros.ros.interface import LATCHED, PRESENCE, offered_qos
 
 # Absolute: nodes with use_sim_time subscribe to this name. Remap it for two clocks in one domain.
 CLOCK = '/clock'
@@ -191,10 +192,9 @@ class TopicDiscovery:
         """Return the full name of the topic of a part."""
         return self._node.resolve_topic_name(f'{self._prefix}/{part}')
 
-    @property
-    def type_name(self) -> str:
-        """The message type, such as resting_aspects_interfaces/msg/PartDescription."""
-        return _type_name(self._type)
+    def logged(self, part: str, profile: QoSProfile = LATCHED) -> Topic:
+        """Return the topic of a part as a log has it, with the QoS that its publisher offers."""
+        return Topic(self.topic(part), type_name(self._type), offered_qos(profile))
 
     def _update(self, topics: Topics) -> None:
         """Subscribe to new topics, and remove subscriptions to topics without a publisher."""
@@ -233,17 +233,18 @@ def _parts_of(
 ) -> set[str]:
     """Return the published parts that are not known yet."""
     parent = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
-    type_name = _type_name(message_type)
+    kind = type_name(message_type)
     return {
         name.removeprefix(parent)
         for name, types in topics
         if name.startswith(parent)
         and name.removeprefix(parent) not in known
         and is_valid_name(name.removeprefix(parent))
-        and type_name in types
+        and kind in types
         and node.count_publishers(name)
     }
 
 
-def _type_name(message_type: Any) -> str:
+def type_name(message_type: Any) -> str:
+    """Return the name of a type, such as resting_aspects_interfaces/msg/PartDescription."""
     return f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'

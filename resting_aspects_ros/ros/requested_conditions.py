@@ -16,7 +16,7 @@ from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg,
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.ros.parameters import Parameter, on_change
-from resting_aspects_ros.ros.status import NotAvailableError, requested_conditions
+from resting_aspects_ros.ros.status import NotAvailableError
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
@@ -159,7 +159,7 @@ class RequestedSurroundings:
             around, message.surroundings = await self.find(message.surroundings), ''
             given = dataclasses.replace(conditions_from(message), surroundings=around)
             return surfaces.named(given)
-        found = requested_conditions(surfaces, request.surface, [], default)
+        found = surfaces.get(request.surface) if request.surface else default
         return dataclasses.replace(found, surroundings=await self.find(request.surroundings))
 
     async def find(self, requested: str) -> Surroundings | None:

@@ -1,10 +1,11 @@
-"""Errors and statuses of services and actions, and checks of their requests."""
+"""Errors and statuses of services and actions, and the checks of requests."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.aspects.estimate import METHODS, NotDefinedError
@@ -16,8 +17,8 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.part.library import unknown_part_text
-from resting_aspects_ros.ros.conversions import conditions_from, status
-from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
+from resting_aspects_ros.ros.conversions import status
+from resting_aspects_ros.ros.interface import SERVICES
 from resting_aspects_ros.statistics.distribution import METHOD
 
 
@@ -49,36 +50,38 @@ def error_status(error: RestingAspectsError) -> Status:
     return status(_CODES.get(type(error), Status.FAILED), str(error))
 
 
-@contextmanager
-def status_from_errors(
-    service: str, response: Any, log_error: Callable[[str], object]
-) -> Iterator[None]:
-    """Context manager of a service: an error within becomes the status of the response."""
-    try:
-        yield
-    except RestingAspectsError as error:
-        response.status = error_status(error)
-    except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
-        log_error(f'{service} failed: {error!r}')
-        response.status = status(Status.FAILED, f'unexpected error {error!r}')
+def serve(node: Node, kind: Any, name: str, answer: Callable[[Any, Any], Awaitable[None]]) -> None:
+    """Create a service; an error of ``answer`` becomes the status of the response.
+
+    Parameters
+    ----------
+    answer : coroutine function
+        Fills in the response to a request. Its numbers are NaN and its status is OK before.
+    """
+
+    async def respond(request: Any, response: Any) -> Any:
+        for field, field_type in response.get_fields_and_field_types().items():
+            if field_type == 'double':
+                setattr(response, field, math.nan)
+        response.status = status(Status.OK)
+        try:
+            await answer(request, response)
+        except RestingAspectsError as error:
+            response.status = error_status(error)
+        except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
+            node.get_logger().error(f'{name} failed: {error!r}')
+            response.status = status(Status.FAILED, f'unexpected error {error!r}')
+        return response
+
+    # In the default group of the node, a waiting request would block what it waits for.
+    group = ReentrantCallbackGroup()
+    node.create_service(kind, name, respond, qos_profile=SERVICES, callback_group=group)
 
 
 def status_error(answer: Status) -> RestingAspectsError:
     """Return the error that a status reports."""
     kinds = {code: kind for kind, code in reversed(_CODES.items())}
     return kinds.get(answer.code, RestingAspectsError)(answer.message)
-
-
-def requested_conditions(
-    surfaces: Surfaces,
-    surface: str,
-    conditions: Sequence[DropConditionsMsg],
-    default: DropConditions,
-) -> DropConditions:
-    """Return the given conditions, else those of the named surface, else the default."""
-    if conditions:
-        return surfaces.named(conditions_from(conditions[0]))
-    return surfaces.get(surface) if surface else default
 
 
 def requested_estimator(method: str) -> str | None:

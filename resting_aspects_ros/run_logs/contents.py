@@ -38,6 +38,7 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
     serialized_range,
+    serialized_surroundings,
     time_msg,
 )
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
@@ -46,7 +47,6 @@ from resting_aspects_ros.ros.distribution_conversions import (
     serialized_distribution,
 )
 from resting_aspects_ros.ros.interface import CHOICES, RESULTS
-from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings

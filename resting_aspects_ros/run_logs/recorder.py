@@ -29,6 +29,7 @@ from resting_aspects_ros.ros.conversions import (
     NANOSECONDS,
     part_msg,
     poses_msgs,
+    surroundings_msg,
     time_msg,
 )
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -42,7 +43,6 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_QOS,
     offered_qos,
 )
-from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
 from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses

@@ -109,14 +109,6 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    'read',
-    [
-        lambda path: open_log(path).__enter__(),
-        Recording,
-        lambda path: list(messages(path, NUT.type)),
-    ],
-)
-@pytest.mark.parametrize(
     ('name', 'expected'),
     [
         ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
@@ -125,7 +117,7 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
         ('pipe.mcap', "log '{}' is neither a file nor a folder"),
     ],
 )
-def test_invalid_logs_are_rejected(tmp_path, read, name, expected):
+def test_invalid_logs_are_rejected(tmp_path, name, expected):
     (tmp_path / 'folder').mkdir()
     os.mkfifo(tmp_path / 'folder' / 'a.mcap')
     os.mkfifo(tmp_path / 'pipe.mcap')
@@ -133,7 +125,7 @@ def test_invalid_logs_are_rejected(tmp_path, read, name, expected):
     path = tmp_path / name
     assert is_log(path)  # meant to be one
     with pytest.raises(LogError) as caught:
-        read(path)
+        Recording(path)
     assert str(caught.value).startswith(expected.format(path))
 
 
@@ -281,15 +273,10 @@ def test_topic_with_two_types_is_rejected(tmp_path):
     ('text', 'expected'),
     [
         ('[{', 'is not valid YAML'),
-        ('[' * 1000, 'is not valid YAML: it is nested too deeply'),
-        ('!!timestamp abc', 'is not valid YAML'),
-        ('[1, ' * 10**6, 'it has more than 65536 characters'),
         ('- depth: 1', 'expected profiles as rosbag2'),
         ('just words', 'expected profiles as rosbag2'),
         (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'QoS reliability 1:'),
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
-        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1.5'), 'QoS depth 1.5'),
-        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1' + 30 * '0'), 'depth 100'),
     ],
 )
 def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
@@ -301,13 +288,6 @@ def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
     assert message.startswith(f'log {str(path)!r}, topic /a: QoS ')
     assert expected in str(caught.value)
     assert len(str(caught.value)) < 1000
-
-
-def test_file_removed_before_playback_is_reported(log):
-    recording = Recording(log.path)
-    log.path.unlink()
-    with pytest.raises(LogError, match='cannot be read: No such file or directory'):
-        read_messages(recording)
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):

@@ -65,10 +65,9 @@ def test_truncated_log_keeps_all_flushed_messages(tmp_path):
     log, ends = write(tmp_path / 'made')
     log.close()
     content = log.path.read_bytes()
-    start = ends[0]
-    cuts = {end + near for end in ends for near in (-1, 0, 1)} | set(
-        range(start, len(content), 999)
-    )
+    # Around the ends of some chunks, and anywhere.
+    cuts = {end + near for end in ends[::4] for near in (-1, 0, 1)}
+    cuts |= set(range(ends[0], len(content), 3001))
     for size in sorted(cuts):
         folder = tmp_path / f'cut_{size}' / 'run'
         folder.mkdir(parents=True)
@@ -139,35 +138,6 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
         assert (connection.topic, connection.msgtype) == ('/chatter', 'std_msgs/msg/String')
         (qos,) = connection.ext.offered_qos_profiles
         assert (qos.depth, qos.reliability.name) == (7, 'BEST_EFFORT')
-
-
-@pytest.mark.parametrize(
-    ('name', 'content', 'expected'),
-    [
-        (
-            'no.mcap',
-            b'solid nut\nfacet',
-            "log '{}' is damaged, or not an MCAP file: it begins with b'solid nu'",
-        ),
-        ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
-    ],
-)
-def test_invalid_logs_are_rejected_unchanged(tmp_path, name, content, expected):
-    path = tmp_path / name
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(LogError) as caught:
-        recover_log(path)
-    hint = '; expected the folder of a run, or an .mcap file'
-    assert str(caught.value) == expected.format(path) + hint
-    assert content is None or path.read_bytes() == content
-
-
-def test_folder_with_two_files_is_rejected(tmp_path):
-    for name in 'ab':
-        (tmp_path / f'{name}.mcap').touch()
-    with pytest.raises(LogError, match=r'expected one \.mcap file, .*, found 2 files$'):
-        recover_log(tmp_path)
 
 
 def test_pipe_is_rejected_without_waiting(tmp_path):
@@ -241,10 +211,8 @@ for i in range(10**9):
 """
 
 
-@pytest.mark.parametrize(
-    'moment',
-    [pytest.param(k, marks=[pytest.mark.slow] if k >= 3 else []) for k in range(20)],
-)
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('moment', range(10))
 def test_kill_loses_at_most_one_batch(tmp_path, moment):
     rest = random.Random(moment).uniform(0, 0.2)
     command = [sys.executable, '-c', WRITE_UNTIL_KILLED, str(tmp_path)]

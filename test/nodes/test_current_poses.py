@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
@@ -44,58 +43,14 @@ def shows(shown, expected):
     return shown and [numbers(pose) for pose in shown[-1].poses] == expected
 
 
-# Over DDS, from drops
-
-
-@pytest.mark.parametrize(
-    'drops',
-    [30, 270],
-)
-def test_poses_are_the_newest_of_the_newest_run(suite, drops):
+def test_poses_are_the_newest_of_the_newest_run(suite):
     batches = suite.client.poses()
     shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
     for part in ('tetrahedron', 'l_bracket'):
-        expected = drop_and_wait(suite.client, batches, part, drops)[-MAX_SHOWN:]
-        assert len(expected) > drops / 4
+        expected = drop_and_wait(suite.client, batches, part, 270)[-MAX_SHOWN:]
         suite.client.wait(partial(shows, shown, expected), f'poses of {part}')
         assert shown[-1].header.frame_id == 'tray'
         assert shown[-1].header.stamp in [batch.header.stamp for batch in batches]
-
-
-# Over DDS, from given poses
-
-
-@pytest.fixture
-def current(connect, namespace):
-    """Create the publisher on a separate node, and receive its messages."""
-    client, listener = connect(namespace), connect(namespace)
-    poses = CurrentPosesPublisher(client.node, lambda: None)
-
-    class Current:
-        take = staticmethod(poses.take)
-        publish = staticmethod(poses.publish)
-        spin = staticmethod(listener.spin)
-
-        @staticmethod
-        def listen():
-            received = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
-            topic = f'{namespace}/{CURRENT_POSES}'
-            listener.wait(lambda: listener.node.count_publishers(topic), 'publisher')
-            client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
-            return received
-
-        @staticmethod
-        def newest_coordinates(received, count):
-            """Return the first coordinates of the newest message."""
-
-            def whole():
-                poses.publish()
-                return len(received) == count
-
-            listener.wait(whole, f'{count} messages')
-            return [pose.position.x for pose in received[-1].poses]
-
-    return Current
 
 
 def batch(first, status):
@@ -112,19 +67,34 @@ def batch(first, status):
     )
 
 
-def test_only_settled_drops_up_to_the_maximum_are_shown(current):
-    received = current.listen()
+def test_only_settled_drops_up_to_the_maximum_are_shown(connect, namespace):
+    client, listener = connect(namespace), connect(namespace)
+    current = CurrentPosesPublisher(client.node, lambda: None)
+    received = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
+    topic = f'{namespace}/{CURRENT_POSES}'
+    client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
+
+    def newest(count):
+        """Return the first coordinates of the newest of a number of messages."""
+
+        def whole():
+            current.publish()
+            return len(received) == count
+
+        listener.wait(whole, f'{count} messages')
+        return [pose.position.x for pose in received[-1].poses]
+
     S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
     current.take('a', batch(0, [S, U, S, F]), Time(sec=1))
-    assert current.newest_coordinates(received, 1) == [0, 2]
+    assert newest(1) == [0, 2]
     current.take('a', batch(4, [F, S]), Time(sec=2))
-    assert current.newest_coordinates(received, 2) == [0, 2, 5]
+    assert newest(2) == [0, 2, 5]
     current.take('a', batch(6, [S] * (MAX_SHOWN - 2)), Time(sec=3))
-    assert current.newest_coordinates(received, 3) == [2, 5, *range(6, 6 + MAX_SHOWN - 2)]
+    assert newest(3) == [2, 5, *range(6, 6 + MAX_SHOWN - 2)]
     current.take('a', batch(500, [S] * (MAX_SHOWN + 7)), Time(sec=4))
-    assert current.newest_coordinates(received, 4) == list(range(507, 507 + MAX_SHOWN))
+    assert newest(4) == list(range(507, 507 + MAX_SHOWN))
     current.take('b', batch(0, [U, S]), Time(sec=5))
-    assert current.newest_coordinates(received, 5) == [1]
+    assert newest(5) == [1]
     current.take('c', batch(0, [F]), Time(sec=6))
-    assert current.newest_coordinates(received, 6) == []
+    assert newest(6) == []
     assert [message.header.stamp.sec for message in received] == [1, 2, 3, 4, 5, 6]

@@ -1,4 +1,4 @@
-"""The diagnostics of each node, also with a full disk."""
+"""The diagnostics of each node, also with a full disk, without a simulator, and of duplicates."""
 
 import re
 
@@ -12,7 +12,7 @@ from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite):
-    return fresh_suite()
+    return fresh_suite({'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 1.0}})
 
 
 @pytest.fixture(scope='module')
@@ -79,6 +79,62 @@ def test_missing_and_uncounted_drops_are_reported(
     )
 
 
+CONSUMERS = ('aspect_classifier', 'drop_recorder')
+
+
+def test_replayer_counts_as_a_source_of_poses(
+    suite, diagnostics, start, batches, write_log, tmp_path_factory, wait
+):
+    suite.nodes['drop_simulator'].end()
+    for node in CONSUMERS:
+        diagnostics.wait(
+            node, lambda *status: status[:2] == (DiagnosticStatus.WARN, 'no drop_simulator'), ''
+        )
+    log = write_log(tmp_path_factory.mktemp('replayed'), batches(2))
+    replayer = start('log_replayer', suite.namespace, {'log': log})
+    for node in CONSUMERS:
+        diagnostics.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
+    replayer.end()
+    suite.start_again('drop_simulator')
+
+
+@pytest.mark.parametrize(
+    ('node', 'level', 'expected'),
+    [
+        ('drop_simulator', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
+        ('drop_recorder', DiagnosticStatus.WARN, 'each writes a log of every run'),
+    ],
+)
+def test_duplicate_nodes_report_each_other(
+    start, connect, diagnostics_of, namespace, few_parts, tmp_path, node, level, expected
+):
+    client = connect(namespace)
+    diagnostics = diagnostics_of(client)
+    folders = map(str, (tmp_path / 'a', tmp_path / 'b', tmp_path / 'c'))
+    parts = {'parts_folder': few_parts('tetrahedron')}
+
+    def begin():
+        parameters = {'log_folder': next(folders)} if node == 'drop_recorder' else parts
+        return start(node, namespace, parameters, {'ros.discovery.DUPLICATE_DELAY': 0.5})
+
+    expected = f'2 {node}s in namespace {namespace}: {expected}'
+    first, second = begin(), begin()
+    for each in (first, second):
+        client.wait(lambda each=each: expected in each.output, 'message in the output')
+    assert diagnostics.wait(node, lambda _, m, __: m != 'idle', 'diagnosis')[:2] == (
+        level,
+        expected,
+    )
+    second.end()
+    diagnostics.wait(
+        node, lambda *status: status[:2] == (DiagnosticStatus.OK, 'idle'), 'alone again'
+    )
+    assert first.output.count(expected) == 1
+    begin()
+    client.wait(lambda: first.output.count(expected) == 2, 'message again')
+
+
+# Last: it leaves an error.
 def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
     # A log that is closed later would end the error.
     diagnostics.forget()

@@ -25,16 +25,7 @@ def received(suite):
 
 @pytest.fixture(scope='module')
 def batches_of(suite, received):
-    """Wait for the last batch of a run, and return all of them."""
-
-    def batches_of(run_id):
-        def batches():
-            return [batch for batch in received if batch.run.run_id == run_id]
-
-        suite.client.wait(lambda: any(b.last for b in batches()), f'end of run {run_id}')
-        return batches()
-
-    return batches_of
+    return functools.partial(suite.client.batches_of, received)
 
 
 @pytest.fixture(scope='module')
@@ -67,7 +58,7 @@ def assert_same_poses(batches, expected):
         np.testing.assert_array_equal(getattr(poses, field.name), getattr(expected, field.name))
 
 
-def test_result_counts_every_drop(drop, batches):
+def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
     result = drop.result
     assert drop.outcome == 'succeeded'
     assert result.status == Status(code=Status.OK)
@@ -78,9 +69,6 @@ def test_result_counts_every_drop(drop, batches):
     assert result.failed == codes.count(RestingPosesMsg.FAILED)
     assert result.settled + result.unsettled + result.failed == DROPS
     assert result.settled > 0
-
-
-def test_messages_are_consecutive(batches):
     ends = [batch.first_drop + len(batch.status) for batch in batches]
     assert [batch.first_drop for batch in batches] == [0, *ends[:-1]]
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]

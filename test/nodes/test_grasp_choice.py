@@ -11,13 +11,13 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
 from resting_aspects_ros.feeding.image_advice import advise_image
 from resting_aspects_ros.feeding.tray_state import Detection, Image
-from resting_aspects_ros.nodes.feeder_controller.messages import (
+from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
-    pick_msgs,
     pickable_ids,
     read_fed_part,
     settings_from,
 )
+from resting_aspects_ros.nodes.feeder_controller.node import pick_msgs
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -143,3 +143,17 @@ def test_class_that_was_never_seen_has_no_rate_and_is_picked(fed, evidence, sett
     assert model.values.rate == 0
     assert len(advise_image(Image(1, 1, 'tray', (seen(0, 0.0, 0.0),)), fed, model).picks) == 1
     assert advise_image(Image(1, 1, 'tray', ()), fed, model).supply > 0
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('part', 'a nut'),
+        ('pickable_classes', [0, 2]),
+        ('tray', [0.2, math.nan]),
+        ('action', 'a flip'),
+    ],
+)
+def test_invalid_setting_is_rejected(name, value):
+    with pytest.raises(InvalidValueError, match=f'invalid {name} '):
+        settings_from({**DEFAULTS, name: value})

@@ -8,9 +8,8 @@ from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
-from resting_aspects_ros.errors import LogError, RestingAspectsError
+from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.topics import (
     DISTRIBUTION_TYPE,
@@ -111,40 +110,14 @@ def test_log_without_the_first_drops_is_rejected(write, given, expected):
         load_log(write(whole=False, **given))
 
 
-def test_recovered_log_is_used(write):
-    log = write()
+def test_unclosed_and_inconsistent_logs_are_rejected(write):
+    log = write(change=lambda message: setattr(message, 'drops', 1))
+    with pytest.raises(InvalidValueError):
+        load_log(log)
     (file,) = log.glob('*.mcap')
     file.write_bytes(file.read_bytes()[:-100])
-    with pytest.raises(
-        LogError, match='it is not closed: repair it with "resting_aspects recover"'
-    ):
+    with pytest.raises(LogError, match='it is not closed'):
         load_log(log)
-    assert main(['recover', str(log)]) == 0
-    assert load_log(log)[1].drops == 125
-
-
-def odd(field, value):
-    def change(message):
-        entry, _, name = field.rpartition('.')
-        setattr(message.aspects[0] if entry else message, name, value)
-
-    return change
-
-
-@pytest.mark.parametrize(
-    'change',
-    [
-        odd('aspects', []),
-        odd('aspects.sweep', 200),
-        odd('aspects.count', 2**63),
-        odd('interval', 'bogus'),
-        odd('confidence', 7.0),
-        odd('drops', 1),
-    ],
-)
-def test_inconsistent_distribution_is_rejected(write, change):
-    with pytest.raises(RestingAspectsError):
-        load_log(write(change=change))
 
 
 def test_newest_log_of_each_part_is_read_first(tmp_path):

@@ -14,14 +14,9 @@ from resting_aspects_ros.ros.interface import LATCHED, POSES
 # Fields of a batch and their invalid values.
 ODD_BATCHES = [
     ('orientation', math.nan),
-    ('position', math.inf),
-    ('status', 77),
     ('run.part', '../../etc/x'),
     ('run.run_id', '../../x'),
-    ('run.run_id', 'a' * 300),
-    ('run.drops', 0),
     ('first_drop', 2**64 - 1),
-    ('run.first_drop', 2**64 - 1),
     ('run.conditions.height', math.nan),
 ]
 
@@ -80,11 +75,16 @@ def test_invalid_batch_is_ignored_and_the_next_is_counted(
     # A topic whose name is not a valid part name.
     publisher = client.node.create_publisher(PartDescription, 'parts/Zz', LATCHED)
     publisher.publish(part_msg(part('tetrahedron')))
+    # A description of another part.
+    strange = client.node.create_publisher(PartDescription, 'parts/zz', LATCHED)
+    strange.publish(part_msg(part('tetrahedron')))
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
     for turn in ('first', 'second'):
         for k, (path, value) in enumerate(ODD_BATCHES):
             out.publish(changed(batch(f'odd_{turn}_{k}'), path, value))
-        out.publish(batch(f'good_{turn}'))
+        good = batch(f'good_{turn}')
+        good.header.stamp.sec = -5  # a log has no times before the epoch
+        out.publish(good)
         log_of(client, tmp_path, f'good_{turn}')
 
     assert client.known('tetrahedron', 250, surface='rubber_mat').drops == 250
@@ -96,19 +96,6 @@ def test_invalid_batch_is_ignored_and_the_next_is_counted(
         # Each kind of error is logged once for any number of messages.
         error = f'ignored a message on {namespace}/resting_poses: invalid orientation'
         assert node.output.count(error) == 1, node.output
-
-
-def test_recorder_ignores_invalid_messages(
-    start, client, namespace, batch, described, part, tmp_path
-):
-    recorder = start('drop_recorder', namespace, {'log_folder': tmp_path})
-    strange = client.node.create_publisher(PartDescription, 'parts/zz', LATCHED)
-    message = part_msg(part('tetrahedron'))
-    message.name = '../z'
-    strange.publish(message)
-    client.wait(lambda: "invalid description of part 'zz'" in recorder.output, 'word of it')
-    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
-    good = batch('good')
-    good.header.stamp.sec = -5
-    out.publish(good)
-    log_of(client, tmp_path, 'good')
+        client.wait(
+            lambda node=node: "invalid description of part 'zz'" in node.output, 'refused part'
+        )

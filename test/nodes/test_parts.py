@@ -42,12 +42,6 @@ def listed(suite):
     return listed
 
 
-def test_parts_are_listed_by_name_with_their_hashes(listed, folder):
-    parts = listed('box_10x20x30', 'tetrahedron')
-    for name, summary in parts.items():
-        assert summary.part_sha256 == PartLibrary(folder).load(name).part_sha256
-
-
 @pytest.fixture
 def answers(suite):
     """Wait until a request is answered with a status, when the classifier has read the parts."""
@@ -67,7 +61,7 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
     before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
     suite.client.wait(lambda: received, 'description of the new part')
-    assert received[-1].part_sha256 == before
+    assert received[-1].part_sha256 == before == PartLibrary(folder).load('hex_nut').part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')

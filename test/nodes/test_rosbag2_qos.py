@@ -2,12 +2,8 @@
 
 from pathlib import Path
 
-import pytest
-import rclpy
 import yaml
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from resting_aspects_interfaces.msg import RestingPoses
 
 from resting_aspects_ros.ros import interface
 
@@ -44,39 +40,3 @@ def test_deep_topics_are_overridden_with_their_qos():
     assert overrides() == {
         topic: qos for topic, qos in published.items() if qos.depth > ROSBAG2_DEPTH
     }
-
-
-@pytest.mark.parametrize('count', [48, 150])
-def test_late_subscriber_with_overrides_gets_all_batches(wait, count):
-    profile = overrides()['/resting_poses']
-    default = QoSProfile(depth=ROSBAG2_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    received, kept = [], []
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    try:
-        node = rclpy.create_node('rosbag2_qos', context=context, namespace=f'qos_{count}')
-        publisher = node.create_publisher(RestingPoses, 'resting_poses', interface.POSES)
-        for k in range(count):
-            publisher.publish(RestingPoses(first_drop=k))
-        node.create_subscription(
-            RestingPoses, 'resting_poses', lambda message: kept.append(message.first_drop), default
-        )
-        node.create_subscription(
-            RestingPoses,
-            'resting_poses',
-            lambda message: received.append(message.first_drop),
-            profile,
-        )
-        assert publisher.wait_for_all_acked()
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        wait(
-            lambda: count - 1 in received and count - 1 in kept,
-            'the last batch',
-            step=lambda: executor.spin_once(0.1),
-        )
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)
-    assert received == list(range(count))
-    assert len(kept) < count  # so the overrides are needed

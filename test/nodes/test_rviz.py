@@ -35,12 +35,9 @@ def displays(manager):
     return {each['Topic']['Value']: each for each in manager['Displays'] if 'Topic' in each}
 
 
-def test_config_shows_markers_and_current_poses(displays):
-    assert set(displays) == {'markers', 'surroundings_markers', 'current_poses'}
-    assert all(display['Enabled'] for display in displays.values())
-
-
 def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
+    assert set(displays) == {'markers', 'surroundings_markers', 'current_poses'}  # relative
+    assert all(display['Enabled'] for display in displays.values())
     for topic, display in displays.items():
 
         def publishers(topic=topic):
@@ -57,10 +54,6 @@ def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
         assert POLICIES['Durability Policy'][asked['Durability Policy']] == offered.durability
         assert asked['History Policy'] in POLICIES['History Policy']
         assert asked['Depth'] == LATCHED.depth
-
-
-def test_topics_are_relative(displays):
-    assert not [topic for topic in displays if topic.startswith('/')]
 
 
 def test_frame_and_namespaces_match_the_messages(suite, manager, displays):

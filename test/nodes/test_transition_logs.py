@@ -7,7 +7,6 @@ from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status, TransitionMatrix
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
@@ -124,15 +123,6 @@ def test_log_that_was_cut_off_keeps_its_complete_messages(write, result, ended, 
     assert len(list(messages(cut, TRANSITIONS_TYPE))) == 2
     assert load_log(cut).ended == ended
     assert recorded_outcome(cut) == LogOutcome(20, whole=ended)
-
-
-def test_matrix_of_another_numbering_is_not_used(write, result):
-    message = matrix(result)
-    message.aspect_numbering = ASPECT_NUMBERING + 1
-    log = write(message)
-    log.close(whole=False)
-    with pytest.raises(InvalidValueError, match=f'expected {ASPECT_NUMBERING}'):
-        load_log(log.folder)
 
 
 def test_log_of_actions_has_no_drops(write, result):

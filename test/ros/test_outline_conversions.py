@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from resting_aspects_interfaces.msg import Outline, PartCandidate
+from resting_aspects_interfaces.msg import Outline
 from resting_aspects_interfaces.srv import IdentifyPart
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.identify import identify_part, known_part, locate_part
+from resting_aspects_ros.api.identify import identify_part, known_part
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.report.outlines import outlines_document
 from resting_aspects_ros.ros.outline_conversions import (
@@ -18,7 +18,6 @@ from resting_aspects_ros.ros.outline_conversions import (
     outlines_msg,
     polygon_from,
     polygon_msgs,
-    pose_fields,
 )
 from resting_aspects_ros.vision.identification import observed_polygon
 
@@ -98,13 +97,6 @@ def test_polygon_with_a_hole_is_sent_unchanged():
     assert again.symmetric_difference(polygon).area < ROUNDING * polygon.length
 
 
-def test_empty_polygon_is_converted():
-    request = IdentifyPart.Request()
-    found = polygon_from(request.outer, request.holes)
-    assert found['outer'].shape == (0, 2)
-    assert found['holes'] == []
-
-
 def test_candidates_contain_all_poses(part):
     known = known_part(part('box_10x20x30'))
     for candidate in identify_part(known.outlines[0].polygon, known).candidates:
@@ -118,17 +110,6 @@ def test_candidates_contain_all_poses(part):
         assert tuple(found.aspects) == candidate.aspects
         assert set(found.pose_aspects) == set(candidate.aspects)
         check_poses(found, candidate.poses)
-
-
-@pytest.mark.parametrize('yaw_known', [True, False])
-def test_unknown_yaw_of_poses_is_stated(part, yaw_known):
-    poses = [
-        dataclasses.replace(pose, yaw_known=yaw_known)
-        for pose in locate_part(part('box_10x20x30'), 3, 0.1, 0.2, 0.3)
-    ]
-    found = over_the_wire(PartCandidate(**pose_fields(poses)))
-    assert found.yaw_known == yaw_known
-    check_poses(found, poses)
 
 
 def check_poses(message, poses):

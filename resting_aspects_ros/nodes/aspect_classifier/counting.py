@@ -1,4 +1,4 @@
-"""Counts of drops: tallies by sequence, from the messages on resting_poses and from logs."""
+"""Counts of drops by sequence, from resting_poses and from logs, and their model ranges."""
 
 import dataclasses
 import time
@@ -7,19 +7,26 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rclpy.node import Node
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
 from resting_aspects_ros.api.conditions import surroundings_text, without_drops
+from resting_aspects_ros.api.model_range import missing_in, model_range_of
 from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import guarded_task, sleep_for, subscribe
+from resting_aspects_ros.ros.callbacks import sleep_for, start_task, subscribe
 from resting_aspects_ros.ros.conversions import poses_from, run_from
-from resting_aspects_ros.ros.diagnostics import RateCounter
-from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
+from resting_aspects_ros.ros.diagnostics import (
+    RateCounter,
+    active_runs_text,
+    count_text,
+    run_values,
+)
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, POSES, RESTING_POSES
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
 from resting_aspects_ros.simulation.job import MAX_DROPS, RunDescription
 from resting_aspects_ros.statistics.distribution import (
     ContactCounts,
@@ -33,7 +40,6 @@ from resting_aspects_ros.statistics.poses import IndexRanges, RestingPoses
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.aspect_classifier.known import LogLoader, PartRegistry
-    from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
     from resting_aspects_ros.nodes.aspect_classifier.publishers import DistributionPublisher
 
 # Maximum number of tallies that are kept, and of those whose part has not been described.
@@ -419,6 +425,50 @@ def _most_drops(tally: Tally) -> tuple[int, int, str]:
     return tally.drops, *_start_order(tally)
 
 
+class ModelRanges:
+    """Adds the model range to distributions; a failure is logged, and the range is then missing.
+
+    Parameters
+    ----------
+    surfaces : with the uncertainty of their conditions, which no message has
+    worker : makes the drops over this uncertainty
+    """
+
+    def __init__(
+        self, node: Node, parts: 'PartRegistry', surfaces: Surfaces, worker: FileWorker
+    ) -> None:
+        self._node = node
+        self._parts = parts
+        self._surfaces = surfaces
+        self._worker = worker
+        self._active: dict[int, Future] = {}  # by the id of the distribution
+
+    async def add(self, tally: Tally) -> None:
+        """Add the range of the drops that are counted now, unless it is known."""
+        given, run = tally.counted, tally.run
+        missing = given.model is None and given.drops and not missing_in(run, self._surfaces)
+        if not missing or self._parts.aspects(run.part_sha256) is None:
+            return
+        if (active := self._active.get(id(given))) is not None:
+            await active
+            return
+        finished = self._active[id(given)] = Future(executor=self._node.executor)
+        try:
+            part, _ = self._parts.version(run.part_sha256)
+            found = await self._worker.run(model_range_of, given, part, run, self._surfaces)
+        except RestingAspectsError as error:
+            self._node.get_logger().warning(
+                f'the model range of run {run.run_id} is missing: {error}'
+            )
+            return
+        finally:
+            del self._active[id(given)]
+            finished.set_result(None)
+        if tally.distribution is given:
+            # Only the range: the worker has copies of the aspects.
+            tally.distribution = dataclasses.replace(given, model=found.model)
+
+
 # Time without a message after which a run no longer counts as active, s.
 IDLE = 60.0
 # Interval of checks whether the logs have been read, s.
@@ -449,7 +499,7 @@ class DropCounter:
         outputs: 'DistributionPublisher',
         logs: 'LogLoader',
         client: DropClient,
-        ranges: 'ModelRanges',
+        ranges: ModelRanges,
     ) -> None:
         self._node = node
         self._parts = parts
@@ -458,8 +508,6 @@ class DropCounter:
         self._outputs = outputs
         self._logs = logs
         self._client = client
-        self._request = guarded_task(node, 'missing drops are not requested', self._request_again)
-        self._complete = guarded_task(node, 'a distribution is missing', self._add_range)
         self._gone = False  # whether it was logged that the source of active runs is gone
         self.drops = RateCounter()
         subscribe(node, RestingPosesMsg, RESTING_POSES, self._receive, POSES)
@@ -477,8 +525,8 @@ class DropCounter:
         self.drops.add(tally.add(run, poses, last=message.last))
         self._update(tally)
         if message.last and tally.missing():
-            assert self._node.executor is not None  # it calls this
-            self._node.executor.create_task(self._request, tally, run)
+            failure = 'missing drops are not requested'
+            start_task(self._node, failure, self._request_again, tally, run)
 
     def _update(self, tally: Tally) -> None:
         """Count the waiting drops of a tally, if the aspects of its part are known."""
@@ -489,8 +537,7 @@ class DropCounter:
             self._outputs.change(tally)
             return
         tally.awaits_range = True
-        assert self._node.executor is not None  # it calls this
-        self._node.executor.create_task(self._complete, tally)
+        start_task(self._node, 'a distribution is missing', self._add_range, tally)
 
     async def _add_range(self, tally: Tally) -> None:
         """Publish the distribution of a run that has ended, with its model range."""

@@ -3,7 +3,7 @@
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, TransitionMatrix
-from resting_aspects_interfaces.srv import GetTransitions
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
@@ -34,10 +33,10 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
 )
+from resting_aspects_ros.ros.diagnostics import count_text
 from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.status import NotAvailableError, unknown_part
 from resting_aspects_ros.ros.transition_conversions import (
@@ -71,6 +70,8 @@ class PartRegistry:
     ----------
     files : reads descriptions, so that a mesh cannot block the node
     changed : called with the part when a description has been read
+    simulator_is_ready : returns whether a simulator offers parts
+    check_ready : raises NotAvailableError while the node is not ready for requests
     """
 
     def __init__(
@@ -78,10 +79,14 @@ class PartRegistry:
         node: Node,
         files: FileWorker,
         changed: Callable[[Part], None],
+        simulator_is_ready: Callable[[], bool],
+        check_ready: Callable[[], None],
     ) -> None:
         self._node = node
         self._files = files
         self._changed = changed
+        self.simulator_is_ready = simulator_is_ready
+        self._check_ready = check_ready
         self._newest: dict[str, bytes] = {}  # by name: the description that is being read
         self._described: dict[str, bytes] = {}  # by name: hash of the description read last
         self._parts: dict[str, Part] = {}
@@ -157,14 +162,16 @@ class PartRegistry:
         """Return a version of a part that has been read, and its aspects."""
         return self._versions[part_sha256]
 
-    async def usable(self, name: str, simulator_is_ready: Callable[[], bool]) -> dict[str, Part]:
+    async def usable(self, name: str) -> dict[str, Part]:
         """Return the parts that can be requested, by name; waits for the named part to arrive.
 
         Without a simulator, no part is offered, and the result contains the parts offered before.
-        Raises PartError if the part is offered but cannot be used.
+        Raises PartError if the part is offered but cannot be used, and NotAvailableError while the
+        node is not ready.
         """
+        self._check_ready()
         while True:
-            is_ready = simulator_is_ready()
+            is_ready = self.simulator_is_ready()
             if is_ready and not self._simulator_was_ready:
                 self._last_arrival = time.monotonic()  # its parts are not discovered yet
             self._simulator_was_ready = is_ready
@@ -176,12 +183,12 @@ class PartRegistry:
                 return dict(parts)
             await sleep_for(self._node, CHECK_PERIOD)
 
-
-def requested_part(parts: Mapping[str, Part], name: str) -> Part:
-    """Return a part by name; raises UnknownPartError, which lists the known parts."""
-    if name in parts:
-        return parts[name]
-    raise unknown_part(name, parts)
+    async def requested(self, name: str) -> Part:
+        """Return a part by name; raises as ``usable``, or UnknownPartError with the parts."""
+        parts = await self.usable(name)
+        if name in parts:
+            return parts[name]
+        raise unknown_part(name, parts)
 
 
 # Maximum number of kept matrices.
@@ -231,14 +238,15 @@ class TransitionStore:
         publisher.publish(newest)
         self._published[part] = (publisher, newest.run.run_id)
 
-    async def answer(
-        self, request: GetTransitions.Request, simulator_is_ready: Callable[[], bool]
-    ) -> TransitionMatrix:
-        """Return the requested matrix; raises RestingAspectsError."""
-        name, action = request.part, request.action
-        offered = await self._parts.usable(name, simulator_is_ready)
+    async def newest(self, name: str, action: str) -> TransitionMatrix:
+        """Return the matrix that a request names; any action if it is empty.
+
+        Raises RestingAspectsError.
+        """
+        offered = await self._parts.usable(name)
         of_part = self._of(name, offered[name].part_sha256 if name in offered else '')
-        if name not in offered and (simulator_is_ready() or (offered and not of_part)):
+        is_ready = self._parts.simulator_is_ready()
+        if name not in offered and (is_ready or (offered and not of_part)):
             raise unknown_part(name, offered)
         known = [each for each in of_part if action in ('', each.action.name)]
         if known:

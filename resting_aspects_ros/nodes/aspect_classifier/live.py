@@ -19,7 +19,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
-from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task
+from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task, start_task
 from resting_aspects_ros.ros.count_conversions import (
     add_action,
     add_drift,
@@ -208,7 +208,6 @@ class LiveMonitor:
         self._waiting: deque[tuple[str, ObservedCountsMsg]] = deque(maxlen=MAX_WAITING)
         self._outputs: dict[str, Publisher] = {}
         self._updating = False
-        self._update_one = guarded_task(node, 'a posterior is not published', self._update_part)
         TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
         self._timer = WorkTimer(node, PERIOD, 'counts are not used', self._start_update)
 
@@ -289,13 +288,13 @@ class LiveMonitor:
         self._take_waiting()
         if self._live and not self._updating:
             self._updating = True
-            assert self._node.executor is not None  # it calls this
-            self._node.executor.create_task(self._update_all)
+            start_task(self._node, 'posteriors are not published', self._update_all)
         return bool(self._live or self._waiting)
 
     async def _update_all(self) -> None:
         for name in list(self._live):
-            await self._update_one(name)
+            update = guarded_task(self._node, 'a posterior is not published', self._update_part)
+            await update(name)
         self._updating = False
 
     async def _update_part(self, name: str) -> None:

@@ -1,24 +1,25 @@
 """The aspect_classifier node: counts resting poses by aspect and answers requests."""
 
-import math
 import sys
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import PartDescription, Status
+from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
-from resting_aspects_ros.nodes.aspect_classifier.counting import DropCounter, Tallies, Tally
+from resting_aspects_ros.nodes.aspect_classifier.counting import (
+    DropCounter,
+    ModelRanges,
+    Tallies,
+    Tally,
+)
 from resting_aspects_ros.nodes.aspect_classifier.known import (
     LogLoader,
     PartRegistry,
     TransitionStore,
-    requested_part,
 )
 from resting_aspects_ros.nodes.aspect_classifier.live import LIVE_PARAMETERS, LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
 from resting_aspects_ros.nodes.aspect_classifier.outlines import (
     IdentificationService,
     OutlineStore,
@@ -32,13 +33,12 @@ from resting_aspects_ros.nodes.aspect_classifier.services import (
     ForecastService,
     answer_pose,
 )
-from resting_aspects_ros.nodes.drop_client import DropClient
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
-from resting_aspects_ros.ros.conversions import status
+from resting_aspects_ros.ros.callbacks import start_task, steady_timer
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.goal_client import DropClient
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
@@ -53,7 +53,7 @@ from resting_aspects_ros.ros.requested_conditions import (
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
+from resting_aspects_ros.ros.status import NotAvailableError, serve
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 
@@ -78,8 +78,7 @@ class AspectClassifier(Node):
 
     Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers,
     surroundings_markers and current_poses, and known transitions/<part>. Serves
-    get_distribution, get_transitions, classify_pose, identify_part, locate_part, forecast and
-    list_parts.
+    get_distribution, get_transitions, classify_pose, identify_part and forecast.
 
     Parameters
     ----------
@@ -91,14 +90,16 @@ class AspectClassifier(Node):
         values = declare(self, PARAMETERS)
         surfaces = all_surfaces(values['surfaces_file'])
         self._files = FileWorker(self)
-        self._parts = PartRegistry(self, self._files, self._on_part_read)
+        self._worker = FileWorker(self, MAX_SECONDS)  # of model ranges, drift tests and forecasts
+        self._client = DropClient(self)
+        self._parts = PartRegistry(
+            self, self._files, self._on_part_read, self._client.is_ready, self._check_ready
+        )
         self._known = Tallies(self._parts.aspects)
         folder = Path(values['log_folder']) if values['log_folder'] else None
         self._transitions = TransitionStore(self, self._parts)
         self._logs = LogLoader(self, folder, self._files, self._known, self._transitions)
         self._outputs = DistributionPublisher(self, self._parts, self._files)
-        self._client = DropClient(self)
-        self._worker = FileWorker(self, MAX_SECONDS)  # of model ranges, drift tests and forecasts
         self._ranges = ModelRanges(self, self._parts, surfaces, self._worker)
         self._counter = DropCounter(
             self, self._parts, self._known, self._outputs, self._logs, self._client, self._ranges
@@ -114,12 +115,11 @@ class AspectClassifier(Node):
             self._ranges,
         )
         self._outlines = OutlineStore(self, self._files, self._parts, self._newest)
-        ready = self._check_ready, self._client.is_ready
-        self._vision = IdentificationService(self, self._parts, self._outlines, *ready)
-        stored = self._parts, self._known, self._transitions
-        self._monitor = LiveMonitor(self, *stored, self._worker)
-        known = self._parts, self._transitions, self._monitor
-        ForecastService(self, *known, self._worker, *ready)
+        self._vision = IdentificationService(self, self._parts, self._outlines)
+        self._monitor = LiveMonitor(
+            self, self._parts, self._known, self._transitions, self._worker
+        )
+        ForecastService(self, self._parts, self._transitions, self._monitor, self._worker)
         self._discovery = TopicDiscovery(
             self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
@@ -140,7 +140,8 @@ class AspectClassifier(Node):
     def _load_logs(self) -> None:
         """Read the logs of earlier runs."""
         self.destroy_timer(self._start)
-        self._execute(self._logs.load, self._on_logs_read)
+        failure = 'the results of earlier runs are not published'
+        start_task(self, failure, self._logs.load, self._on_logs_read)
 
     def _on_logs_read(self) -> None:
         """Publish known results and diagnostics, and log that the node is ready."""
@@ -154,15 +155,11 @@ class AspectClassifier(Node):
         if not self._logs.ready:
             raise NotAvailableError(self._logs.state)
 
-    def _execute(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
-        assert self.executor is not None  # this is called by it
-        self.executor.create_task(task, *arguments)
-
     # Topics
 
     def _on_description(self, name: str, data: bytes) -> None:
-        describe = guarded_task(self, f'ignored a description of {name}', self._parts.describe)
-        self._execute(describe, name, data)
+        failure = f'ignored a description of {name}'
+        start_task(self, failure, self._parts.describe, name, data)
 
     def _on_part_read(self, part: Part) -> None:
         for run in self._known.remove_inconsistent(part.part_sha256):
@@ -179,7 +176,7 @@ class AspectClassifier(Node):
             return
         self._outlines.update(name, part_sha256)
         if (known := self._known.newest(part_sha256)) is not None:
-            self._execute(self._restore, known)
+            start_task(self, 'an earlier distribution is not published', self._restore, known)
         self._transitions.publish(name)
 
     async def _restore(self, known: Tally) -> None:
@@ -206,33 +203,19 @@ class AspectClassifier(Node):
 
     async def _get_distribution(
         self, request: GetDistribution.Request, response: GetDistribution.Response
-    ) -> GetDistribution.Response:
-        with status_from_errors(GET_DISTRIBUTION, response, self.get_logger().error):
-            self._check_ready()
-            response.distribution = await self._answers.answer(request)
-            response.status = status(Status.OK)
-        return response
+    ) -> None:
+        response.distribution = await self._answers.answer(request)
 
     async def _get_transitions(
         self, request: GetTransitions.Request, response: GetTransitions.Response
-    ) -> GetTransitions.Response:
-        with status_from_errors(GET_TRANSITIONS, response, self.get_logger().error):
-            self._check_ready()
-            response.transitions = await self._transitions.answer(request, self._client.is_ready)
-            response.status = status(Status.OK)
-        return response
+    ) -> None:
+        response.transitions = await self._transitions.newest(request.part, request.action)
 
     async def _classify_pose(
         self, request: ClassifyPose.Request, response: ClassifyPose.Response
-    ) -> ClassifyPose.Response:
-        response.probability = response.angle = math.nan
-        with status_from_errors(CLASSIFY_POSE, response, self.get_logger().error):
-            self._check_ready()
-            parts = await self._parts.usable(request.part, self._client.is_ready)
-            part = requested_part(parts, request.part)
-            aspects = self._parts.version(part.part_sha256)[1]
-            answer_pose(request, response, aspects, self._newest(part.part_sha256))
-        return response
+    ) -> None:
+        sha = (await self._parts.requested(request.part)).part_sha256
+        answer_pose(request, response, self._parts.version(sha)[1], self._newest(sha))
 
 
 def main() -> int:

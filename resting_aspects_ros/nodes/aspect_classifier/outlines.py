@@ -1,7 +1,6 @@
 """The outlines of the parts, and the service identify_part."""
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -12,17 +11,16 @@ import numpy.typing as npt
 from geometry_msgs.msg import Point
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from resting_aspects_interfaces.msg import PartOutlines, Status
+from resting_aspects_interfaces.msg import PartOutlines
 from resting_aspects_interfaces.srv import IdentifyPart
 
 from resting_aspects_ros.api.identify import PSEUDO_COUNT, identify_part, mirror_text
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
-from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, requested_part
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import advertise, await_future, guarded_task, serve
-from resting_aspects_ros.ros.conversions import status
+from resting_aspects_ros.ros.callbacks import advertise, await_future, guarded_task, start_task
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import (
@@ -30,7 +28,7 @@ from resting_aspects_ros.ros.outline_conversions import (
     outlines_msg,
     polygon_from,
 )
-from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
+from resting_aspects_ros.ros.status import NotAvailableError, serve
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.vision.fitting import OutlineNoise
@@ -102,8 +100,7 @@ class OutlineStore:
         self._waiting[name] = part_sha256
         if not self._computing:
             self._computing = True
-            assert self._node.executor is not None  # this is called by it
-            self._node.executor.create_task(self._compute_all)
+            start_task(self._node, 'no outlines', self._compute_all)
 
     def known_part(self, part: Part) -> KnownPart:
         """Return the outlines of a part with the current prior shares of its classes.
@@ -204,23 +201,12 @@ class IdentificationService:
     Parameters
     ----------
     outlines : the outlines of the parts, with their prior shares
-    check_ready : raises NotAvailableError while the node is not ready
-    simulator_is_ready : returns whether a simulator offers parts
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartRegistry,
-        outlines: OutlineStore,
-        check_ready: Callable[[], None],
-        simulator_is_ready: Callable[[], bool],
-    ) -> None:
+    def __init__(self, node: Node, parts: PartRegistry, outlines: OutlineStore) -> None:
         self._node = node
         self._parts = parts
         self._outlines = outlines
-        self._check_ready = check_ready
-        self._simulator_is_ready = simulator_is_ready
         self._threads = ThreadPoolExecutor(THREADS, 'identification')
         serve(node, IdentifyPart, IDENTIFY_PART, self._identify)
 
@@ -230,22 +216,18 @@ class IdentificationService:
 
     async def _identify(
         self, request: IdentifyPart.Request, response: IdentifyPart.Response
-    ) -> IdentifyPart.Response:
-        response.none_probability = response.touching_probability = math.nan
-        with status_from_errors(IDENTIFY_PART, response, self._node.get_logger().error):
-            self._check_ready()
-            polygon = await self._run(requested_polygon, request)
-            known = await self._known_parts(request.parts)
-            noise = OutlineNoise(request.noise) if request.noise != 0 else None
-            camera = requested_camera(request.camera)
-            found: Identification = await self._run(
-                partial(identify_part, polygon, known, noise=noise, camera=camera)
-            )
-            response.candidates = [candidate_msg(each) for each in found.candidates]
-            response.none_probability = found.none
-            response.touching_probability = found.touching
-            response.status = status(Status.OK, mirror_text(found))
-        return response
+    ) -> None:
+        polygon = await self._run(requested_polygon, request)
+        known = await self._known_parts(request.parts)
+        noise = OutlineNoise(request.noise) if request.noise != 0 else None
+        camera = requested_camera(request.camera)
+        found: Identification = await self._run(
+            partial(identify_part, polygon, known, noise=noise, camera=camera)
+        )
+        response.candidates = [candidate_msg(each) for each in found.candidates]
+        response.none_probability = found.none
+        response.touching_probability = found.touching
+        response.status.message = mirror_text(found)
 
     async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Return the result of a function that runs in a thread."""
@@ -253,14 +235,10 @@ class IdentificationService:
 
     async def _known_parts(self, names: Iterable[str]) -> list[KnownPart]:
         """Return the named parts, or all that have outlines; raises RestingAspectsError."""
-        found: list[KnownPart] = []
         if named := list(dict.fromkeys(names)):
-            for name in named:
-                offered = await self._parts.usable(name, self._simulator_is_ready)
-                found.append(self._outlines.known_part(requested_part(offered, name)))
-            return found
-        offered = await self._parts.usable('', self._simulator_is_ready)
-        problems = []
+            return [self._outlines.known_part(await self._parts.requested(name)) for name in named]
+        offered = await self._parts.usable('')
+        found, problems = [], []
         for _, part in sorted(offered.items()):
             try:
                 found.append(self._outlines.known_part(part))

@@ -21,8 +21,14 @@ from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
 from resting_aspects_ros.report.picture import AspectPose, aspect_poses, message_faces
-from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task
-from resting_aspects_ros.ros.conversions import pose_msg
+from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, start_task
+from resting_aspects_ros.ros.conversions import (
+    check_surroundings,
+    message_from,
+    pose_msg,
+    serialized_surroundings,
+    triangles_in_tray,
+)
 from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -37,12 +43,6 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_QOS,
 )
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
-from resting_aspects_ros.ros.surroundings_conversions import (
-    check_surroundings,
-    message_from,
-    serialized_surroundings,
-    triangles_in_tray,
-)
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
@@ -247,10 +247,7 @@ class SurroundingsMarkers:
         if run.conditions.surroundings is None:
             self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             return
-        assert self._node.executor is not None  # this is called by it
-        self._node.executor.create_task(
-            guarded_task(self._node, 'surroundings are not shown', self._publish), run
-        )
+        start_task(self._node, 'surroundings are not shown', self._publish, run)
 
     async def _publish(self, run: RunDescription) -> None:
         part, _ = self._parts.version(run.part_sha256)

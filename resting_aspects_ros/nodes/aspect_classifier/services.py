@@ -1,7 +1,7 @@
 """The services get_distribution, classify_pose and forecast."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -9,13 +9,8 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.msg import AspectDistribution, Status, TransitionMatrix
-from resting_aspects_interfaces.srv import (
-    ClassifyPose,
-    FeederForecast,
-    GetDistribution,
-    GetTransitions,
-)
+from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
+from resting_aspects_interfaces.srv import ClassifyPose, FeederForecast, GetDistribution
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.api.forecast import (
@@ -35,20 +30,15 @@ from resting_aspects_ros.aspects.aspect_set import (
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
-from resting_aspects_ros.nodes.aspect_classifier.known import (
-    PartRegistry,
-    TransitionStore,
-    requested_part,
-)
+from resting_aspects_ros.nodes.aspect_classifier.counting import ModelRanges, Tallies, Tally
+from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.nodes.aspect_classifier.live import LiveMonitor
-from resting_aspects_ros.nodes.aspect_classifier.model_ranges import ModelRanges
-from resting_aspects_ros.nodes.drop_client import DropClient, drop_goal
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import serve, wait_for
-from resting_aspects_ros.ros.conversions import run_from, status
+from resting_aspects_ros.ros.callbacks import wait_for
+from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.goal_client import DropClient, drop_goal
 from resting_aspects_ros.ros.interface import FORECAST
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
 from resting_aspects_ros.ros.requested_conditions import (
@@ -59,7 +49,8 @@ from resting_aspects_ros.ros.status import (
     BusyError,
     NotAvailableError,
     requested_estimator,
-    status_from_errors,
+    serve,
+    unknown_part,
 )
 from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
 from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
@@ -116,8 +107,8 @@ class DistributionService:
         method = requested_estimator(request.method)
         if method is None:
             return await self._find_or_drop(request)
-        offered = await self._usable(request.part)
-        part, aspects = self._parts.version(requested_part(offered, request.part).part_sha256)
+        requested = await self._parts.requested(request.part)
+        part, aspects = self._parts.version(requested.part_sha256)
         prediction = estimate(RestingShape(part, aspects), method)
         return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
 
@@ -125,13 +116,13 @@ class DistributionService:
         drops = max_drops(request.drops, request.precision, MAX_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
-        parts = await self._usable(request.part)
+        parts = await self._parts.usable(request.part)
         sha = self._version(parts, request.part)
         conditions = await self._conditions(request, sha)
         found = self._tallies.find(sha, conditions, drops, request.precision, seed)
         if found is None and request.only_known:
             if parts and not sha:
-                requested_part(parts, request.part)
+                raise unknown_part(request.part, parts)
             raise self._not_known(request, sha)
         if found is None:
             await self._wait_for_simulator(request, sha)
@@ -201,9 +192,6 @@ class DistributionService:
             return tally
         reason = tally and self._parts.why_not(tally.run.part_sha256)
         raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
-
-    async def _usable(self, name: str) -> dict[str, Part]:
-        return await self._parts.usable(name, self._client.is_ready)
 
     async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
         try:
@@ -298,7 +286,6 @@ def answer_pose(
     response.symmetry_class = nearest.aspect.symmetry_class
     if newest is not None:
         response.probability = newest.intervals()[nearest.aspect.id - 1].probability
-    response.status = status(Status.OK)
 
 
 # Maximum number of requests that wait; each takes about a second.
@@ -314,8 +301,6 @@ class ForecastService:
     ----------
     monitor : the parts counted on the machine
     worker : computes, so that a forecast does not block the node
-    check_ready : raises NotAvailableError while the node is not ready
-    simulator_is_ready : returns whether a simulator offers parts
     """
 
     def __init__(
@@ -325,43 +310,30 @@ class ForecastService:
         transitions: TransitionStore,
         monitor: LiveMonitor,
         worker: FileWorker,
-        check_ready: Callable[[], None],
-        simulator_is_ready: Callable[[], bool],
     ) -> None:
-        self._node = node
         self._parts = parts
         self._transitions = transitions
         self._monitor = monitor
         self._worker = worker
-        self._check_ready = check_ready
-        self._simulator_is_ready = simulator_is_ready
         self._waiting = 0
         serve(node, FeederForecast, FORECAST, self._forecast)
 
     async def _forecast(
         self, request: FeederForecast.Request, response: FeederForecast.Response
-    ) -> FeederForecast.Response:
-        for name, kind in response.get_fields_and_field_types().items():
-            if kind == 'double':
-                setattr(response, name, math.nan)
-        with status_from_errors(FORECAST, response, self._node.get_logger().error):
-            self._check_ready()
-            if self._waiting >= MAX_WAITING:
-                raise BusyError(f'{MAX_WAITING} forecasts are being computed, try again soon')
-            self._waiting += 1
-            try:
-                fields = await self._answer(request)
-            finally:
-                self._waiting -= 1
-            for name, value in fields.items():
-                setattr(response, name, value)
-            response.status = status(Status.OK)
-        return response
+    ) -> None:
+        if self._waiting >= MAX_WAITING:
+            raise BusyError(f'{MAX_WAITING} forecasts are being computed, try again soon')
+        self._waiting += 1
+        try:
+            fields = await self._answer(request)
+        finally:
+            self._waiting -= 1
+        for name, value in fields.items():
+            setattr(response, name, value)
 
     async def _answer(self, request: FeederForecast.Request) -> dict[str, Any]:
         """Return the fields of the response; raises RestingAspectsError."""
-        asked = GetTransitions.Request(part=request.part, action=request.action)
-        matrix = await self._transitions.answer(asked, self._simulator_is_ready)
+        matrix = await self._transitions.newest(request.part, request.action)
         part_sha256 = matrix.run.part_sha256
         if self._parts.aspects(part_sha256) is None:
             raise NotAvailableError(

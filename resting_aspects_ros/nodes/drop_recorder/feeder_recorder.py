@@ -29,8 +29,8 @@ from resting_aspects_ros.logs.topics import PART_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, subscribe
 from resting_aspects_ros.ros.conversions import NANOSECONDS
-from resting_aspects_ros.ros.discovery import TopicDiscovery
-from resting_aspects_ros.ros.formatting import count_text
+from resting_aspects_ros.ros.diagnostics import count_text
+from resting_aspects_ros.ros.discovery import TopicDiscovery, type_name
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     CELL,
@@ -99,7 +99,7 @@ class FeederRecorder:
         self._idle = WorkTimer(node, CLOSE_PERIOD, 'a log is not closed', self._close_idle)
         qos = offered_qos(CELL)
         for name, kind in ((DETECTIONS, DetectionArray), (PICK_RESULT, PickResult)):
-            topic = Topic(node.resolve_topic_name(name), _type_name(kind), qos)
+            topic = Topic(node.resolve_topic_name(name), type_name(kind), qos)
             subscribe(node, kind, name, partial(self._record, topic), ALL, raw=True)
         self._discoveries = [
             TopicDiscovery(node, name, kind, partial(self._record_of, k), raw=True, qos=each)
@@ -139,8 +139,7 @@ class FeederRecorder:
         self._node.get_logger().info(f'{written} of the feeder are in {self._path}')
 
     def _record_of(self, kind: int, part: str, data: bytes) -> None:
-        watch = self._discoveries[kind]
-        topic = Topic(watch.topic(part), watch.type_name, offered_qos(LATCHED))
+        topic = self._discoveries[kind].logged(part)
         self._record(topic, data, part)
         self._newest[topic.name] = topic, data
 
@@ -208,7 +207,3 @@ class FeederRecorder:
         if log is not None:
             with suppress(LogError):  # keeps the content of the file
                 log.close()
-
-
-def _type_name(kind: type) -> str:
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

@@ -1,38 +1,51 @@
 """The node that writes a log of every run, of drops or of actions, with its part."""
 
+import hashlib
+import os
+import socket
 import sys
 import time
 from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import PartDescription, RestingPoses
+from resting_aspects_interfaces.msg import (
+    PartDescription,
+    RestingPoses,
+    SurroundingsDescription,
+    TransitionMatrix,
+)
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.input_files import is_printable
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
-from resting_aspects_ros.nodes.drop_client import DropClient, goal_of_run
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
-from resting_aspects_ros.nodes.drop_recorder.run_topics import (
-    FolderLock,
-    StatusLog,
-    SurroundingsRecorder,
-    TransitionRecorder,
-    absolute_folder,
-    check_log_folder,
-)
 from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
 from resting_aspects_ros.ros.conversions import (
     check_description,
+    check_surroundings,
     nanoseconds,
     poses_from,
     run_from,
 )
-from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
+from resting_aspects_ros.ros.diagnostics import (
+    Diagnosis,
+    RateCounter,
+    active_runs_text,
+    count_text,
+    progress_text,
+    publish_diagnostics,
+    run_values,
+)
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
+from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import (
+    ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
     DROP_RECORDER,
     DROP_SIMULATOR,
@@ -41,13 +54,212 @@ from resting_aspects_ros.ros.interface import (
     PARTS,
     POSES,
     RESTING_POSES,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
+    TRANSITIONS,
     offered_qos,
 )
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.transition_conversions import check_transitions
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
+
+
+def absolute_folder(path: str) -> Path:
+    """Return the absolute path; raises InvalidValueError if a ROS message cannot contain it."""
+    try:
+        folder = Path(path).absolute()
+    except FileNotFoundError:
+        raise InvalidValueError(
+            f'invalid log_folder {path!r}: expected an absolute path, because the working folder '
+            'no longer exists'
+        ) from None
+    if not is_printable(str(folder)):
+        raise InvalidValueError(
+            f'invalid log_folder {str(folder)!r}: expected UTF-8 text, as ROS messages require'
+        )
+    return folder
+
+
+def check_log_folder(path: str) -> Path:
+    """Make the folder, check that files can be written in it, and return its absolute path.
+
+    Raises InvalidValueError with the reason if that fails. The folder is not checked when the
+    recorder starts, because it can be on a disk that is mounted later.
+    """
+    try:
+        if not path:
+            raise ValueError('the name is empty')
+        folder = absolute_folder(path)
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            return folder
+    except (OSError, ValueError) as error:  # ValueError: the name has a null byte
+        reason = getattr(error, 'strerror', None) or error
+        raise InvalidValueError(
+            f'invalid log_folder {path!r}: expected a folder that exists or can be made: {reason}'
+        ) from None
+
+
+class FolderLock:
+    """Lock that prevents a second recorder of the same namespace from using the same folder.
+
+    Both would write a log of every run. Recorders of different namespaces may share a folder. The
+    lock is an abstract socket, which leaves no file and ends with the process.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self._suite = f'{os.environ.get("ROS_DOMAIN_ID", "0")} {namespace}'
+        self._folder: Path | None = None
+        self._socket: socket.socket | None = None
+
+    def take(self, folder: Path) -> None:
+        """Lock a folder and release the previous one; raises InvalidValueError if it is locked."""
+        if folder == self._folder:
+            return
+        name = hashlib.sha256(os.fsencode(f'{self._suite} {os.path.realpath(folder)}')).hexdigest()
+        lock = socket.socket(socket.AF_UNIX)
+        try:
+            lock.bind(f'\0resting_aspects/drop_recorder/{name}')
+        except OSError:
+            lock.close()
+            raise InvalidValueError(
+                f'invalid log_folder {str(folder)!r}: expected a folder in which no other '
+                'drop_recorder of this namespace writes logs'
+            ) from None
+        self.release()
+        self._folder, self._socket = folder, lock
+
+    def release(self) -> None:
+        """Release the folder."""
+        if self._socket is not None:
+            self._socket.close()
+        self._folder = self._socket = None
+
+
+class StatusLog:
+    """Logs what happens to the logs of runs.
+
+    error : text of the last error; empty again after the next complete log
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._logger = node.get_logger()
+        self.error = ''
+
+    def started(self, log: RunRecorder) -> None:
+        """Report that a log was opened, or that an earlier log contains the run."""
+        self.written(log)
+        if log.earlier is not None:
+            run = log.run
+            self._logger.info(f'run {run.run_id} of {run.part} is already in {log.earlier}')
+
+    def written(self, log: RunRecorder) -> None:
+        """Report each error of a log once."""
+        self._logger.debug(f'{log.drops} {log.unit} are in {log.folder}')
+        if log.error and not log.reported:
+            log.reported = True
+            self.error = log.problem()
+            self._logger.error(self.error)
+        elif log.closed_whole:
+            self.error = ''  # writing works again
+
+    def closed(self, log: RunRecorder, folder: Path | None) -> None:
+        """Report that a log was closed; folder : None if that failed, or no log was open."""
+        self.written(log)
+        if folder is None:
+            return
+        text = f'is in {folder}'
+        if not log.closed_whole:
+            state = 'is incomplete' if log.ended else 'was interrupted'
+            progress = progress_text(log.run, log.drops, log.unit)
+            text = f'{state}: the closed log {folder} has {progress}'
+        self._logger.info(f'run {log.run.run_id} of {log.run.part} {text}')
+
+
+class TransitionRecorder:
+    """Subscribes to transitions/*, and writes every matrix to the log of its run.
+
+    Parameters
+    ----------
+    log_of : returns the log of a run of actions, opened by the first call; None if the run has
+        ended
+    ended : called when the last matrix of a run was written
+    reports : reports errors
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        log_of: Callable[[RunDescription], RunRecorder | None],
+        ended: Callable[[RunRecorder], None],
+        reports: StatusLog,
+    ) -> None:
+        self._log_of = log_of
+        self._ended = ended
+        self._reports = reports
+        self._discovery = TopicDiscovery(
+            node, TRANSITIONS, TransitionMatrix, self._record, raw=True, qos=ALL_LATCHED
+        )
+
+    def _record(self, part: str, data: bytes) -> None:
+        message = deserialize_message(data, TransitionMatrix)
+        check_transitions(message, part)
+        if (log := self._log_of(run_from(message.run))) is None:
+            return
+        stamp = nanoseconds(message.header.stamp)
+        log.write(self._discovery.logged(part), data, time.time_ns(), stamp)
+        if log.being_written:
+            log.drops = sum(message.actions)
+        if message.ended:
+            self._ended(log)
+        self._reports.written(log)
+
+
+# Maximum number of descriptions that are kept, with meshes. Those of a run can arrive before its
+# first poses, and a log can be opened again for drops that were lost.
+MAX_KEPT = 20
+
+
+class SurroundingsRecorder:
+    """Subscribes to surroundings/* and writes each description into the log of its run.
+
+    Parameters
+    ----------
+    logs : the open logs by run id
+    reports : reports errors
+    """
+
+    def __init__(self, node: Node, logs: Mapping[str, RunRecorder], reports: StatusLog) -> None:
+        self._logs = logs
+        self._reports = reports
+        self._kept: dict[str, tuple[SurroundingsDescription, bytes]] = {}  # by run id
+        self._watch = TopicDiscovery(
+            node, SURROUNDINGS, SurroundingsDescription, self._take, raw=True, qos=SURROUNDINGS_QOS
+        )
+
+    def write(self, log: RunRecorder) -> None:
+        """Write the surroundings of a run into its log, if they have arrived."""
+        if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
+            return
+        message, data = kept
+        if (message.part, message.document) != (log.run.part, log.run.conditions.surroundings_key):
+            return
+        topic = self._watch.logged(message.part, SURROUNDINGS_QOS)
+        log.write_surroundings(topic, data, message, time.time_ns())
+        self._reports.written(log)
+
+    def _take(self, part: str, data: bytes) -> None:
+        message = deserialize_message(data, SurroundingsDescription)
+        check_surroundings(message, part)
+        self._kept[message.run_id] = message, data
+        while len(self._kept) > MAX_KEPT:
+            self._kept.pop(next(iter(self._kept)))
+        if (log := self._logs.get(message.run_id)) is not None:
+            self.write(log)
+
 
 PARAMETERS = (
     Parameter(
@@ -202,10 +414,7 @@ class DropRecorder(Node):
     def _write_part(self, log: RunRecorder, part: PartDescription, data: bytes) -> None:
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
-        topic = Topic(
-            self._part_watch.topic(log.run.part), self._part_watch.type_name, offered_qos(LATCHED)
-        )
-        log.write_part(topic, data, part, self._now())
+        log.write_part(self._part_watch.logged(log.run.part), data, part, self._now())
         self._reports.written(log)
 
     def _close_interrupted(self) -> bool:

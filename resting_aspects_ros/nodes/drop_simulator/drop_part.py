@@ -3,9 +3,9 @@
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
 from contextlib import aclosing
 from functools import partial
+from typing import Any
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -16,27 +16,19 @@ from resting_aspects_ros.api.conditions import aspects_in
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import EngineError, InvalidValueError
-from resting_aspects_ros.nodes.drop_simulator.goals import (
-    MAX_GOALS,
-    AsyncWorkers,
-    SurroundingsPublisher,
-    serve_action,
-)
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
-from resting_aspects_ros.ros.diagnostics import RateCounter
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import (
+from resting_aspects_ros.ros.diagnostics import (
+    RateCounter,
     active_runs_text,
     progress_text,
     run_values,
     truncated,
 )
 from resting_aspects_ros.ros.interface import DROP_PART, POSES, RESTING_POSES
-from resting_aspects_ros.ros.status import BusyError, CanceledError, NotAvailableError
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
 from resting_aspects_ros.simulation.job import (
     MAX_DROPS,
     DropJob,
@@ -92,46 +84,23 @@ class GoalDrops:
         self._handle.publish_feedback(feedback)
 
 
-class DropServer:
+class DropServer(GoalServer):
     """Serves drop_part, and publishes resting_poses.
-
-    drops : counter of all drops made
 
     Parameters
     ----------
-    files : finds the aspects of parts, and plans drops in surroundings
-    conditions : returns the conditions that a goal requests
-    surroundings : publishes those of new runs
-    frame : frame of the published poses
+    node, shared : as for GoalServer
+
+    drops : counter of all drops made
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartPublisher,
-        workers: AsyncWorkers,
-        files: FileWorker,
-        conditions: Callable[[DropPart.Goal], Awaitable[DropConditions]],
-        surroundings: SurroundingsPublisher,
-        frame: str,
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._workers = workers
-        self._files = files
-        self._conditions = conditions
-        self._surroundings = surroundings
-        self._frame = frame
+    def __init__(self, node: Node, *shared: Any) -> None:
+        super().__init__(DropPart, DROP_PART, node, *shared)
         self._aspects = AspectSet('', ())  # of the part that stopped at a precision last
         self._active: list[GoalDrops] = []
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()  # by run id
         self._publisher = advertise(node, RestingPosesMsg, RESTING_POSES, POSES)
-        self._server = serve_action(node, DropPart, DROP_PART, self._drop)
         self.drops = RateCounter()
-
-    def destroy(self) -> None:
-        """Destroy the action server."""
-        self._server.destroy()
 
     @property
     def state(self) -> str:
@@ -155,8 +124,7 @@ class DropServer:
     def _progress(self) -> list[tuple[RunDescription, int]]:
         return [(drops.requested, int(drops.result.drops)) for drops in self._active]
 
-    async def _drop(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
-        """Return the result of a goal, and the error that ended its drops, if any."""
+    async def _answer(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         goal = handle.request
         check_run_id(goal.run_id)
         part = await self._parts.get(goal.part)
@@ -164,8 +132,7 @@ class DropServer:
             raise CanceledError('canceled before the first drop')
         job, requested = await self._plan(goal, part)
         run = self._published(requested) if goal.run_id else requested
-        if len(self._active) >= MAX_GOALS:
-            raise BusyError(f'{MAX_GOALS} drop_part goals are active, try again later')
+        self._check_number(self._active)
         drops = GoalDrops(handle, requested)
         self._active.append(drops)
         error: Exception | None = None

@@ -1,6 +1,6 @@
 """What the actions of the simulator share: workers, goals, and the surroundings of runs."""
 
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sized
 from concurrent.futures import Future as PoolFuture
 from contextlib import closing
 from typing import Any
@@ -13,11 +13,13 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import Status, SurroundingsDescription
 
 from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.ros.callbacks import advertise, ros_future, wait_for
-from resting_aspects_ros.ros.conversions import status
+from resting_aspects_ros.ros.conversions import status, surroundings_msg
+from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, SURROUNDINGS, SURROUNDINGS_QOS
-from resting_aspects_ros.ros.status import CanceledError, error_status
-from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
+from resting_aspects_ros.ros.status import BusyError, CanceledError, error_status
+from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.simulation.scene import Scene
 from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
@@ -29,9 +31,6 @@ MAX_GOALS = 16
 RESULT_TIMEOUT = 300
 # Interval at which a goal that waits checks whether it was canceled, s.
 CANCEL_PERIOD = 0.5
-
-# Returns the result of a goal, whose status is OK, and the error that ended it early, if any.
-Work = Callable[[ServerGoalHandle], Awaitable[tuple[Any, Exception | None]]]
 
 
 class AsyncWorkers:
@@ -77,52 +76,6 @@ class AsyncWorkers:
         self._node.get_logger().warning(death)
 
 
-def serve_action(node: Node, kind: Any, name: str, work: Work) -> ActionServer:
-    """Return the server of an action whose goals are executed by ``work``."""
-
-    async def execute(handle: ServerGoalHandle) -> Any:
-        return await execute_goal(node, name, handle, kind.Result(), work)
-
-    return ActionServer(
-        node,
-        kind,
-        name,
-        execute,
-        # By default, rclpy rejects every cancel request.
-        cancel_callback=lambda _: CancelResponse.ACCEPT,
-        result_timeout=RESULT_TIMEOUT,
-        **ACTION_SERVICES,
-    )
-
-
-async def execute_goal(
-    node: Node, action: str, handle: ServerGoalHandle, result: Any, work: Work
-) -> Any:
-    """Return the result of a goal with its status, and set the state of the goal.
-
-    action : name of the action
-    result : returned if ``work`` raises an error
-    """
-    try:
-        result, error = await work(handle)
-        if error is not None:
-            raise error
-        handle.succeed()
-    except CanceledError as error:
-        result.status = error_status(error)
-        handle.canceled()
-    except RestingAspectsError as error:
-        result.status = error_status(error)
-        handle.abort()
-    except InvalidHandle:
-        result.status = status(Status.FAILED, 'the node has stopped')  # it cannot be sent
-    except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
-        node.get_logger().error(f'{action} failed: {error!r}')
-        result.status = status(Status.FAILED, f'unexpected error {error!r}')
-        handle.abort()
-    return result
-
-
 class SurroundingsPublisher:
     """Publishes surroundings/<part> before the first drop of each run in surroundings.
 
@@ -146,3 +99,82 @@ class SurroundingsPublisher:
                 self._node, SurroundingsDescription, topic, SURROUNDINGS_QOS
             )
         self._publishers[run.part].publish(surroundings_msg(run, scene, self._frame))
+
+
+class GoalServer:
+    """Serves an action; goals of all actions share the workers chunk by chunk.
+
+    Parameters
+    ----------
+    kind, name : type and name of the action
+    files : computes what could block the node, such as the aspects of a large mesh
+    conditions : returns the conditions that a goal requests
+    surroundings : publishes those of new runs
+    frame : frame of the published poses
+    """
+
+    def __init__(
+        self,
+        kind: Any,
+        name: str,
+        node: Node,
+        parts: PartPublisher,
+        workers: AsyncWorkers,
+        files: FileWorker,
+        conditions: Callable[[Any], Awaitable[DropConditions]],
+        surroundings: SurroundingsPublisher,
+        frame: str,
+    ) -> None:
+        self._kind, self._name = kind, name
+        self._node = node
+        self._parts = parts
+        self._workers = workers
+        self._files = files
+        self._conditions = conditions
+        self._surroundings = surroundings
+        self._frame = frame
+        self._server = ActionServer(
+            node,
+            kind,
+            name,
+            self._execute,
+            # By default, rclpy rejects every cancel request.
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
+            **ACTION_SERVICES,
+        )
+
+    def destroy(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Return the result of a goal with its status, and set the state of the goal."""
+        result = self._kind.Result()
+        try:
+            result, error = await self._answer(handle)
+            if error is not None:
+                raise error
+            handle.succeed()
+        except CanceledError as error:
+            result.status = error_status(error)
+            handle.canceled()
+        except RestingAspectsError as error:
+            result.status = error_status(error)
+            handle.abort()
+        except InvalidHandle:
+            result.status = status(Status.FAILED, 'the node has stopped')  # it cannot be sent
+        except Exception as error:  # noqa: BLE001 - a defect must not look like an answer
+            self._node.get_logger().error(f'{self._name} failed: {error!r}')
+            result.status = status(Status.FAILED, f'unexpected error {error!r}')
+            handle.abort()
+        return result
+
+    async def _answer(self, handle: ServerGoalHandle) -> tuple[Any, Exception | None]:
+        """Return the result of a goal, and the error that ended it early, if any."""
+        raise NotImplementedError
+
+    def _check_number(self, active: Sized) -> None:
+        """Raise BusyError if as many goals are active as the action allows."""
+        if len(active) >= MAX_GOALS:
+            raise BusyError(f'{MAX_GOALS} {self._name} goals are active, try again later')

@@ -17,10 +17,14 @@ from resting_aspects_ros.nodes.drop_simulator.goals import (
 )
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.diagnostics import (
+    Diagnosis,
+    count_text,
+    publish_diagnostics,
+    truncated,
+)
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import count_text, truncated
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.requested_conditions import (

@@ -1,9 +1,8 @@
 """The action reorient_part: simulates actions on a part, and publishes their transitions."""
 
 import time
-from collections.abc import Awaitable, Callable
 from contextlib import aclosing
-from typing import TypeVar
+from typing import Any
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -21,20 +20,13 @@ from resting_aspects_ros.api.plan import (
 )
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
-from resting_aspects_ros.nodes.drop_simulator.goals import (
-    MAX_GOALS,
-    AsyncWorkers,
-    SurroundingsPublisher,
-    serve_action,
-)
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import advertise
-from resting_aspects_ros.ros.diagnostics import RateCounter
-from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
-from resting_aspects_ros.ros.formatting import truncated
+from resting_aspects_ros.ros.diagnostics import RateCounter, truncated
+from resting_aspects_ros.ros.file_worker import FileLimitError
 from resting_aspects_ros.ros.interface import LATCHED, REORIENT_PART, TRANSITIONS
-from resting_aspects_ros.ros.status import BusyError, CanceledError
+from resting_aspects_ros.ros.status import CanceledError
 from resting_aspects_ros.ros.transition_conversions import (
     BoundedLongRun,
     action_from,
@@ -44,8 +36,6 @@ from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids, count_poses
 from resting_aspects_ros.statistics.poses import RestingPoses
-
-T = TypeVar('T')
 
 # Minimum time between two publications of the matrix of an active goal, s.
 PUBLISH_PERIOD = 1.0
@@ -153,44 +143,19 @@ class ReorientGoal:
         )
 
 
-class ReorientServer:
+class ReorientServer(GoalServer):
     """Serves reorient_part, and publishes transitions/<part>.
-
-    Goals share the workers with those of drop_part, chunk by chunk.
 
     Parameters
     ----------
-    files : finds aspects and long-run shares, so that a large mesh cannot block the node
-    conditions : returns the conditions that a goal requests
-    surroundings : publishes those of the actions
-    frame : frame of the aspects
+    node, shared : as for GoalServer
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartPublisher,
-        workers: AsyncWorkers,
-        files: FileWorker,
-        conditions: Callable[[ReorientPart.Goal], Awaitable[DropConditions]],
-        surroundings: SurroundingsPublisher,
-        frame: str,
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._workers = workers
-        self._files = files
-        self._conditions = conditions
-        self._surroundings = surroundings
-        self._frame = frame
+    def __init__(self, node: Node, *shared: Any) -> None:
+        super().__init__(ReorientPart, REORIENT_PART, node, *shared)
         self._goals: list[ReorientGoal] = []
         self._publishers: dict[str, Publisher] = {}
         self._actions = RateCounter()
-        self._server = serve_action(node, ReorientPart, REORIENT_PART, self._reorient)
-
-    def destroy(self) -> None:
-        """Destroy the action server."""
-        self._server.destroy()
 
     @property
     def state(self) -> str:
@@ -207,12 +172,10 @@ class ReorientServer:
             **truncated(goals),
         }
 
-    async def _reorient(
+    async def _answer(
         self, handle: ServerGoalHandle
     ) -> tuple[ReorientPart.Result, Exception | None]:
-        """Return the result of a goal, and the error that ended its actions, if any."""
-        if len(self._goals) >= MAX_GOALS:
-            raise BusyError(f'{MAX_GOALS} reorient_part goals are active, try again later')
+        self._check_number(self._goals)
         goal = ReorientGoal(handle)
         self._goals.append(goal)
         try:
@@ -225,11 +188,11 @@ class ReorientServer:
         action = requested_action(goal.request.action)
         conditions = await self._conditions(goal.request)
         given = (part, action, conditions, goal.request)
-        drops, goal.feedback.total, planned = await self._plan(plan_goal, *given)
+        drops, goal.feedback.total, planned = await self._files.run(plan_goal, *given)
         self._offer(part.name)  # before the drops, so that subscribers miss no message
         dropped, rests = await self._drop(goal, drops)
         if planned is None:
-            planned = await self._plan(plan_from_rests, *given, rests)
+            planned = await self._files.run(plan_from_rests, *given, rests)
             self._surroundings.publish(planned.run, planned.job.scene)
         error: Exception | None = None
         try:
@@ -245,11 +208,6 @@ class ReorientServer:
         if not action.action.has_effect:
             result.status.message = f'{action.name} has no effect: every part stays where it is'
         return result, error
-
-    async def _plan(self, plan: Callable[..., T], *given: object) -> T:
-        """Return what a function plans in a FileWorker."""
-        found: T = await self._files.run(plan, *given)
-        return found
 
     async def _drop(
         self, goal: ReorientGoal, planned: PlannedDrops

@@ -1,36 +1,55 @@
 """Follows the part of a controller, its distribution and its transitions, and builds the model."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    RunDescription,
+    Status,
+)
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.feeding.control import ControllerModel
+from resting_aspects_ros.api.forecast import footprints_of
+from resting_aspects_ros.api.grasps import check_grasps, load_grasps
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.feeding.control import (
+    DEFAULT_MIN_SCORE,
+    ControllerModel,
+)
 from resting_aspects_ros.feeding.evidence import (
     Evidence,
     FedPart,
+    KnownDrops,
+    KnownFlips,
     PartEvidence,
     Settings,
+    SimulatedRun,
     build_model,
 )
-from resting_aspects_ros.nodes.feeder_controller.messages import (
-    drops_from,
-    flips_from,
-    pickable_ids,
-    read_fed_part,
-)
+from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
+from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes
+from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import (
     guarded,
-    guarded_task,
+    start_task,
     steady_timer,
     subscribe,
     wait_for,
 )
+from resting_aspects_ros.ros.conversions import (
+    check_description,
+    part_from,
+)
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -40,8 +59,129 @@ from resting_aspects_ros.ros.interface import (
     SERVICES,
     TRANSITIONS,
 )
+from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
+from resting_aspects_ros.ros.transition_conversions import (
+    check_numbering,
+    check_transitions,
+    transition_matrix_from,
+)
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS
+from resting_aspects_ros.vision.grasp import Grasp
+from resting_aspects_ros.vision.rolling import KnownPart
+
+TIME = (0.0, MAX_TIME)
+PARAMETERS = (
+    Parameter('part', 'l_bracket', 'name of the part in the feeder'),
+    Parameter('pickable_classes', [1], 'symmetry classes in which the robot can pick the part'),
+    Parameter('clearance', 0.005, 'free distance that the gripper needs, m', (0.0, 1.0)),
+    Parameter(
+        'grasps', '', 'YAML file of the grasps of the part; empty: only the clearance matters'
+    ),
+    Parameter('tray', [0.2, 0.2], 'width and depth of the tray, m'),
+    Parameter('robot_time', 1.2, 'time from one pick to the next, s', (0.001, MAX_TIME)),
+    Parameter(
+        'place_time', 0.0, 'part of it in which the feeder and the camera may work, s', TIME
+    ),
+    Parameter('vibrate_time', 0.6, 'duration of a flip, s', TIME),
+    Parameter('settle_time', 0.6, 'time until the parts are at rest, s', TIME),
+    Parameter('image_time', 0.2, 'time of an image and its evaluation, s', TIME),
+    Parameter('supply_time', 0.0, 'time to supply a part, s', TIME),
+    Parameter('spread_time', 0.0, 'duration of a spread, s; 0: the feeder has none', TIME),
+    Parameter('best_number', 0, 'parts on the tray; 0: the best number', (0, MAX_REQUESTED)),
+    Parameter('max_picks', 0, 'maximum number of picks after an image; 0: all', (0, 1000)),
+    Parameter('max_supply', 0, 'maximum number of parts supplied at once; 0: all', (0, 1000)),
+    Parameter(
+        'min_score', DEFAULT_MIN_SCORE, 'minimum score of a part that is picked', (0.0, 1.0)
+    ),
+    Parameter('action', 'flip', 'action whose transitions are those of a flip'),
+)
+
+
+def settings_from(values: dict[str, Any]) -> Settings:
+    """Return the settings from the parameters; raises InvalidValueError."""
+    part, pickable = values['part'], sorted(set(values['pickable_classes'] or ()))
+    if not is_valid_name(part):
+        raise InvalidValueError(f'invalid part {shown(part)}: expected the name of a part')
+    if not pickable or pickable[0] < 1:
+        raise InvalidValueError(
+            f'invalid pickable_classes {pickable}: expected numbers of symmetry classes, from 1'
+        )
+    sides = tuple(values['tray'] or ())
+    if len(sides) != 2:
+        raise InvalidValueError(f'invalid tray {list(sides)}: expected width and depth, m')
+    if not values['action'].isidentifier():
+        raise InvalidValueError(
+            f'invalid action {shown(values["action"])}: expected the name of an action'
+        )
+    names = ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
+    return Settings(
+        part=part,
+        pickable=tuple(pickable),
+        action=values['action'],
+        grasps=load_grasps(Path(values['grasps'])) if values['grasps'] else (),
+        tray=Tray((sides[0], sides[1]), values['clearance']),
+        times=CycleTimes(**{name: values[f'{name}_time'] for name in names}),
+        spread=values['spread_time'] or None,
+        best_number=values['best_number'] or None,
+        max_picks=values['max_picks'] or None,
+        max_supply=values['max_supply'] or None,
+        min_score=values['min_score'],
+    )
+
+
+def pickable_ids(part: KnownPart, settings: Settings) -> tuple[int, ...]:
+    """Return the ids of the aspects of the pickable classes.
+
+    Raises InvalidValueError if the part does not have one of the classes, or if one has no grasp.
+    """
+    try:
+        ids = part.aspects.chosen(None, settings.pickable, 'pickable')
+    except InvalidValueError:
+        raise InvalidValueError(
+            f'invalid pickable_classes {list(settings.pickable)}: expected symmetry classes of '
+            f'{settings.part}, 1 to {len(part.outlines)}'
+        ) from None
+    if settings.grasps:
+        check_grasps(settings.grasps, part.placements, ids)
+    return ids
+
+
+def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
+    message = deserialize_message(data, PartDescription)
+    check_description(message, name)
+    part = part_from(message)
+    known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
+    check_grasps(grasps, known.placements, ())
+    classes = known.aspects.classes()
+    footprints = footprints_of(known.part, known.aspects, classes, grasps)
+    return FedPart(known, footprints, grasps)
+
+
+def drops_from(message: AspectDistribution) -> KnownDrops:
+    """Return the drops in a message; raises InvalidValueError."""
+    if message.aspect_numbering != ASPECT_NUMBERING:
+        raise InvalidValueError(
+            f'invalid aspect_numbering {message.aspect_numbering}: expected {ASPECT_NUMBERING}'
+        )
+    return KnownDrops(_run_from(message.run, message.complete), distribution_from(message))
+
+
+def flips_from(message: TransitionMatrixMsg, part: str) -> KnownFlips:
+    """Return the flips in a message on transitions/<part>; raises InvalidValueError."""
+    check_transitions(message, part)
+    check_numbering(message)
+    name = message.action.name or message.action.kind
+    run = _run_from(message.run, message.complete)
+    return KnownFlips(run, name, transition_matrix_from(message))
+
+
+def _run_from(run: RunDescription, complete: bool) -> SimulatedRun:
+    return SimulatedRun(
+        run.run_id, run.part, run.part_sha256, run.conditions, run.conditions.surface, complete
+    )
+
 
 # A part with very many triangles and aspects needs more time than a file, s.
 MAX_SECONDS = 120.0
@@ -187,7 +327,7 @@ class ModelUpdates:
     def _on_part(self, data: bytes) -> None:
         if data != self._data:
             self._data = bytes(data)
-            self._execute(self._read)
+            start_task(self._node, 'no part was read', self._read)
 
     async def _read(self) -> None:
         """Read the newest description of the part, unless a newer one arrives."""
@@ -220,7 +360,7 @@ class ModelUpdates:
         lacked, self._lacked_drops = self._lacked_drops, self._known.lacks_drops
         if lacked and self._lacked_drops and not self._requesting:
             self._requesting = True
-            self._execute(self._request_drops)
+            start_task(self._node, 'no drops were requested', self._request_drops)
 
     async def _request_drops(self) -> None:
         """Request drops under the default conditions, which the service makes if necessary."""
@@ -271,7 +411,7 @@ class ModelUpdates:
         self._again = self._building
         if not self._building:
             self._building = True
-            self._execute(self._build_all)
+            start_task(self._node, 'no model was built', self._build_all)
 
     async def _build_all(self) -> None:
         """Build the model until no newer evidence is left."""
@@ -304,8 +444,3 @@ class ModelUpdates:
         self.version += 1
         self._node.get_logger().error(self.error)
         self._changed()
-
-    def _execute(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
-        executor = self._node.executor
-        assert executor is not None  # it calls the callbacks
-        executor.create_task(guarded_task(self._node, 'no model was built', task), *arguments)

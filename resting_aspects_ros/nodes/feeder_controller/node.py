@@ -1,26 +1,35 @@
 """The feeder_controller node: advises what to pick, and when to flip, spread or supply parts."""
 
+import math
 import sys
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from resting_aspects_interfaces.msg import (
+    DetectionArray,
+    FeederAdvice,
+    FeederPick,
+    PickResult,
+)
+from std_msgs.msg import Header
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.feeding.control import Choice
-from resting_aspects_ros.feeding.image_advice import CurrentAdvice, advise_image
-from resting_aspects_ros.feeding.tray_state import SECOND, PickOutcome, TrayState
-from resting_aspects_ros.nodes.feeder_controller.messages import (
-    OUTCOMES,
+from resting_aspects_ros.feeding.control import Choice, Expected
+from resting_aspects_ros.feeding.image_advice import ChosenPart, CurrentAdvice, advise_image
+from resting_aspects_ros.feeding.tray_state import SECOND, Detection, Image, PickOutcome, TrayState
+from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
-    advice_msg,
-    image_from,
-    pick_msgs,
+    ModelUpdates,
     settings_from,
 )
-from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
-from resting_aspects_ros.ros.conversions import nanoseconds
+from resting_aspects_ros.ros.conversions import (
+    nanoseconds,
+    pose_msg,
+)
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.interface import (
@@ -30,9 +39,99 @@ from resting_aspects_ros.ros.interface import (
     FEEDER_CONTROLLER,
     LATCHED,
     PICK_RESULT,
+    RESULTS,
 )
+from resting_aspects_ros.ros.interface import CHOICES as NAMED_CHOICES
 from resting_aspects_ros.ros.parameters import declare
 from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.vision.location import Pose
+from resting_aspects_ros.vision.rolling import KnownPart
+
+CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
+OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}
+UNKNOWN = Interval(math.nan, math.nan, math.nan)
+
+
+def image_from(msg: DetectionArray) -> Image:
+    """Return the image in a message; its values are checked by the tray state."""
+    return Image(
+        msg.image,
+        nanoseconds(msg.header.stamp),
+        msg.header.frame_id,
+        tuple(
+            Detection(k, d.part, d.class_id, d.score, d.x, d.y, d.yaw, d.clearance)
+            for k, d in enumerate(msg.detections)
+        ),
+    )
+
+
+def pick_msgs(picks: Sequence[ChosenPart], part: KnownPart) -> list[FeederPick]:
+    """Return the messages for parts to be picked, with all poses."""
+    return [
+        FeederPick(
+            detection=pick.detection.index,
+            symmetry_class=pick.symmetry_class,
+            score=pick.detection.score,
+            poses=_pose_msgs(
+                part.placements[pick.symmetry_class - 1].poses(
+                    pick.detection.x, pick.detection.y, pick.detection.yaw
+                )
+            ),
+            grasps=_pose_msgs(pick.grasps),
+        )
+        for pick in picks
+    ]
+
+
+def _pose_msgs(poses: Sequence[Pose]) -> list[PoseMsg]:
+    return [pose_msg(pose.position.tolist(), pose.orientation.tolist()) for pose in poses]
+
+
+def advice_msg(
+    advice: CurrentAdvice,
+    part: str,
+    epoch: int,
+    stamp: Time,
+    picks: Sequence[FeederPick] = (),
+    share: Interval = UNKNOWN,
+    drops: int = 0,
+    actions: int = 0,
+) -> FeederAdvice:
+    """Return the message for an advice."""
+    return FeederAdvice(
+        header=Header(stamp=stamp, frame_id=advice.frame),
+        part=part,
+        epoch=epoch,
+        image=advice.image,
+        choice=CHOICES[advice.choice],
+        picks=picks,
+        then=CHOICES[advice.then],
+        supply=advice.supply,
+        rate=_rate(advice),
+        reason=advice.reason,
+        pickable_share=share.probability,
+        lower=share.lower,
+        upper=share.upper,
+        drops=drops,
+        actions=actions,
+        **_expected_fields(advice.expected),
+    )
+
+
+def _rate(advice: CurrentAdvice) -> float:
+    expected = advice.expected.get(advice.choice)
+    return math.nan if expected is None else expected.rate
+
+
+def _expected_fields(expected: Mapping[Choice, Expected]) -> dict[str, list[float] | list[int]]:
+    return {
+        'choices': [CHOICES[choice] for choice in expected],
+        'expected_picks': [each.picks for each in expected.values()],
+        'seconds': [each.seconds for each in expected.values()],
+        'rates': [each.rate for each in expected.values()],
+    }
+
 
 # Without an image for longer than the advice takes and this time, the camera has stopped, s.
 IMAGE_TIMEOUT = 5.0

@@ -1,5 +1,1 @@
-"""The node that replays a log.
-
-`player` selects the topics and their QoS, and decides when each message is published.
-Read `node.py` first.
-"""
+"""The node that replays a log."""

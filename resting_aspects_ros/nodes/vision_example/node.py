@@ -140,7 +140,8 @@ def grey_image(message: Image) -> np.ndarray[Any, np.dtype[np.uint8]]:
             f'invalid encoding {shown(message.encoding)}: expected mono8, bgr8 or rgb8'
         )
     height, width = message.height, message.width
-    if message.step < channels * width or len(message.data) != height * message.step or not width:
+    size = height * message.step
+    if message.step < channels * width or len(message.data) != size or not height * width:
         raise InvalidValueError(
             f'invalid image of {len(message.data)} bytes: expected {height} rows of '
             f'{message.step} bytes, for {width} pixels each'

@@ -1,0 +1,185 @@
+"""Real processes of nodes, for what only these show: kills, signals and exit codes."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from ros_graph import DEADLINE, NODES, Suite, new_namespace
+
+# An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
+FORKSERVER = multiprocessing.get_context('forkserver')
+FORKSERVER.set_forkserver_preload([kind.__module__ for kind in NODES.values()])
+# First statements of a forked process; it also forks the process in which a node reads files.
+FORKED = """
+import multiprocessing, os, sys
+from multiprocessing import forkserver
+from resting_aspects_ros.ros import file_worker
+
+os.setsid()
+os.chdir(folder)
+os.environ.clear()
+os.environ.update(environment)
+file = os.open(output, os.O_WRONLY | os.O_APPEND)
+os.dup2(file, 1)
+os.dup2(file, 2)
+sys.stdout.reconfigure(line_buffering=True)
+forkserver._forkserver.ensure_running = lambda: None
+file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
+"""
+
+
+class ForkedProcess:
+    """A process that runs a script in a forked interpreter; it has the interface of Popen."""
+
+    def __init__(self, script, output):
+        names = {
+            '__name__': '__main__',
+            'folder': str(Path.cwd()),
+            'environment': dict(os.environ),
+            'output': str(output),
+        }
+        self._process = FORKSERVER.Process(target=exec, args=(FORKED + script, names))
+        self._process.start()
+        self.pid = self._process.pid
+
+    def poll(self):
+        return self._process.exitcode
+
+    def wait(self, seconds=None):
+        self._process.join(seconds)
+        assert self.poll() is not None, f'it has not ended within {seconds} s'
+        return self.poll()
+
+
+class Process:
+    """A program in a separate process group; its output goes to a file."""
+
+    def __init__(self, what, folder):
+        self._output = folder / 'output.txt'
+        self._output.touch()
+        if isinstance(what, str):
+            self._popen = ForkedProcess(what, self._output)
+        else:
+            with self._output.open('wb') as file:
+                self._popen = subprocess.Popen(
+                    what,
+                    stdin=subprocess.DEVNULL,
+                    stdout=file,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
+        self.pid = self._popen.pid
+
+    @property
+    def output(self):
+        return self._output.read_text()
+
+    @property
+    def running(self):
+        return self._popen.poll() is None
+
+    def send(self, number):
+        if self.running:
+            with suppress(ProcessLookupError):  # it may just have ended
+                os.kill(self.pid, number)
+
+    def send_to_group(self, number):
+        """Send a signal to the process group, as a terminal does on Ctrl-C."""
+        os.killpg(self.pid, number)
+
+    def end(self, number=signal.SIGINT):
+        """Send a signal and return the exit code."""
+        self.send(number)
+        return self._popen.wait(DEADLINE)
+
+    def destroy(self):
+        """Kill the process and its group, also after a failure."""
+        if self.running:  # otherwise its pid may have been reused
+            with suppress(ProcessLookupError):  # its process group may not exist yet
+                os.killpg(self.pid, signal.SIGKILL)
+            self.end(signal.SIGKILL)
+
+    def group(self):
+        """Return the pids of all alive processes of the group."""
+        return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
+
+    def send_to_workers(self, number):
+        """Send a signal to the worker processes; return their number."""
+        workers = 0
+        for pid in self.group():
+            with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
+                if 'simulation.workers ' in Path(f'/proc/{pid}/cmdline').read_text():
+                    os.kill(pid, number)
+                    workers += 1
+        return workers
+
+
+def _processes():
+    """Yield pid and the fields of /proc/<pid>/stat after the name of all processes but zombies."""
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            fields = (folder / 'stat').read_text().rpartition(')')[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if fields[0] != 'Z':
+            yield int(folder.name), fields
+
+
+@pytest.fixture(scope='module')
+def run_command(tmp_path_factory):
+    """Start a command, or a script in an interpreter that has imported the nodes."""
+    started = []
+
+    def run_command(*command):
+        what = command[0] if len(command) == 1 else [str(word) for word in command]
+        started.append(Process(what, tmp_path_factory.mktemp('output')))
+        return started[-1]
+
+    yield run_command
+    for process in started:
+        process.destroy()
+
+
+@pytest.fixture(scope='module')
+def start_process(run_command, wait):
+    """Start a node in a process, which is killed at the end of the module.
+
+    ``constants`` are set before: {'ros.goal_client.ARRIVAL_TIMEOUT': 1.0}.
+    """
+
+    def start_process(kind, namespace, parameters=(), constants=(), ready='ready', arguments=()):
+        words = [kind, '--ros-args', '-r', f'__ns:={namespace}', *map(str, arguments)]
+        for name, value in dict(parameters).items():
+            words += ['-p', f'{name}:={value}']
+        lines = [f'sys.argv = {words!r}', f'import {NODES[kind].__module__} as node']
+        for name, value in dict(constants).items():
+            module, _, constant = name.rpartition('.')
+            lines += [
+                f'import resting_aspects_ros.{module} as changed',
+                f'assert hasattr(changed, {constant!r})',
+                f'changed.{constant} = {value!r}',
+            ]
+        process = run_command('\n'.join([*lines, 'raise SystemExit(node.main())']))
+        if ready:
+            wait(lambda: ready in process.output or not process.running, f'{kind} {ready}')
+            assert process.running, process.output
+        return process
+
+    return start_process
+
+
+@pytest.fixture(scope='module')
+def processes(start_process, connect, tmp_path_factory, few_parts):
+    """Return a function that starts a suite of three processes."""
+
+    def processes(constants=(), **simulator):
+        simulator = {'parts_folder': few_parts('box_10x20x30', 'tetrahedron'), **simulator}
+        logs = tmp_path_factory.mktemp('logs')
+        suite = Suite(new_namespace(), logs, start_process, constants, **simulator)
+        return suite.seen_by(connect(suite.namespace))
+
+    return processes
