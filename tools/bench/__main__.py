@@ -30,7 +30,7 @@ Written by `make bench`, section by section; each states when and on which machi
 replaced, for example, by `PYTHONPATH=tools .venv/bin/python -m bench latency`. Times are
 wall-clock times, unless a section says otherwise, and include the effect of other processes.
 
-The sections `other_engines`, `estimators` and `identification` are finished comparisons. They were
+The sections `estimators` and `identification` are finished comparisons. They were
 made once and stay as they are; the programs were removed on 2026-11-27 and are in the history of
 the repository.
 """

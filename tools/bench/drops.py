@@ -1,16 +1,20 @@
-"""Drops per second of the suite: engines and numbers of threads, parts and surfaces."""
+"""Drops per second: parts and surfaces, engines and numbers of threads, other programs."""
 
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
 
 from numba import cuda
 from rich.progress import track
 from validation.document import table
 from validation.dropper import Dropper
+from validation.mujoco_drops import mujoco_loop
 
 from bench.case import EXAMPLE, example_part, job_of
+from bench.plain import plain_loop
 from resting_aspects_ros.simulation.job import BULLET, CUDA, KERNEL, DropJob
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
@@ -23,6 +27,8 @@ from resting_aspects_ros.simulation.workers import (
 ROUNDS = 3
 # Drops per turn of each engine.
 PER_TURN = {CUDA: 1_000_000, KERNEL: 50_000, BULLET: 4000}
+# Drops per turn of other programs.
+OTHER = 200
 # Part, surface, and the aim in drops per second on two cores.
 CASES = (
     ('l_bracket', 'rubber_mat', '40000'),
@@ -36,43 +42,64 @@ CASES = (
 
 @dataclass
 class Timed:
-    """A job with its workers, and the drops per second of each round."""
+    """A way to simulate ``drops`` from the index ``first``, and its rates, drops per second."""
 
     title: str
-    workers: Workers
-    job: DropJob
+    work: Callable[[int, int], object]
+    drops: int
     aim: str = ''
     rates: list[float] = field(default_factory=list)
 
-    def make(self, first: int, drops: int) -> None:
-        """Simulate drops as the commands do."""
-        for future in submit_drops(self.job, first, drops, self.workers):
-            future.result()
-
     def turn(self, number: int) -> None:
         """Time the drops of a round."""
-        drops = PER_TURN[self.job.engine]
         started = time.perf_counter()
-        self.make(number * drops, drops)
-        self.rates.append(drops / (time.perf_counter() - started))
+        self.work(number * self.drops, self.drops)
+        self.rates.append(self.drops / (time.perf_counter() - started))
+
+
+def suite(workers: Workers, job: DropJob, first: int, drops: int) -> None:
+    """Simulate drops as the commands do."""
+    for future in submit_drops(job, first, drops, workers):
+        future.result()
 
 
 def drops(dropper: Dropper) -> Iterator[str]:
-    """Time drops with all workers and with one thread."""
+    """Time drops with all workers and with one thread, and in other programs."""
     many, one, count = dropper.workers, LocalWorkers(1), default_workers()
     part = example_part()
+    plain, bullet = job_of(part), job_of(part, engine=BULLET)
     cases = [
-        Timed(f'{name}, {surface}', many, job_of(example_part(name), surface), aim)
+        Timed(
+            f'{name}, {surface}',
+            partial(suite, many, job_of(example_part(name), surface)),
+            PER_TURN[KERNEL],
+            aim,
+        )
         for name, surface, aim in CASES
     ]
-    cases.append(Timed(f'{EXAMPLE}, rubber_mat, 1 thread', one, job_of(part)))
-    bullet = job_of(part, engine=BULLET)
-    cases.append(Timed(f'{EXAMPLE}, rubber_mat, Bullet in {count} processes', many, bullet))
+    ways = [
+        Timed('suite, 1 thread', partial(suite, one, plain), PER_TURN[KERNEL]),
+        Timed(
+            f'suite, Bullet in {count} processes', partial(suite, many, bullet), PER_TURN[BULLET]
+        ),
+        Timed(
+            'plain PyBullet loop', partial(plain_loop, bullet), OTHER, 'suite 400 times as fast'
+        ),
+    ]
+    if find_spec('mujoco'):
+        ways += [
+            Timed(f'MuJoCo, threads: {k}', partial(mujoco_loop, k, bullet), OTHER * k)
+            for k in (1, 2)
+        ]
     if cuda.is_available():
-        cases.append(Timed(f'{EXAMPLE}, rubber_mat, GPU', one, job_of(part, engine=CUDA)))
+        on_gpu = partial(suite, one, job_of(part, engine=CUDA))
+        ways.append(Timed('suite on a GPU', on_gpu, PER_TURN[CUDA]))
+    for each in ways:
+        each.title = f'{EXAMPLE}, rubber_mat: {each.title}'
+    cases += ways
     try:
         for each in cases:
-            each.make(0, 500)
+            each.work(0, min(each.drops, 500))
         turns = [(k, each) for k in range(ROUNDS) for each in cases]
         for k, each in track(turns, 'drops', transient=True):
             each.turn(k)
@@ -84,7 +111,11 @@ def drops(dropper: Dropper) -> Iterator[str]:
         'From the first request to the last pose, with the compiled kernel in '
         f'{count} threads, unless another engine or number of threads is named: the median of '
         f'{ROUNDS} rounds, in each of which all cases take turns. *Lowest*, *highest*: rates of '
-        'the rounds. The aims are for two cores.'
+        'the rounds. The aims are for two cores. *Plain PyBullet loop*: one body after another in '
+        'one world, stepped from Python with the contacts and the time step of the suite in '
+        'Bullet; the pose is read after each step. *MuJoCo*: all bodies in the threads of '
+        '`mujoco.rollout`, with the same time step. Both simulate each drop from the full height '
+        'until it is still.'
     )
     yield ''
     yield from table(

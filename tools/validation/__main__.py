@@ -11,11 +11,13 @@ from validation.dropper import ROOT
 from validation.engines import engines
 from validation.feeder import feeder
 from validation.identification import identification
+from validation.mujoco import mujoco
 from validation.thrown import thrown
 from validation.tosses import tosses
 from validation.track import track
 
 SECTIONS: dict[str, Section] = {
+    'mujoco': mujoco,
     'tosses': tosses,
     'thrown': thrown,
     'convergence': convergence,

@@ -59,7 +59,7 @@ def engines(dropper: Dropper) -> Iterator[str]:
         job = make_job(part, dropper.surfaces.get(surface), SEED)
         in_bullet = make_job(part, job.conditions, SEED + 1, engine=BULLET)
         finer = dataclasses.replace(in_bullet, refinement=FINER)
-        one, *others = (_counts(dropper, each, part, DROPS) for each in (job, in_bullet, finer))
+        one, *others = (counted(dropper, each, part, DROPS) for each in (job, in_bullet, finer))
         cells = ' | '.join(difference(one, other) for other in others)
         yield f'| {part.name} | {surface} | {cells} |'
     yield ''
@@ -81,7 +81,7 @@ def _surroundings(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
             if job.engine == BULLET or job.scene.level:
                 continue
             in_bullet = dataclasses.replace(job, seed=SEED + 1, engine=BULLET)
-            counts = [_counts(dropper, each, part, FEW) for each in (job, in_bullet)]
+            counts = [counted(dropper, each, part, FEW) for each in (job, in_bullet)]
             yield f'| {part.name} | {name} | {difference(*counts)} |'
 
 
@@ -92,12 +92,12 @@ def _actions(dropper: Dropper, parts: list[Part]) -> Iterator[str]:
             per_class = FEW // len(find_aspects(part).classes())
             job, before = action_job(dropper, part, action, per_class)
             in_bullet = dataclasses.replace(job, seed=SEED + 1, engine=BULLET)
-            count = partial(_counts, part=part, n=len(before), rows=before)
+            count = partial(counted, part=part, n=len(before), rows=before)
             cells = difference(*(count(dropper, each) for each in (job, in_bullet)))
             yield f'| {part.name} | {name} | {cells} |'
 
 
-def _counts(
+def counted(
     dropper: Dropper, job: DropJob, part: Part, n: int, rows: Counts | None = None
 ) -> Counts:
     """Return counts (r, m) of n drops by row and by class or OUTSIDE; without rows, r is 1."""

@@ -1,0 +1,105 @@
+"""The plain loop: one body in one PyBullet world, stepped from Python and read after each step.
+
+Scale, mass, inertia, friction, contacts and time step are those of the suite in Bullet. The world
+is reused for all drops, because creating one takes longer than a drop.
+"""
+
+import time
+from operator import mul
+
+import numpy as np
+from validation.trial import Trial, contacts_of, ended, released
+
+from resting_aspects_ros.simulation import bullet_world
+from resting_aspects_ros.simulation.bullet_world import RESIDUAL, empty_client, pybullet
+from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.release import TIME_LIMIT
+from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
+
+
+def plain_loop(job: DropJob, first: int, drops: int) -> Trial:
+    """Simulate drops until no coordinate changes by more than REST_MOTION in REST_WINDOW."""
+    client = empty_client()
+    body = _body(job, client)
+    states = released(job, first, drops)
+    rows = zip(
+        states.position.tolist(),
+        states.orientation.tolist(),
+        states.velocity.tolist(),
+        states.spin.tolist(),
+        strict=True,
+    )
+    window, most = (round(span * job.steps_per_t) for span in (REST_WINDOW, TIME_LIMIT))
+    ends: list[list[float]] = []
+    started = time.perf_counter()
+    for position, orientation, velocity, spin in rows:
+        pybullet.resetBasePositionAndOrientation(
+            body, position, orientation, physicsClientId=client
+        )
+        pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
+        before, since = [*position, *orientation], 0
+        for k in range(most):
+            pybullet.stepSimulation(physicsClientId=client)
+            at, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+            # A quaternion and its negative are the same orientation.
+            sign = 1 if sum(map(mul, turned, before[3:])) > 0 else -1
+            now = [*at, *(sign * q for q in turned)]
+            if max(abs(a - b) for a, b in zip(now, before, strict=True)) > REST_MOTION:
+                before, since = now, k
+            elif k - since >= window:
+                ends.append(now)
+                break
+    seconds = time.perf_counter() - started
+    return ended(job, seconds, drops, np.array(ends).reshape(-1, 7)[:, 3:])
+
+
+def _body(job: DropJob, client: int) -> int:
+    """Return the body of the part, in a world with the planes of the job."""
+    step = 1 / job.steps_per_t
+    pybullet.setGravity(*job.down.tolist(), physicsClientId=client)
+    pybullet.setPhysicsEngineParameter(
+        fixedTimeStep=step,
+        numSubSteps=0,
+        numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
+        solverResidualThreshold=bullet_world.SOLVER_RESIDUAL if job.scene.level else RESIDUAL,
+        restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
+        erp=step / bullet_world.PENETRATION_TIME,
+        contactERP=step / bullet_world.PENETRATION_TIME,
+        physicsClientId=client,
+    )
+    # Bullet multiplies the values of two bodies.
+    for normal, offset, friction, restitution in contacts_of(job):
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_PLANE, planeNormal=normal.tolist(), physicsClientId=client
+        )
+        # With maximal coordinates of both bodies, a step takes a tenth less time.
+        plane = pybullet.createMultiBody(
+            0,
+            shape,
+            basePosition=(offset * normal).tolist(),
+            useMaximalCoordinates=1,
+            physicsClientId=client,
+        )
+        pybullet.changeDynamics(
+            plane, -1, restitution=restitution, lateralFriction=friction, physicsClientId=client
+        )
+    hull = pybullet.createCollisionShape(
+        pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
+    )
+    body: int = pybullet.createMultiBody(1, hull, useMaximalCoordinates=1, physicsClientId=client)
+    pybullet.changeDynamics(
+        body,
+        -1,
+        mass=1,
+        localInertiaDiagonal=job.moments.tolist(),
+        restitution=1,
+        lateralFriction=1,
+        rollingFriction=job.conditions.rolling_friction,
+        spinningFriction=job.conditions.spinning_friction,
+        linearDamping=0,
+        angularDamping=0,
+        contactProcessingThreshold=0,
+        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        physicsClientId=client,
+    )
+    return body
