@@ -12,6 +12,7 @@ from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.runner import Progress, never
@@ -253,8 +254,9 @@ def _arrivals(
     options: Mapping[str, Any],
 ) -> tuple[DropResult, tuple[ReorientResult, ...], list[Orientation]]:
     """Return drops, actions, and the rows with their shares before the traps."""
+    actions = [named_action(each) for each in before]
     dropped = drop(part, model_range=False, **options)
-    acted = tuple(reorient(part, action, **options) for action in before)
+    acted = tuple(reorient(part, action, **options) for action in actions)
     distribution = dropped.distribution
     shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
     for each in acted:

@@ -91,6 +91,18 @@ def test_an_interrupted_design_is_not_complete():
     assert stopped.best.runs is None
 
 
+def test_an_unknown_action_is_refused_before_the_drops():
+    made = []
+    with pytest.raises(ra.InvalidValueError, match="'shake'"):
+        ra.track(
+            't_prism',
+            {'width': '60mm'},
+            before=['shake'],
+            progress=lambda *found: made.append(found),
+        )
+    assert not made
+
+
 def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
     plain = ra.track('t_prism', {'width': '60mm'}, drops=300)
     acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])
