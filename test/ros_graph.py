@@ -6,6 +6,7 @@ condition, which spins the executor of their namespace.
 
 import copy
 import functools
+import gc
 import importlib
 import itertools
 import os
@@ -170,6 +171,10 @@ class LocalNode:
             for publisher in self.node.publishers:
                 publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=1.0))
             self._graph.remove(self.node)
+            # Until it is destructed, which a waiting executor delays, the lines of a new node with
+            # its name are published by it, and are lost when it ends.
+            self._graph.step()
+            gc.collect()
             self._patch.undo()
 
 

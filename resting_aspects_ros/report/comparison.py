@@ -207,7 +207,9 @@ def _deviation_texts(interval: Interval) -> tuple[str, str]:
     The deviation has one digit more than its bounds, because it is computed from exact counts.
     """
     decimals = _deviation_decimals(interval)
-    shown = min(decimals_of(interval), decimals)
+    # A bound of 100 has no decimals, so that the table fits.
+    whole = max(-interval.lower, interval.upper) > 0.9995
+    shown = 0 if whole else min(decimals_of(interval), decimals)
     low, high = (points(x, shown) for x in (interval.lower, interval.upper))
     return points(interval.probability, decimals), f'{low} to {high}'
 

@@ -58,7 +58,7 @@ def _call_here(self, function, arguments):
         raise FileLimitError(f'unexpected error {error!r:.300}') from error
 
 
-@pytest.fixture(scope='session', autouse=True)
+@pytest.fixture(scope='module', autouse=True)
 def cheap_nodes():
     """Compute in threads of this process, model ranges from few drops, and wait for less long."""
     with pytest.MonkeyPatch.context() as patch:

@@ -10,8 +10,8 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
+from placed_bodies import Placed
 from scipy.spatial.transform import Rotation
-from validation.placed_bodies import Placed
 
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation import job as drop_job

@@ -1,7 +1,7 @@
 """Bodies that are placed in surroundings, for comparisons with mechanics."""
 
+import placed_bodies
 import pytest
-from validation import placed_bodies
 
 
 @pytest.fixture(scope='session')

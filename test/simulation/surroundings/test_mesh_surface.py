@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2_contingency
-from validation.surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
+from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError

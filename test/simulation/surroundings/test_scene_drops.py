@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.stats import chi2_contingency
-from validation.surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
+from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 import trimesh
+from placed_bodies import flat_on, groove_height, in_groove, point_path
 from scipy.spatial.transform import Rotation
-from validation.placed_bodies import flat_on, groove_height, in_groove, point_path
 
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.job import BULLET, CONTACT_STEPS, make_job
