@@ -97,13 +97,14 @@ def test_service_returns_the_matrix(suite, found):
 
 @pytest.mark.parametrize(
     ('part', 'action', 'code', 'message'),
+    # No test of the shared suite requests actions on the box.
     [
         ('tetrahedron', 'toss', Status.NOT_AVAILABLE, "by action 'toss' are known, .*: tap"),
         (
-            'l_bracket',
+            'box_10x20x30',
             '',
             Status.NOT_AVAILABLE,
-            "no transitions of 'l_bracket' are known, request",
+            "no transitions of 'box_10x20x30' are known, request",
         ),
         ('no_such_part', '', Status.UNKNOWN_PART, "part 'no_such_part' is not known; known "),
     ],
@@ -119,7 +120,7 @@ def test_service_reports_what_is_not_known(suite, found, part, action, code, mes
 
 
 def test_invalid_matrix_is_ignored(suite):
-    topic = 'transitions/l_bracket'
+    topic = 'transitions/box_10x20x30'
     publisher = suite.client.node.create_publisher(TransitionMatrix, topic, LATCHED)
     publisher.publish(TransitionMatrix())
     ignored = f"ignored a message on {suite.namespace}/{topic}: invalid run_id ''"
@@ -127,7 +128,7 @@ def test_invalid_matrix_is_ignored(suite):
         node = suite.nodes[name]
         suite.client.wait(lambda node=node: ignored in node.output, f'{name} ignores it')
     suite.client.node.destroy_publisher(publisher)
-    status = suite.client.transitions('l_bracket').status
+    status = suite.client.transitions('box_10x20x30').status
     assert status.code == Status.NOT_AVAILABLE
 
 
