@@ -116,16 +116,18 @@ def track(
     _check_parts(simulate)
     loaded = given_part(part)
     _warn_of_units(loaded, given)
-    options: dict[str, Any] = {
-        'surface': surface,
-        'drops': drops,
-        'seed': seed,
-        'workers': workers,
-        'progress': progress,
-        'stopped': stopped,
+    dropped, acted, rows = _arrivals(
+        loaded,
+        given,
+        before,
+        surface=surface,
+        drops=drops,
+        seed=seed,
+        workers=workers,
+        progress=progress,
+        stopped=stopped,
         **conditions,
-    }
-    dropped, acted, rows = _arrivals(loaded, given, before, options)
+    )
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
     return _with_runs(TrackResult(dropped, passage, acted), simulate, seed, stopped)
@@ -183,16 +185,18 @@ def design_track(
     given = default_track(loaded) if on is None else replace(given_track(on), traps=())
     limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
-    options: dict[str, Any] = {
-        'surface': surface,
-        'drops': drops,
-        'seed': seed,
-        'workers': workers,
-        'progress': progress,
-        'stopped': stopped,
+    dropped, acted, rows = _arrivals(
+        loaded,
+        given,
+        before,
+        surface=surface,
+        drops=drops,
+        seed=seed,
+        workers=workers,
+        progress=progress,
+        stopped=stopped,
         **conditions,
-    }
-    dropped, acted, rows = _arrivals(loaded, given, before, options)
+    )
 
     def measure(row: Orientation, trap: Any, name: str, critical: float) -> Band:
         if stopped():
@@ -248,10 +252,7 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
 
 
 def _arrivals(
-    part: Part,
-    on: Track,
-    before: Sequence[str | Action | NamedAction],
-    options: Mapping[str, Any],
+    part: Part, on: Track, before: Sequence[str | Action | NamedAction], **options: Any
 ) -> tuple[DropResult, tuple[ReorientResult, ...], list[Orientation]]:
     """Return drops, actions, and the rows with their shares before the traps."""
     actions = [named_action(each) for each in before]

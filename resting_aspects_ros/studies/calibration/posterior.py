@@ -48,6 +48,12 @@ CANDIDATES, MARGIN, ZOOMS = 1 << 12, 12.0, 3
 # Drops at the most probable conditions, in those of a point; repeated if they differ from the
 # polynomials by more than DIFFERENCE standard errors.
 REPEATED, CHECKS, DIFFERENCE = 8, 3, 4.0
+# Of the credible intervals, and draws of a prediction.
+CONFIDENCE, DRAWS = 0.9, 4000
+# A condition is not determined if its interval is longer than this share of the range.
+WIDE = 0.5
+# Of a test by parametric bootstrap.
+REPETITIONS = 199
 
 
 def terms(points: Array, degree: int) -> Array:
@@ -353,14 +359,6 @@ def _check(fit: Fit, best: Array, simulated: Sequence[Counts]) -> tuple[tuple[Ar
 
 
 # -- Estimates, predictions and the G test --------------------------------------------------------
-
-
-CONFIDENCE = 0.9
-# A condition is not determined if its interval is longer than this share of the range.
-WIDE = 0.5
-DRAWS = 4000
-# Of a test by parametric bootstrap.
-REPETITIONS = 199
 
 
 @dataclass(frozen=True, eq=False)
