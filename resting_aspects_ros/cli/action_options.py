@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import textwrap
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.cli.options import add_quantities, flag_of
@@ -31,9 +32,8 @@ def add_action_values(parser: argparse.ArgumentParser) -> None:
     for kind, action in KINDS.items():
         values = quantities_of(action)
         shared = [f'{flag_of(k)}: {q.text}' for k, q in values.items() if k in known]
-        group = parser.add_argument_group(
-            f'values of the action {kind}', '; '.join(shared) or None
-        )
+        text = textwrap.fill('; '.join(shared), 76) or None
+        group = parser.add_argument_group(f'values of the action {kind}', text)
         add_quantities(group, {k: q for k, q in values.items() if k not in known}, _PREFIX)
         known |= values.keys()
     group = parser.add_argument_group('time of the action')

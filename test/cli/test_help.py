@@ -118,8 +118,12 @@ def test_help_of_an_action_has_the_values_of_other_kinds_too(shown, monkeypatch)
     @dataclass(frozen=True)
     class Shock(Action):
         speed: float = quantity('speed', 'm/s', 'upward speed of all parts')
+        spin: float = quantity('spin', 'rad/s', 'standard deviation of each component of it')
         delay: float = quantity('delay', 's', 'time before it')
 
     monkeypatch.setitem(KINDS, 'shock', Shock)
     text = shown('reorient').partition('values of the action shock: ')[2]
-    assert text.startswith('--speed: upward speed of all parts --delay S time before it')
+    assert text.startswith(
+        '--speed: upward speed of all parts; --spin: standard deviation of each component of it '
+        '--delay S time before it'
+    )
