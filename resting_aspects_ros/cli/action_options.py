@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import textwrap
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.cli.options import add_quantities, flag_of
@@ -15,29 +16,33 @@ from resting_aspects_ros.simulation.actions import (
     NamedAction,
     make_action,
 )
-from resting_aspects_ros.simulation.conditions import Quantity, quantities_of
+from resting_aspects_ros.simulation.conditions import quantities_of
 
 DEFAULT_ACTION = 'tap'
-# Values that several kinds of action have are listed with the first of them.
 _PREFIX = 'action_'
-_VALUES: dict[str, dict[str, Quantity]] = {}
-for _kind, _action in KINDS.items():
-    _known = {name for names in _VALUES.values() for name in names}
-    _VALUES[_kind] = {k: q for k, q in quantities_of(_action).items() if k not in _known}
 
 
 def add_action_values(parser: argparse.ArgumentParser) -> None:
-    """Add a flag for each value of each kind of action; see requested_actions."""
-    for kind, names in _VALUES.items():
-        group = parser.add_argument_group(f'values of the action {kind}')
-        add_quantities(group, names, _PREFIX)
+    """Add a flag for each value of each kind of action; see requested_actions.
+
+    The flag of a value that several kinds have is in the group of the first of them. The groups of
+    the others describe it.
+    """
+    known: set[str] = set()
+    for kind, action in KINDS.items():
+        values = quantities_of(action)
+        shared = [f'{flag_of(k)}: {q.text}' for k, q in values.items() if k in known]
+        text = textwrap.fill('; '.join(shared), 76) or None
+        group = parser.add_argument_group(f'values of the action {kind}', text)
+        add_quantities(group, {k: q for k, q in values.items() if k not in known}, _PREFIX)
+        known |= values.keys()
     group = parser.add_argument_group('time of the action')
     add_quantities(group, {'time': TIME}, _PREFIX)
 
 
 def _requested_values(arguments: argparse.Namespace) -> dict[str, float]:
     """Return the values of an action that have a flag among the arguments, in SI units."""
-    quantities = {k: q for names in _VALUES.values() for k, q in names.items()}
+    quantities = {k: q for each in KINDS.values() for k, q in quantities_of(each).items()}
     return {
         name: parse_quantity(flag_of(name), text, quantity.unit)
         for name, quantity in {**quantities, 'time': TIME}.items()

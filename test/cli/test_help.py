@@ -3,12 +3,16 @@
 import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib import import_module
 
 import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli import main, verbs
+from resting_aspects_ros.simulation.actions import KINDS
+from resting_aspects_ros.simulation.conditions import quantity
+from resting_aspects_ros.simulation.starts import Action
 
 HEAVY = (
     'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
@@ -108,3 +112,18 @@ def test_the_script_is_the_same_command():
     words = [f'{sys.prefix}/bin/resting_aspects', '--version']
     ended = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ended.stdout == f'resting_aspects {__version__}\n'
+
+
+def test_help_of_an_action_has_the_values_of_other_kinds_too(shown, monkeypatch):
+    @dataclass(frozen=True)
+    class Shock(Action):
+        speed: float = quantity('speed', 'm/s', 'upward speed of all parts')
+        spin: float = quantity('spin', 'rad/s', 'standard deviation of each component of it')
+        delay: float = quantity('delay', 's', 'time before it')
+
+    monkeypatch.setitem(KINDS, 'shock', Shock)
+    text = shown('reorient').partition('values of the action shock: ')[2]
+    assert text.startswith(
+        '--speed: upward speed of all parts; --spin: standard deviation of each component of it '
+        '--delay S time before it'
+    )

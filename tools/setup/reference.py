@@ -131,10 +131,17 @@ def command_text(command: str) -> str:
 
 
 def shared_flags(title: str, command: str) -> str:
-    """Return the table of the flags of a group of a command."""
+    """Return the table of the flags of a group of a command.
+
+    Below it are the values of an action that have the flag of another kind.
+    """
     groups = parser_of(command)._action_groups  # noqa: SLF001
     (found,) = [group for group in groups if group.title == title]
-    return table(('flag', 'meaning'), flag_rows(found._group_actions))  # noqa: SLF001
+    rows = flag_rows(found._group_actions)  # noqa: SLF001
+    parts = [table(('flag', 'meaning'), rows)] if rows else []
+    if title.startswith(ACTION) and found.description:
+        parts.append(plain(found.description))
+    return '\n\n'.join(parts)
 
 
 def command_blocks() -> dict[str, str]:
