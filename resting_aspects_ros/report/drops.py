@@ -36,8 +36,10 @@ from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, inter
 
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
 # also with the model range, and with the mean of each aspect as well; and in a table of single
-# aspects, which also has the column DOWN.
+# aspects, which also has the column DOWN, unless that is wider than usual.
 _REST_WIDTH, _REST_WIDTH_WITH_RANGE, _REST_WIDTH_OF_SEVERAL, _REST_WIDTH_OF_EACH = 26, 21, 14, 20
+# Width of the column DOWN of a part that does not roll.
+_DOWN_WIDTH = 19
 # Heading of the model range.
 MODEL_RANGE = 'model\nrange'
 
@@ -77,14 +79,16 @@ def distribution_table(
         'count',
         *(['per\naspect'] if several else []),
     )
-    width = _REST_WIDTH_OF_EACH if each else _REST_WIDTH
+    downs = [down_text(row.aspects[0]) if each else '' for row in rows]
+    wider = max(map(len, downs), default=0) - _DOWN_WIDTH
+    width = _REST_WIDTH_OF_EACH - max(wider, 0) if each else _REST_WIDTH
     if own_column:
         width = _REST_WIDTH_OF_SEVERAL if several else _REST_WIDTH_WITH_RANGE
     table = Table(title, headings, texts={RESTS_ON: width, DOWN: None})
-    for row in rows:
+    for row, down in zip(rows, downs, strict=True):
         cells = [short_name(row), resting_on(part, row.aspects[0])]
         if each:
-            cells.append(down_text(row.aspects[0]))
+            cells.append(down)
         probability, sampling, count = shares(row.interval, row.count, distribution.drops)
         if own_column:
             cells += [probability, sampling, model_text(row), count]

@@ -90,7 +90,7 @@ def test_unseen_aspect_has_zero_and_an_upper_bound(aspects, rows):
     assert float(never['upper']) == pytest.approx(100 * 3.8415 / 1003.8415, abs=0.005)  # z2/(n+z2)
 
 
-@pytest.mark.parametrize('name', ['t_prism', 'hex_nut'])
+@pytest.mark.parametrize('name', ['t_prism', 'hex_nut', 'cylinder_d20_h20'])
 def test_table_with_model_ranges_shows_them_in_80_columns(part, lines, name):
     shape = part(name)
     aspects = find_aspects(shape)
