@@ -347,7 +347,8 @@ class ContactCounts(Placements):
                     self.uncounted += len(rest)
                     return
                 known = self._new(key, rest[0])
-            near = pose_angles(rest, known.orientation, self._rotations, normal) <= SAME_PLACEMENT
+            angles = pose_angles(rest, known.orientation, self._rotations, normal, self._axis)
+            near = angles <= SAME_PLACEMENT
             known.count += int(near.sum())
             rest = rest[~near]
 
@@ -373,6 +374,10 @@ class ContactCounts(Placements):
     def _rotations(self) -> Array:
         symmetry = self.aspects.symmetry
         return np.eye(3)[None] if symmetry is None else symmetry.rotations
+
+    @property
+    def _axis(self) -> Array | None:
+        return None if self.aspects.symmetry is None else self.aspects.symmetry.axis
 
 
 def _named(code: int) -> int | str | None:

@@ -246,6 +246,15 @@ def test_leaning_parts_are_told_apart_by_their_orientation(block):
     assert sorted(p.count for p in counted.placements) == [2, 3]
 
 
+def test_a_leaning_pin_is_one_placement_however_it_is_rolled(solid, solids):
+    pin = solid(solids.prism(60, 4.0, 16.0))
+    given = pin, find_aspects(pin)
+    rolls = Rotation.from_euler('z', np.linspace(0, 300, 7)[:, None], degrees=True)
+    leaning = Rotation.from_euler('x', 40, degrees=True)
+    counted = add(no_counts(given), touching(given, leaning * rolls))
+    assert [p.count for p in counted.placements] == [7]
+
+
 def test_parts_that_are_not_at_rest_are_drops_without_placement(block):
     given = touching(block, Rotation.create_group('O'), status=RestStatus.SLIDING)
     counted = add(no_counts(block), given)
