@@ -14,6 +14,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import random_orientations
+from resting_aspects_ros.statistics import distribution as counting
 from resting_aspects_ros.statistics.distribution import (
     FIRST_SAMPLE,
     ContactCounts,
@@ -236,6 +237,25 @@ def test_first_drops_keep_the_order_of_their_placements(block):
     )
     first = [p.contacts for p in few.placements]
     assert [p.contacts for p in more.placements][: len(first)] == first
+
+
+@pytest.mark.parametrize('most', [200, 7])
+def test_placements_and_their_classes_do_not_depend_on_the_chunks(block, most, monkeypatch):
+    monkeypatch.setattr(counting, 'MAX_PLACEMENTS', most)
+    group = Rotation.create_group('O')
+    leaning = group * Rotation.from_euler('xyz', [20, 30, 40], degrees=True)
+    both = Rotation.concatenate([group, leaning])
+    turns = both[np.random.default_rng(3).integers(0, len(both), 80)]
+    found = []
+    for size in (80, 25, 1):
+        counted = no_counts(block)
+        for k in range(0, 80, size):
+            add(counted, touching(block, turns[k : k + size], first=k))
+        found.append(
+            [(p.contacts, p.count, p.symmetry_class, *p.orientation) for p in counted.placements]
+        )
+        found[-1].append(counted.uncounted)
+    assert found[0] == found[1] == found[2]
 
 
 def test_leaning_parts_are_told_apart_by_their_orientation(block):
