@@ -258,7 +258,7 @@ def random_poses(
     """
     yaw = generator.uniform(0, turn, len(sizes))
     room = _room(tray, sizes, yaw)
-    fits = (room >= 0).all(axis=1)
+    fits: Mask = np.asarray((room >= 0).all(axis=1))
     for size in np.unique(sizes[~fits], axis=0):
         # A long part may only fit in directions that are hardly ever drawn.
         ways, here = _fitting_yaws(tray, size), ~fits & (sizes == size).all(axis=1)
