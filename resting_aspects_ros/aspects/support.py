@@ -388,7 +388,13 @@ class ContactFinder:
         return (CORNER, EDGE, SIDE, SIDE)[int(spread.sum())]
 
 
-def pose_angles(orientation: Array, other: Array, rotations: Array, normal: Array | None) -> Array:
+def pose_angles(
+    orientation: Array,
+    other: Array,
+    rotations: Array,
+    normal: Array | None,
+    axis: Array | None = None,
+) -> Array:
     """Return the angles (n,), rad, from orientations to another one, minimised over rotations.
 
     Parameters
@@ -399,18 +405,31 @@ def pose_angles(orientation: Array, other: Array, rotations: Array, normal: Arra
         Rotations of the part onto itself, part frame.
     normal : (3,) float or None
         Unit vector, tray frame, about which the parts may be turned; None: about none.
+    axis : (3,) float, optional
+        Unit vector, part frame, about which every rotation, after one of these, maps the part
+        onto itself; None: there is none.
     """
     inverse = orientation * [-1, -1, -1, 1]
     if normal is not None:
         seen = rotate(inverse, np.tile(normal, (len(orientation), 1)))
-        of_other = rotate(other * [-1, -1, -1, 1], normal[None])[0]
-        return np.asarray(np.min([angle_between(seen, r @ of_other) for r in rotations], axis=0))
+        of_other = rotations @ rotate(other * [-1, -1, -1, 1], normal[None])[0]
+        if axis is None:
+            return np.asarray(np.min([angle_between(seen, each) for each in of_other], axis=0))
+        across, of_axis = angle_between(seen, axis), angle_between(of_other, axis)
+        return np.asarray(np.abs(across[:, None] - of_axis).min(axis=1))
     axes = np.eye(3)
     # The cosine of the angle of a rotation is (trace - 1) / 2.
     frames = np.stack([rotate(orientation, np.tile(x, (len(orientation), 1))) for x in axes], 2)
     of_other = np.stack([rotate(other, x[None])[0] for x in axes], axis=1)
-    traces = [np.einsum('nij,ij->n', frames, of_other @ r.T) for r in rotations]
-    return np.asarray(np.arccos(np.clip((np.max(traces, axis=0) - 1) / 2, -1, 1)))
+    between = np.einsum('nki,gkj->ngij', frames, of_other @ rotations.transpose(0, 2, 1))
+    traces = np.einsum('ngii->ng', between)
+    if axis is not None:
+        # The trace of the product with a rotation about the axis is a sine of its angle.
+        along = between @ axis @ axis
+        skew = between - between.transpose(0, 1, 3, 2)
+        side = np.stack([skew[..., 1, 2], skew[..., 2, 0], skew[..., 0, 1]], axis=-1) @ axis
+        traces = along + np.hypot(traces - along, side)
+    return np.asarray(np.arccos(np.clip((traces.max(axis=1) - 1) / 2, -1, 1)))
 
 
 def class_of_contacts(aspects: AspectSet, contacts: tuple[int, ...]) -> tuple[int, ...]:

@@ -257,13 +257,32 @@ def random_poses(
         Range of the yaw, rad.
     """
     yaw = generator.uniform(0, turn, len(sizes))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    a, b, radius = sizes.T
-    along, across = np.abs(cos), np.abs(sin)
-    half = np.stack([a * along + b * across, a * across + b * along], axis=1)
-    room = np.array(tray.size) / 2 - half - radius[:, None]
+    room = _room(tray, sizes, yaw)
+    fits: Mask = np.asarray((room >= 0).all(axis=1))
+    for size in np.unique(sizes[~fits], axis=0):
+        # A long part may only fit in directions that are hardly ever drawn.
+        ways, here = _fitting_yaws(tray, size), ~fits & (sizes == size).all(axis=1)
+        if len(ways):
+            chosen = generator.choice(np.concatenate([ways, np.pi - ways]), here.sum())
+            yaw[here] = chosen + (yaw[here] >= np.pi) * np.pi
+            room[here] = np.maximum(_room(tray, sizes[here], yaw[here]), 0.0)
+            fits[here] = True
     place = generator.uniform(-1, 1, (len(sizes), 2)) * room
-    return np.column_stack([place, cos, sin]), (room >= 0).all(axis=1)
+    return np.column_stack([place, np.cos(yaw), np.sin(yaw)]), fits
+
+
+def _room(tray: Tray, sizes: Array, yaw: Array) -> Array:
+    """Return how far (n, 2) parts can be from the middle, m; negative where they do not fit."""
+    a, b, radius = sizes.T
+    along, across = np.abs(np.cos(yaw)), np.abs(np.sin(yaw))
+    half = np.stack([a * along + b * across, a * across + b * along], axis=1)
+    return np.asarray(np.array(tray.size) / 2 - half - radius[:, None])
+
+
+def _fitting_yaws(tray: Tray, size: Array) -> Array:
+    """Return yaws (k,) from 0 to pi / 2, rad, of many, in which a part (3,) fits on the tray."""
+    yaw = np.linspace(0, math.pi / 2, 181)
+    return yaw[(_room(tray, np.tile(size, (len(yaw), 1)), yaw) >= 0).all(axis=1)]
 
 
 class Placing:
@@ -507,12 +526,8 @@ def blocking_area(tray: Tray, one: Footprint, other: Footprint) -> float:
 
 def check_fit(tray: Tray, footprints: Sequence[Footprint]) -> None:
     """Raise InvalidValueError if a part does not fit into the tray in any of many directions."""
-    yaw = np.linspace(0, math.pi / 2, 181)
-    cos, sin = np.cos(yaw), np.sin(yaw)
     for each in footprints:
-        a, b, radius = each.values
-        wide, deep = (2 * (a * u + b * v + radius) for u, v in ((cos, sin), (sin, cos)))
-        if not ((wide <= tray.size[0]) & (deep <= tray.size[1])).any():
+        if not len(_fitting_yaws(tray, each.values)):
             sides = ' x '.join(f'{1000 * side:g}' for side in tray.size)
             raise InvalidValueError(
                 f'invalid tray {sides} mm: expected one into which the part fits, which is up to '

@@ -172,7 +172,9 @@ class GivenStates:
                 f'invalid orientation [0, 0, 0, 0] of initial state {int(zero[0])}: expected a '
                 'quaternion'
             )
-        object.__setattr__(self, 'orientation', canonical(self.orientation))
+        # Scaled by a power of two, which is exact, so that no square overflows or is rounded to 0.
+        exponent = np.frexp(np.abs(self.orientation).max(axis=1, keepdims=True))[1]
+        object.__setattr__(self, 'orientation', canonical(np.ldexp(self.orientation, -exponent)))
 
     def __len__(self) -> int:
         return len(self.orientation)

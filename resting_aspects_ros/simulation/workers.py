@@ -334,7 +334,9 @@ T = TypeVar('T')
 
 
 class ClusterWorkers:
-    """The workers of a Dask cluster, whose number may change at any time; implements Workers.
+    """The workers of a Dask cluster, whose number may change at any time.
+
+    Implements Workers for any number of runs at the same time.
 
     The scheduler assigns the chunks of a worker that dies to other workers. If no worker is left,
     the drops wait for new ones.
@@ -355,6 +357,7 @@ class ClusterWorkers:
         self._executor = self._client.get_executor(pure=False)
         self._job: DropJob | None = None
         self._remote_job: Any = None
+        self._lock = threading.Lock()
 
     def lookahead(self) -> int:
         """Return two chunks for each connected worker."""
@@ -366,12 +369,14 @@ class ClusterWorkers:
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk; it fails with EngineError if the worker has different versions."""
-        if job is not self._job:
-            # The job is a task of its own, so that each worker receives it once. Unlike scattered
-            # data, Dask creates it again when the workers that hold it die.
-            self._job, self._remote_job = job, self._client.submit(_identity, job, pure=False)
+        with self._lock:  # several runs can submit at the same time
+            if job is not self._job:
+                # The job is a task of its own, so that each worker receives it once. Unlike
+                # scattered data, Dask creates it again when the workers that hold it die.
+                self._job, self._remote_job = job, self._client.submit(_identity, job, pure=False)
+            remote = self._remote_job
         future: Future[RestingPoses] = self._executor.submit(
-            _drop, self._remote_job, first, end, worker_versions()
+            _drop, remote, first, end, worker_versions()
         )
         return future
 

@@ -334,7 +334,9 @@ class LiveCounts:
         b = a.sum() - a
         tail = (1 - confidence) / 2
         mean = a / a.sum()
-        lower, upper = containing(mean, betaincinv(a, b, tail), betaincinv(a, b, 1 - tail))
+        # The share of a class without any other one is 1.
+        ends = [np.where(b > 0, betaincinv(a, b, q), 1.0) for q in (tail, 1 - tail)]
+        lower, upper = containing(mean, *ends)
         rows = zip(mean.tolist(), lower.tolist(), upper.tolist(), strict=True)
         return [Interval(*row) for row in rows]
 

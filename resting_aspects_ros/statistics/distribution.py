@@ -325,44 +325,62 @@ class ContactCounts(Placements):
         orientation = poses.orientation[settled]
         contacts = self.finder.find(poses.position[settled], orientation)
         keys, which = np.unique(contacts, axis=0, return_inverse=True)
-        for k in np.argsort([np.argmax(which.ravel() == k) for k in range(len(keys))]):
-            key = tuple(keys[k].tolist())
-            self._count(key, orientation[which.ravel() == k])
+        new: list[tuple[int, Placement]] = []
+        for k, key in enumerate(keys.tolist()):
+            rows = np.flatnonzero(which.ravel() == k)
+            new += self._count(tuple(key), rows, orientation[rows])
+        for _, found in sorted(new, key=lambda each: each[0]):
+            if _all_known(found.contacts) or len(self.placements) < MAX_PLACEMENTS:
+                self._append(found)
+            else:
+                self.uncounted += found.count
 
-    def _count(self, key: tuple[int, ...], orientation: Array) -> None:
-        """Count poses (n, 4) with the same contacts."""
-        same = [p for p in self.placements if p.contacts == key]
-        if all(c >= NONE for c in key) and any(key):
-            if not same:
-                same.append(self._new(key, orientation[0]))
-            same[0].count += len(orientation)
-            return
+    def _count(
+        self, key: tuple[int, ...], rows: Counts, orientation: Array
+    ) -> list[tuple[int, Placement]]:
+        """Count poses (n, 4) with the same contacts in the known placements.
+
+        Returns the placements of the others, each with the first of its ``rows`` (n,).
+        """
+        known = [p for p in self.placements if p.contacts == key]
+        new: list[tuple[int, Placement]] = []
+        if _all_known(key):
+            if not known:
+                new.append((int(rows[0]), Placement(key, orientation[0])))
+                known = [new[0][1]]
+            known[0].count += len(orientation)
+            return new
         touched = [p.normal for p, c in zip(self.finder.planes, key, strict=True) if c != NONE]
         normal = touched[0] if len(touched) == 1 else None
-        rest = orientation
-        while len(rest):
-            known = same.pop(0) if same else None
-            if known is None:
-                if len(self.placements) >= MAX_PLACEMENTS:
-                    self.uncounted += len(rest)
-                    return
-                known = self._new(key, rest[0])
-            near = pose_angles(rest, known.orientation, self._rotations, normal) <= SAME_PLACEMENT
-            known.count += int(near.sum())
-            rest = rest[~near]
+        while len(rows):
+            if not known:
+                if len(new) == MAX_PLACEMENTS:
+                    self.uncounted += len(rows)
+                    break
+                new.append((int(rows[0]), Placement(key, orientation[0])))
+                known = [new[-1][1]]
+            place = known.pop(0)
+            angles = pose_angles(
+                orientation, place.orientation, self._rotations, normal, self._axis
+            )
+            far = angles > SAME_PLACEMENT
+            place.count += len(rows) - int(far.sum())
+            rows, orientation = rows[far], orientation[far]
+        return new
 
-    def _new(self, key: tuple[int, ...], orientation: Array) -> Placement:
-        of_class = class_of_contacts(self.aspects, key)
+    def _append(self, found: Placement) -> None:
+        """Append a placement with the number of its symmetry class."""
+        of_class = class_of_contacts(self.aspects, found.contacts)
         for other in self.placements:
-            if all(c >= NONE for c in key) and of_class == class_of_contacts(
+            if all(c >= NONE for c in found.contacts) and of_class == class_of_contacts(
                 self.aspects, other.contacts
             ):
-                number = other.symmetry_class
+                found.symmetry_class = other.symmetry_class
                 break
         else:
-            number = 1 + max((p.symmetry_class for p in self.placements), default=0)
-        self.placements.append(Placement(key, orientation, 0, number))
-        return self.placements[-1]
+            last = max((p.symmetry_class for p in self.placements), default=0)
+            found.symmetry_class = last + 1
+        self.placements.append(found)
 
     @property
     def counted(self) -> Placements:
@@ -373,6 +391,15 @@ class ContactCounts(Placements):
     def _rotations(self) -> Array:
         symmetry = self.aspects.symmetry
         return np.eye(3)[None] if symmetry is None else symmetry.rotations
+
+    @property
+    def _axis(self) -> Array | None:
+        return None if self.aspects.symmetry is None else self.aspects.symmetry.axis
+
+
+def _all_known(contacts: tuple[int, ...]) -> bool:
+    """Return whether a part touches some planes, and all of them with an aspect."""
+    return any(contacts) and all(c >= NONE for c in contacts)
 
 
 def _named(code: int) -> int | str | None:

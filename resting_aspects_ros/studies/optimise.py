@@ -410,6 +410,18 @@ def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     return np.array([float(f.shares(np.array(v))) for f, v in zip(factors, values, strict=True)])
 
 
+def line_through(point: Array, k: int, factors: Sequence[Factor]) -> Array:
+    """Return points (l, d) along factor k through a point (d,), at its levels if it has some.
+
+    The point itself is left out; it need not be at levels, as the conditions of the user.
+    """
+    line = np.repeat(point[None], LEVELS, axis=0)
+    line[:, k] = np.linspace(0, 1, LEVELS)
+    line[:, k] = on_levels(line, factors)[:, k]
+    line = np.unique(line, axis=0)
+    return line[line[:, k] != point[k]]
+
+
 def _curves(
     drops: _Drops, best: Candidate, budget: int, confidence: float, rng: np.random.Generator
 ) -> list[FactorCurve]:
@@ -417,10 +429,7 @@ def _curves(
     point, found = best.point, []
     assert point is not None
     for k in range(len(drops.factors)):
-        line = np.repeat(point[None], LEVELS, axis=0)
-        line[:, k] = np.linspace(0, 1, LEVELS)
-        line = np.unique(on_levels(line, drops.factors), axis=0)
-        line = line[line[:, k] != point[k]]
+        line = line_through(point, k, drops.factors)
         counts = drops.counts(line, budget // 4 // (LEVELS * len(drops.factors)), 'curve')
         if drops.stopped():
             return []

@@ -456,17 +456,16 @@ class AirJet(Trap):
         tips over the outer end of its contact if the moment of the force exceeds that of gravity.
         """
         row, surface = arrival.row, arrival.surface
-        if row.height < self.height:
-            return Outcome('pass', row.height, self.height - row.height, 'height')
         weight = arrival.part.mass * 9.80665
         cosine, sine = math.cos(surface.roll), math.sin(surface.roll)
         slides = self.force > weight * (surface.friction * cosine + sine)
         outer = float(shapely.bounds(row.contact)[3]) - row.yaw.distance
         tips = self.force * self.height > weight * (outer * cosine + row.com_height * sine)
+        if not (slides or tips):  # at any height
+            return Outcome('pass')
         margin = self.height - row.height
-        return Outcome(
-            'reject' if slides else 'turn' if tips else 'pass', row.height, margin, 'height'
-        )
+        result: Result = 'pass' if margin > 0 else 'reject' if slides else 'turn'
+        return Outcome(result, row.height, margin, 'height')
 
 
 def _nearest_between(row: Orientation, part: Part, low: float, high: float) -> float:

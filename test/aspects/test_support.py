@@ -290,3 +290,22 @@ def test_rotation_about_a_touched_plane_is_free():
     turned = Rotation.from_rotvec(np.linspace(0, 3, 7)[:, None] * normal) * base
     angles = pose_angles(turned.as_quat(), base.as_quat(), np.eye(3)[None], normal)
     np.testing.assert_allclose(angles, 0, atol=1e-7)
+
+
+@pytest.mark.parametrize('normal', [None, np.array([0.0, 0.6, 0.8])])
+def test_rotations_about_the_axis_of_a_body_of_revolution_are_free(normal):
+    axis, flip = np.array([0.6, 0.0, 0.8]), Rotation.from_rotvec([0.0, np.pi, 0.0])
+    group = Rotation.concatenate([Rotation.identity(), flip])
+    turns, other = Rotation.random(20, random_state=6), Rotation.random(random_state=7)
+    rolls = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 2000)[:, None] * axis)
+    about = [Rotation.identity()]
+    if normal is not None:
+        about = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 400)[:, None] * normal)
+        rolls = rolls[::5]
+    expected = [
+        min((turn.inv() * n * other * g * rolls).magnitude().min() for g in group for n in about)
+        for turn in turns[:4]
+    ]
+    symmetry = group.as_matrix()
+    found = pose_angles(turns[:4].as_quat(), other.as_quat(), symmetry, normal, axis)
+    np.testing.assert_allclose(found, expected, atol=2e-2)

@@ -136,6 +136,15 @@ def test_number_that_does_not_fit_is_refused():
 
 
 @pytest.mark.parametrize(
+    ('size', 'sides'), [((0.1, 0.01), (0.0999, 0.0099)), ((0.1, 0.1), (0.141, 1e-4))]
+)
+def test_a_part_that_only_fits_in_few_directions_is_free_alone(size, sides):
+    tray, only = Tray(size, 1e-3), Footprint(*sides)
+    assert free_shares(tray, [only], np.ones(1), 1).free[0] == 1
+    assert free_shares(tray, [only], np.ones(1), 1, separated=False).free[0] == 1
+
+
+@pytest.mark.parametrize(
     'part', [Footprint(0.3, 0.01), Footprint(0.19, 0.19, 0.02), Footprint(0, 0, 0.11)]
 )
 def test_part_larger_than_the_tray_is_refused(part):

@@ -6,7 +6,8 @@ import re
 import signal
 import socket
 import sys
-from concurrent.futures import Future
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -108,6 +109,31 @@ def test_lost_cluster_is_an_error(make_cluster, planned, monkeypatch):
             list(steps)
     finally:
         workers.stop()
+
+
+class SlowExecutor:
+    """Like that of a client; tasks return the job with which they were submitted."""
+
+    @property
+    def submit(self):
+        time.sleep(1e-3)  # another run submits meanwhile
+        return lambda _, remote, *__: remote
+
+
+class OtherClient:
+    def get_executor(self, **_):
+        return SlowExecutor()
+
+    def submit(self, function, job, **_):
+        time.sleep(1e-3)
+        return function(job)
+
+
+def test_runs_that_submit_at_the_same_time_have_their_own_jobs(monkeypatch):
+    monkeypatch.setattr(chunks, '_connect', lambda _: OtherClient())
+    workers, jobs = ClusterWorkers('there:1'), 20 * ['one', 'other', 'third']
+    with ThreadPoolExecutor(8) as threads:
+        assert list(threads.map(lambda job: workers.submit(job, 0, 1), jobs)) == jobs
 
 
 @pytest.fixture

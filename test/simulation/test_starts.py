@@ -259,6 +259,13 @@ def test_impossible_states_are_refused(values, message):
         GivenStates(**{'position': [[0, 0, 1]], 'orientation': [[0, 0, 0, 1]], **values})
 
 
+@pytest.mark.parametrize('length', [5e-324, 1e-200, 3.0, 1e200, 1e308])
+def test_quaternions_of_any_length_are_scaled(length):
+    given = GivenStates(position=[[0, 0, 1]] * 2, orientation=[[length, 0, 0, 0], [0, length] * 2])
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(given.orientation, [[1, 0, 0, 0], [0, half, 0, half]])
+
+
 # -- The engine -----------------------------------------------------------------------------------
 
 

@@ -17,6 +17,7 @@ from resting_aspects_ros.statistics.counted_parts import (
     ObservedCounts,
     Totals,
 )
+from resting_aspects_ros.statistics.intervals import Interval
 
 SECOND = 10**9
 
@@ -158,6 +159,19 @@ def test_mean_is_between_simulation_and_counts(rows, weight):
     assert (np.minimum(prior, share) - 1e-9 <= mean).all()
     assert (mean <= np.maximum(prior, share) + 1e-9).all()
     assert all(each.lower <= each.upper for each in found.intervals())
+
+
+@pytest.mark.parametrize('observed', [0, 30])
+def test_share_of_the_only_class_is_certain(observed):
+    live = LiveCounts((1,), np.array([100]), np.array([observed]))
+    assert live.intervals() == [Interval(1.0, 1.0, 1.0)]
+
+
+def test_share_without_a_noticeable_rest_has_an_interval():
+    live = LiveCounts((1, 2), np.array([100, 0]), np.array([10**8, 0]), 1e-300)
+    first, second = live.intervals()
+    assert (first.lower, first.upper) == (1.0, 1.0)
+    assert 0 <= second.lower <= second.probability <= second.upper < 1e-9
 
 
 def test_intervals_cover_shares_that_the_prior_describes():

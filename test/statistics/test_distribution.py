@@ -14,6 +14,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import random_orientations
+from resting_aspects_ros.statistics import distribution as counting
 from resting_aspects_ros.statistics.distribution import (
     FIRST_SAMPLE,
     ContactCounts,
@@ -238,12 +239,40 @@ def test_first_drops_keep_the_order_of_their_placements(block):
     assert [p.contacts for p in more.placements][: len(first)] == first
 
 
+@pytest.mark.parametrize('most', [200, 7])
+def test_placements_and_their_classes_do_not_depend_on_the_chunks(block, most, monkeypatch):
+    monkeypatch.setattr(counting, 'MAX_PLACEMENTS', most)
+    group = Rotation.create_group('O')
+    leaning = group * Rotation.from_euler('xyz', [20, 30, 40], degrees=True)
+    both = Rotation.concatenate([group, leaning])
+    turns = both[np.random.default_rng(3).integers(0, len(both), 80)]
+    found = []
+    for size in (80, 25, 1):
+        counted = no_counts(block)
+        for k in range(0, 80, size):
+            add(counted, touching(block, turns[k : k + size], first=k))
+        found.append(
+            [(p.contacts, p.count, p.symmetry_class, *p.orientation) for p in counted.placements]
+        )
+        found[-1].append(counted.uncounted)
+    assert found[0] == found[1] == found[2]
+
+
 def test_leaning_parts_are_told_apart_by_their_orientation(block):
     """Turned by 20 and by 70 degrees, the block leans at the wall with different sides up."""
     turns = Rotation.from_euler('z', np.array([[20, 21, 70, 200, 250]]).T, degrees=True)
     counted = add(no_counts(block), touching(block, turns))
     # 200 is 20 turned by half a turn, which maps the block onto itself; 250 is 70.
     assert sorted(p.count for p in counted.placements) == [2, 3]
+
+
+def test_a_leaning_pin_is_one_placement_however_it_is_rolled(solid, solids):
+    pin = solid(solids.prism(60, 4.0, 16.0))
+    given = pin, find_aspects(pin)
+    rolls = Rotation.from_euler('z', np.linspace(0, 300, 7)[:, None], degrees=True)
+    leaning = Rotation.from_euler('x', 40, degrees=True)
+    counted = add(no_counts(given), touching(given, leaning * rolls))
+    assert [p.count for p in counted.placements] == [7]
 
 
 def test_parts_that_are_not_at_rest_are_drops_without_placement(block):

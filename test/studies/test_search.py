@@ -7,7 +7,13 @@ from scipy.stats import binom
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.objective import Objective, compared, estimated
-from resting_aspects_ros.studies.optimise import best_points, check_budget, final_drops, search
+from resting_aspects_ros.studies.optimise import (
+    best_points,
+    check_budget,
+    final_drops,
+    line_through,
+    search,
+)
 from resting_aspects_ros.studies.optimum import factor_curve
 
 SHARE = Objective((1,), ((1,),))
@@ -104,6 +110,14 @@ def curve_of(share, best, at=None, drops=4000, seed=1):
     count = rng.binomial(drops, share(at[:, None]))
     table = np.column_stack([count, drops - count])
     return factor_curve(SHARE, at, table, best, rng, 0.95)
+
+
+def test_only_one_factor_varies_along_a_curve_through_conditions_beside_the_levels():
+    factors = [Factor('a', 0.0, 1.0, 3), Factor('b', 0.0, 1.0)]
+    point = np.array([0.25, 0.6])
+    along, other = (line_through(point, k, factors) for k in (0, 1))
+    assert along.tolist() == [[0.0, 0.6], [0.5, 0.6], [1.0, 0.6]]
+    assert other[:, 0].tolist() == [0.25] * 9
 
 
 def test_flat_range_is_that_of_the_known_function():

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from resting_aspects_ros.tracks.description import Track, read_track
@@ -108,6 +109,18 @@ def test_an_air_jet_needs_more_than_the_friction(box):
     assert AirJet(0.002, 1.01 * limit).outcome(arrival).outcome == 'reject'
     assert AirJet(0.002, 0.99 * limit).outcome(arrival).outcome == 'pass'
     assert AirJet(0.011, 10 * limit).outcome(arrival).outcome == 'pass'
+
+
+def test_parts_that_an_air_jet_reaches_but_cannot_move_pass(part, rows_of):
+    nut = part('hex_nut')
+    rows = rows_of(nut)
+    weak = Track(Surface(width=0.03), traps=(AirJet(0.001, 1e-4),))
+    for tolerance in (None, Tolerance(part=1e-4)):
+        found = pass_traps(nut, rows, weak, (1,), tolerance)
+        low, high = found.passing
+        rolls = np.array([row.rolls for row in rows])
+        assert (low[~rolls] == 1).all()
+        assert (high == 1).all()
 
 
 def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of):
