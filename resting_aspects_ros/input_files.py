@@ -137,17 +137,35 @@ class _Loader(yaml.SafeLoader):
     }
 
 
-_Loader.add_implicit_resolver(
-    _INT, re.compile(r'[-+]?(?:0|[1-9][0-9_]*|0x[0-9a-fA-F]+)$'), list('-+0123456789')
-)
-_Loader.add_implicit_resolver(
-    _FLOAT,
-    re.compile(
-        r'(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?'
-        r'|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$'
-    ),
-    list('-+.0123456789'),
-)
+class _Dumper(yaml.SafeDumper):
+    """Writes an object that is used twice as text again, not as an alias."""
+
+    def ignore_aliases(self, _: object) -> bool:
+        return True
+
+
+# Text such as 12e34 is written with quotation marks, because the loader would read a number.
+for _kind in (_Loader, _Dumper):
+    _kind.add_implicit_resolver(
+        _INT, re.compile(r'[-+]?(?:0|[1-9][0-9_]*|0x[0-9a-fA-F]+)$'), list('-+0123456789')
+    )
+    _kind.add_implicit_resolver(
+        _FLOAT,
+        re.compile(
+            r'(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?'
+            r'|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$'
+        ),
+        list('-+.0123456789'),
+    )
+
+
+def yaml_text(document: object) -> str:
+    """Return plain data as YAML in block style, with keys in their order.
+
+    The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
+    reader's locale. Text that readers of YAML 1.1 or 1.2 would take for a number is quoted.
+    """
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=False))
 
 
 def read_yaml(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError, PartError
-from resting_aspects_ros.input_files import parse_yaml, read_yaml
+from resting_aspects_ros.input_files import parse_yaml, read_yaml, yaml_text
 
 TAGS = ('int', 'float', 'bool', 'null', 'str', 'binary', 'timestamp', 'omap', 'pairs', 'set')
 TAGS += ('seq', 'map', 'merge', 'value', 'python/name:os.system', 'nothing')
@@ -158,3 +158,9 @@ def test_a_file_is_read_and_named_in_errors(tmp_path):
         read_yaml(file, 'sheet')
     with pytest.raises(PartError, match='does not exist'):
         read_yaml(tmp_path / 'b.yaml', 'sheet', error=PartError)
+
+
+@given(st.text(string.hexdigits + 'xo_:+-.', max_size=14))
+def test_text_is_read_as_it_was_written(text):
+    for value in (text, '547775e40049', '0x1f', '12', '1.5', 'null'):
+        assert parse_yaml(yaml_text({'run_id': value}), 'sheet') == {'run_id': value}

@@ -17,8 +17,7 @@ from typing import Any, BinaryIO
 import zstandard
 
 from resting_aspects_ros.errors import LogError, NoLogError, one_line
-from resting_aspects_ros.input_files import is_file, is_folder, named, read_yaml
-from resting_aspects_ros.logs.topics import yaml_text
+from resting_aspects_ros.input_files import is_file, is_folder, named, read_yaml, yaml_text
 
 EXPECTED = 'expected the folder of a run, or an .mcap file'
 FILE_NAME = 'metadata.yaml'

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from resting_aspects_ros.errors import LogError, shown
 from resting_aspects_ros.input_files import named, parse_yaml
 
@@ -151,22 +149,6 @@ def recorded_qos(text: str) -> Qos | None:
         max((each.durability for each in offered), key=_DURABILITIES.index),
         max((each.history for each in offered), key=_HISTORIES.index),
     )
-
-
-def yaml_text(document: object) -> str:
-    """Return plain data as YAML in block style, with keys in their order.
-
-    The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
-    reader's locale.
-    """
-    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False, default_flow_style=False))
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes an object that is used twice as text again, not as an alias."""
-
-    def ignore_aliases(self, _: object) -> bool:
-        return True
 
 
 def _or_default(policy: str, policies: tuple[str, ...]) -> str:

@@ -19,13 +19,13 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.bag import BagMetadata, write_metadata
 from resting_aspects_ros.logs.topics import (
     Schema,
     Topic,
     load_schema,
     qos_profiles,
-    yaml_text,
 )
 from resting_aspects_ros.system import lock_file
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 from scipy.stats import norm
@@ -29,6 +28,7 @@ from resting_aspects_ros.errors import (
     analysis,
     shown,
 )
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.part import UNITS, Part
@@ -124,7 +124,7 @@ def save_part(part: Part, folder: Path) -> str:
         file.write_bytes(part.mesh_bytes)
     for values in _descriptions(part):
         with whole_file(mesh.with_suffix('.yaml')) as file:
-            file.write_text(yaml.safe_dump(values, sort_keys=False), encoding='utf-8')
+            file.write_text(yaml_text(values), encoding='utf-8')
         try:
             if load_part(mesh).part_sha256 == part.part_sha256:
                 break

@@ -10,14 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import StrictInt, StrictStr
 
 from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
-from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.input_files import (
+    FileModel,
+    Number,
+    named,
+    read_yaml,
+    validated,
+    yaml_text,
+)
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
@@ -213,7 +219,7 @@ def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> No
     document['part_sha256'] = [part.part_sha256 for part in spec.parts]
     document['versions'] = dict(versions)
     text = '# To repeat the study: resting_aspects study study.yaml\n'
-    text += yaml.safe_dump(document, sort_keys=False)
+    text += yaml_text(document)
     with whole_file(folder / SPEC) as file:
         file.write_text(text, encoding='utf-8')
 

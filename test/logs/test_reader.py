@@ -10,10 +10,11 @@ import pytest
 from mcap.writer import Writer
 
 from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs import writer
 from resting_aspects_ros.logs.bag import LogOutcome, is_log
 from resting_aspects_ros.logs.reader import Recording, Span, messages, open_log
-from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles, yaml_text
+from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
 from resting_aspects_ros.logs.writer import RunLog
 
 INTERFACES = 'resting_aspects_interfaces/msg'

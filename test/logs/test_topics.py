@@ -10,6 +10,7 @@ from rclpy.qos import QoSProfile
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.topics import (
     PART_TYPE,
     Qos,
@@ -18,7 +19,6 @@ from resting_aspects_ros.logs.topics import (
     qos_profiles,
     recorded_qos,
     share_folders,
-    yaml_text,
 )
 
 LINE = '=' * 80

@@ -5,8 +5,9 @@ from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from resting_aspects_ros.errors import LogError
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.logs.topics import Qos, qos_profiles, yaml_text
+from resting_aspects_ros.logs.topics import Qos, qos_profiles
 from resting_aspects_ros.nodes.log_replayer.node import replayed_topics
 from resting_aspects_ros.ros.interface import LATCHED, POSES
 

@@ -88,12 +88,12 @@ def convergence_elsewhere(dropper: Dropper) -> Iterator[str]:
     yield (
         f'{SURROUNDINGS_DROPS} drops in surroundings, and actions from each symmetry class, on '
         '`rubber_mat`, and again from the same states with all numerical parameters refined by a '
-        f'factor of {REFINEMENT[KERNEL]}. *Differ*: share of the parts that end in another aspect, '
-        'or class. *Shift*: of the share that changes most, of an aspect, or of an entry of the '
-        'matrix by symmetry class, with its standard error. *Bound*: no share changes by more '
-        f'than this, with a confidence of 95 %. The aim is a bound of {AIM:g}; where it is larger, '
-        'the number of parts does not suffice to show the aim, or the shift exceeds it. Steps, '
-        'which Bullet simulates, are among the finished comparisons.'
+        f'factor of {REFINEMENT[KERNEL]}. *Differ*: share of the parts that end in another '
+        'aspect, or class. *Shift*: of the share that changes most, of an aspect, or of an entry '
+        'of the matrix by symmetry class, with its standard error. *Bound*: no share changes by '
+        f'more than this, with a confidence of 95 %. The aim is a bound of {AIM:g}; where it is '
+        'larger, the number of parts does not suffice to show the aim, or the shift exceeds it. '
+        'Steps, which Bullet simulates, are among the finished comparisons.'
     )
     yield ''
     yield from table(
