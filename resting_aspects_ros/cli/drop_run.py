@@ -45,12 +45,12 @@ NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
-    *('initial_states', 'log'),
+    *('surroundings', 'set', 'force', 'initial_states', 'log'),
 )
 _OF_STATES = ('replicates', *NOISES)
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
-    *('check_convergence', 'json', 'each'),
+    *('engine', 'check_convergence', 'json', 'table', 'each'),
 )
 
 
