@@ -213,9 +213,8 @@ def _trap(text: str) -> dict[str, str]:
 
 
 def _show(result: 'TrackResult | TrackDesign') -> None:
-    from resting_aspects_ros.cli.console import show_table
+    from resting_aspects_ros.cli.console import show_table, show_texts
 
     for table in result.tables():
         show_table(table)
-    for sentence in result.sentences:
-        print(sentence)
+    show_texts(*result.sentences)
