@@ -55,6 +55,8 @@ CASES = {
     'drop tetrahedron --unit mm': ['unit', "'mm'"],
     # Mesh files.
     'drop missing.stl': ["'missing.stl'"],
+    "drop ''": ["part ''"],
+    'track l_bracket --height 60': ['height', 'drop --force', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
     'drop text.mcap': ["'text.mcap'"],
     'drop': ['part', '--from-log'],
