@@ -121,8 +121,9 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path,
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run(*words.split(), '--report', '--out', 'o')
+    found = run(*words.split(), '--report', '--out', 'o', '--table', 't.csv')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
+    assert (tmp_path / 't.csv').exists()
     assert found.stdout.splitlines()[-1].startswith('Written: ')
     assert {file.name for file in (tmp_path / 'o').iterdir()} == kept
 
