@@ -113,6 +113,10 @@ CASES = {
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
     'classify poses.csv --tolerance wide': ['--tolerance', "'wide'"],
+    'drift l_bracket counts.csv --shift 0': ['shift', '0.0001'],
+    'drift l_bracket counts.csv --prior-weight 0': ['prior weight', '0'],
+    'drift l_bracket counts.csv --confidence 0.2': ['confidence', '0.2'],
+    'retention washer --per-height 1000000': ['per_height', '1000000', '51282'],
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
     'feeder_demo --out folder --minutes 1e9': ['--minutes', '1e+09'],
     'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
