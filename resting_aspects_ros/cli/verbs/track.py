@@ -22,6 +22,7 @@ from resting_aspects_ros.cli.options import (
     add_seed,
     add_workers,
     parse_integer,
+    refuse,
     requested_conditions,
     requested_part,
 )
@@ -133,6 +134,8 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.track_result import TrackDesign
 
         part = requested_part(arguments)
+        if arguments.design:
+            refuse(arguments, ('trap',), 'without --design, which proposes the traps')
         described = _described(arguments)
         if arguments.on is not None:
             on = given_track(arguments.on)
