@@ -42,12 +42,16 @@ DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 BATCH_FOLDER = Path('out') / 'batch'
 NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # Flags without an effect or a meaning: with a log, which has these values; without given states;
-# and with a batch of parts.
+# with given states; and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
     *('surroundings', 'set', 'force', 'initial_states', 'log'),
 )
 _OF_STATES = ('replicates', *NOISES)
+_OF_RELEASES = (
+    *(name for name, quantity in QUANTITIES.items() if quantity.at_release),
+    *('height_of', 'force'),
+)
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
     *('engine', 'check_convergence', 'json', 'table', 'each'),
@@ -109,6 +113,7 @@ def _requested(
             'missing part: expected a name, a mesh file, or --from-log (see --help)'
         )
     if arguments.initial_states is not None:
+        refuse(arguments, _OF_RELEASES, 'without --initial-states, which replace the releases')
         options |= {
             'initial_states': read_state_csv(arguments.initial_states),
             'replicates': DEFAULT_REPLICATES

@@ -87,6 +87,8 @@ CASES = {
     'drop --from-log log --set angle=9deg': ['--set', "'angle=9deg'", '--from-log'],
     'drop tetrahedron hex_nut --engine bullet': ['--engine', "'bullet'", 'single part'],
     'drop tetrahedron hex_nut --table t.csv': ['--table', "'t.csv'", 'single part'],
+    'drop tetrahedron --initial-states states.csv --height 1m': ['--height', "'1m'"],
+    'drop tetrahedron --initial-states states.csv --spin 20rpm': ['--spin', "'20rpm'"],
     'drop tetrahedron --initial-states states.csv --drops 5': ['initial_states', 'drops'],
     'drop tetrahedron --initial-states states.csv --precision 0.1': ['precision'],
     'drop tetrahedron --initial-states states.csv --replicates 0': ['replicates', '0'],
