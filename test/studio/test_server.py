@@ -71,11 +71,11 @@ def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, mon
     async def main():
         studio, over = Studio(['l_bracket']), asyncio.Event()
         studio._tools = LocalWorkers(2), opener
-        make, begun, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
+        make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
         address = asyncio.get_running_loop().create_future()
 
         async def slow():
-            begun.set()
+            started.set()
             await closed.wait()
             return await make()
 
@@ -85,7 +85,7 @@ def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, mon
             url = f'{await address}socket'
             socket = await session.ws_connect(url, origin=f'http://127.0.0.1:{studio.port}')
             await socket.send_str('{"room": ""}')
-            await begun.wait()
+            await started.wait()
         await asyncio.sleep(0.1)
         closed.set()
         while not studio.seats:
