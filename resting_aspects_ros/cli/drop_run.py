@@ -165,7 +165,7 @@ def _result(
             writers = [stack.enter_context(poses_file(*each)) for each in files]
             try:
                 result, failure = partial_result(partial(simulate, consumers=writers))
-                if failure is not None and not result.distribution.drops:
+                if failure is not None and not (result and result.distribution.drops):
                     raise failure  # earlier files are kept
             except OutputError as error:
                 result = error.result
