@@ -97,7 +97,7 @@ class EstimateResult(Result):
 
 def estimate(
     part: Part | str | Path,
-    methods: Iterable[str] | None = None,
+    methods: str | Iterable[str] | None = None,
     *,
     against: 'DropResult | str | Path | None' = None,
 ) -> EstimateResult:
@@ -110,7 +110,7 @@ def estimate(
     ----------
     part : Part, str or Path
         A part, or what `load_part` accepts.
-    methods : iterable of str, optional
+    methods : str or iterable of str, optional
         Names of methods, such as 'csa' or 'rolling'; by default all.
     against : DropResult, str or Path, optional
         Drops of the part to compare with: a result, or a file as for `compare`.
@@ -133,7 +133,8 @@ def estimate(
     >>> result.estimates['csa'].probabilities.round(3).tolist()
     [0.25, 0.25, 0.25, 0.25]
     """
-    names = list(METHODS) if methods is None else list(methods)
+    given = METHODS if methods is None else methods
+    names = [given] if isinstance(given, str) else list(given)
     for name in names:
         check_method(name)
     loaded = given_part(part)

@@ -62,8 +62,8 @@ def check_height(part: Part, conditions: DropConditions) -> None:
     if conditions.height > limit:
         raise InvalidValueError(
             f'invalid height {conditions.height:g} m: expected at most {MAX_HEIGHT} times the '
-            f'radius of {part.name}, {limit:.3g} m, or force (--force); values are in SI units '
-            f'unless they have a unit, such as {conditions.height:g}mm'
+            f'radius of {part.name}, {limit:.3g} m, or force (drop --force); values are in SI '
+            f'units unless they have a unit, such as {conditions.height:g}mm'
         )
 
 

@@ -17,13 +17,14 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.transitions import retention_fields
 from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
 from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
+from resting_aspects_ros.simulation.limits import MAX_DROPS
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -154,13 +155,17 @@ def retention(
     check_confidence(confidence)
     given = given_conditions(surface, conditions)
     loaded = given_part(part)
-    if not isinstance(per_height, int) or per_height < 1:
-        raise InvalidValueError(f'invalid per_height {per_height!r}: expected 1 or more')
     landscape = Landscape(loaded)
     aspects = find_aspects(loaded, landscape)
     if not len(aspects):
         raise InvalidValueError(f'invalid part {loaded.name}: expected a part with an aspect')
     lift = lift_heights(aspects, loaded.hull_radius, max_lift)
+    limit = MAX_DROPS // lift.size
+    if not isinstance(per_height, int) or not 1 <= per_height <= limit:
+        raise InvalidValueError(
+            f'invalid per_height {shown(per_height)}: expected 1 to {limit} for {len(aspects)} '
+            'aspects'
+        )
     job, run = plan_run(
         loaded,
         given,

@@ -1,7 +1,7 @@
 """The natural resting aspects of a part, and the classification of resting poses."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -197,6 +197,10 @@ class AspectSet:
         noun, limit, given = 'aspect', len(self), ids
         if given is None:
             noun, limit, given = 'symmetry class', len(members), numbers or ()
+        if not isinstance(given, Sized):
+            raise InvalidValueError(
+                f'invalid {what} {noun} {shown(given)}: expected a sequence of numbers'
+            )
         if not len(given):
             raise InvalidValueError(f'invalid {what} {noun}: expected at least one')
         for k in given:

@@ -42,15 +42,19 @@ DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 BATCH_FOLDER = Path('out') / 'batch'
 NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # Flags without an effect or a meaning: with a log, which has these values; without given states;
-# and with a batch of parts.
+# with given states; and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
-    *('initial_states', 'log'),
+    *('surroundings', 'set', 'force', 'initial_states', 'log'),
 )
 _OF_STATES = ('replicates', *NOISES)
+_OF_RELEASES = (
+    *(name for name, quantity in QUANTITIES.items() if quantity.at_release),
+    *('height_of', 'force'),
+)
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
-    *('check_convergence', 'json', 'each'),
+    *('engine', 'check_convergence', 'json', 'table', 'each'),
 )
 
 
@@ -109,6 +113,7 @@ def _requested(
             'missing part: expected a name, a mesh file, or --from-log (see --help)'
         )
     if arguments.initial_states is not None:
+        refuse(arguments, _OF_RELEASES, 'without --initial-states, which replace the releases')
         options |= {
             'initial_states': read_state_csv(arguments.initial_states),
             'replicates': DEFAULT_REPLICATES
@@ -160,6 +165,8 @@ def _result(
             writers = [stack.enter_context(poses_file(*each)) for each in files]
             try:
                 result, failure = partial_result(partial(simulate, consumers=writers))
+                if failure is not None and not (result and result.distribution.drops):
+                    raise failure  # earlier files are kept
             except OutputError as error:
                 result = error.result
                 raise

@@ -241,6 +241,11 @@ class FeederDemo:
         self._seconds = 0.0
         self._earlier = set(self._logs())
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether there is something of a run to be saved."""
+        return self._watch is not None
+
     def run(self, layout: Path) -> None:
         """Run the nodes until the simulated time is over; write the layout of their topics."""
         # A unique namespace separates the demo from other suites on this machine, and LOCALHOST

@@ -147,8 +147,8 @@ def tables_written(path: Path | None) -> Iterator[None]:
         yield
         return
     # These imports are slow, and only needed for files.
-    from resting_aspects_ros.api.result import check_output, whole_file
-    from resting_aspects_ros.report.table import check_ending, save_csv, save_xlsx
+    from resting_aspects_ros.api.result import check_output
+    from resting_aspects_ros.report.table import check_ending
 
     check_ending('--table', path)
     check_output('--table', path)
@@ -156,11 +156,20 @@ def tables_written(path: Path | None) -> Iterator[None]:
     token = _shown.set(tables)
     try:
         yield
-    finally:
+        if not tables:
+            warn(f'{path} was not written: there is no table')
+    finally:  # also the tables of a partial result
         _shown.reset(token)
+        _save_tables(tables, path)
+
+
+def _save_tables(tables: Sequence['Table'], path: Path) -> None:
+    from resting_aspects_ros.api.result import whole_file
+    from resting_aspects_ros.report.table import save_csv, save_xlsx
+
     if not tables:
-        warn(f'{path} was not written: there is no table')
-    elif path.suffix.lower() == '.xlsx':
+        return
+    if path.suffix.lower() == '.xlsx':
         with whole_file(path) as file:
             save_xlsx(tables, file)
     else:

@@ -348,9 +348,10 @@ def refuse(
     """
     for name in names:
         given = getattr(arguments, name)
-        if given is None or given is False or given == '':
+        if given is None or given is False or given in ('', []):
             continue
         flag = part if name == 'part' else flag_of(name)
+        given = given[0] if isinstance(given, list) else given
         text = '' if given is True else f' {shown(str(given))}'
         raise InvalidValueError(f'invalid {flag}{text}: expected only {expected}')
 

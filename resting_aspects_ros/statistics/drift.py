@@ -286,7 +286,7 @@ def parts_needed(
     """
     counts = check_simulated(simulated)
     check_level(level)
-    _check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
+    check_shift(shift)
     _check_number('power', power, MIN_POWER, MAX_POWER)
     drops = int(counts.sum())
     # Jeffreys' estimate also defines what becomes of the others if only one class was seen.
@@ -336,6 +336,11 @@ def check_windows(observed: ObservedCounts, window: int) -> None:
 def check_level(level: float) -> None:
     """Raise InvalidValueError unless the level is within the limits of the test."""
     _check_number('level', level, MIN_LEVEL, MAX_LEVEL)
+
+
+def check_shift(shift: float) -> None:
+    """Raise InvalidValueError unless the deviation is within the limits of the test."""
+    _check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
 
 
 def _check_number(name: str, value: float, low: float, high: float) -> None:

@@ -68,9 +68,11 @@ def mesh_files(folder: Path) -> list[Path]:
     return found
 
 
-def part_sources(given: Sequence[Part | str | Path]) -> Iterator[Part | str | Path]:
+def part_sources(
+    given: Part | str | Path | Sequence[Part | str | Path],
+) -> Iterator[Part | str | Path]:
     """Yield parts, their names and mesh files; a folder stands for the mesh files in it."""
-    for each in given:
+    for each in [given] if isinstance(given, Part | str | Path) else given:
         folder = None if isinstance(each, Part) else part_folder(each)
         if folder is None:
             yield each
@@ -343,7 +345,7 @@ class BatchResult:
 
 
 def drop_batch(
-    parts: Sequence[Part | str | Path],
+    parts: Part | str | Path | Sequence[Part | str | Path],
     drops: int | None = None,
     *,
     surface: str | DropConditions = DEFAULT_SURFACE,
@@ -365,7 +367,7 @@ def drop_batch(
 
     Parameters
     ----------
-    parts : sequence of Part, str or Path
+    parts : Part, str or Path, or a sequence of them
         Parts, or what `load_part` accepts; a folder stands for the mesh files in it.
     unit : str, optional
         Unit of the mesh files.

@@ -131,8 +131,11 @@ class Opener:
     def prepare(self) -> None:
         """Start the process for the next part."""
         with self._lock:
-            if self._ready is None and not self._ended:
-                self._ready = OpeningProcess()
+            self._prepare()
+
+    def _prepare(self) -> None:
+        if self._ready is None and not self._ended:
+            self._ready = OpeningProcess()
 
     def open(
         self, source: Source, step: Callable[[str], None], stopped: Callable[[], bool]
@@ -143,8 +146,9 @@ class Opener:
             if stopped():
                 raise StoppedError('cancelled')
         try:
-            self.prepare()
+            # In one step, so that no other thread takes the process.
             with self._lock:
+                self._prepare()
                 process, self._ready = self._ready, None
             if process is None:
                 raise StoppedError('the server ends')

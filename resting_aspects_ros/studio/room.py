@@ -143,7 +143,7 @@ class Room:
     def open_again(self, unit: Any) -> None:
         """Open the file of the part in another unit; raises InvalidValueError."""
         part = self._parts['first']
-        if unit not in UNITS or part is None or part.source.path is None:
+        if unit not in tuple(UNITS) or part is None or part.source.path is None:
             raise InvalidValueError(
                 f'invalid unit {shown(unit)}: expected one of {", ".join(UNITS)} for a mesh file'
             )

@@ -346,13 +346,19 @@ async def _upload(request: web.Request) -> web.Response:
     folder = Path(tempfile.mkdtemp(dir=seat.room.folder))
     path = folder / f'part.{ending}'
     size = 0
-    with path.open('wb') as file:
-        async for chunk in request.content.iter_chunked(1 << 20):
-            size += len(chunk)
-            if size > MAX_UPLOAD:
-                shutil.rmtree(folder, ignore_errors=True)
-                raise web.HTTPRequestEntityTooLarge(MAX_UPLOAD, size)
-            file.write(chunk)
+    try:
+        with path.open('wb') as file:
+            async for chunk in request.content.iter_chunked(1 << 20):
+                size += len(chunk)
+                if size > MAX_UPLOAD:
+                    raise web.HTTPRequestEntityTooLarge(MAX_UPLOAD, size)
+                file.write(chunk)
+    except BaseException as error:  # such as a full disk, or a tab that is closed
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise web.HTTPInsufficientStorage(text=f'{name} was not stored: {reason}') from None
+        raise
     from resting_aspects_ros.studio.rows import Source
 
     seat.room.open(Source(name, path), side)
@@ -401,12 +407,14 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
         await socket.close()
         return socket
     seat.socket = socket
-    await socket.send_json({'topic': 'room', 'room': seat.key})
-    seat.waiting = dict(seat.latest)
-    seat.news.set()
-    sender = asyncio.create_task(_send(seat, socket))
+    sender: asyncio.Task[None] | None = None
     limit = Limit(MAX_CHANGES, studio.clock)
     try:
+        # Raises ConnectionError if the tab was closed while its room was made.
+        await socket.send_json({'topic': 'room', 'room': seat.key})
+        seat.waiting = dict(seat.latest)
+        seat.news.set()
+        sender = asyncio.create_task(_send(seat, socket))
         async for message in socket:
             if message.type is not WSMsgType.TEXT:
                 problem: str | None = 'invalid message: expected text'
@@ -416,10 +424,13 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
                 problem = _receive(seat, message.data)
             if problem is not None:
                 seat.put('problem', json.dumps({'topic': 'problem', 'text': problem}))
+    except ConnectionError:
+        pass
     finally:
-        sender.cancel()
-        with contextlib.suppress(asyncio.CancelledError, ConnectionError):
-            await sender
+        if sender is not None:
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await sender
         seat.socket, seat.left = None, studio.clock()
     return socket
 

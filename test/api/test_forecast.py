@@ -129,6 +129,7 @@ def test_times_of_the_action_are_used_by_default():
     'wrong',
     [
         {'pickable': [9]},
+        {'pickable': 1},
         {'pickable': []},
         {'pickable': [1], 'pickable_classes': [1]},
         {},

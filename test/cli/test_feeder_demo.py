@@ -14,6 +14,7 @@ from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.cli import feeder_display, node_processes
+from resting_aspects_ros.cli.feeder_demo_run import FeederDemo
 from resting_aspects_ros.cli.feeder_display import check_silence
 from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.client.feeder_watch import FeederWatch
@@ -189,6 +190,19 @@ def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
     changed = cell.watch._clock_changed
     cell.tick(11)
     assert before < changed == cell.watch._clock_changed
+
+
+@pytest.mark.parametrize('has_begun', [True, False])
+def test_what_was_found_is_written_if_a_node_ends(run, monkeypatch, tmp_path, has_begun):
+    def fail(demo, _layout):
+        demo._watch = Watched().watch if has_begun else None
+        raise RestingAspectsError('vision_example ended')
+
+    monkeypatch.setattr(FeederDemo, 'run', fail)
+    found = run('feeder_demo', '--out', 'o', '--json')
+    assert (found.returncode, found.stderr.splitlines()[-1]) == (1, 'error: vision_example ended')
+    assert (tmp_path / 'o' / 'feeder_demo.json').exists() == has_begun
+    assert bool(found.stdout) == has_begun
 
 
 @pytest.mark.slow

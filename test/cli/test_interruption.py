@@ -14,6 +14,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.api.runner import DropProgress
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.report.page import Page
 from resting_aspects_ros.simulation.workers import MAX_DEATHS
 
@@ -120,8 +121,9 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path,
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run(*words.split(), '--report', '--out', 'o')
+    found = run(*words.split(), '--report', '--out', 'o', '--table', 't.csv')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
+    assert (tmp_path / 't.csv').exists()
     assert found.stdout.splitlines()[-1].startswith('Written: ')
     assert {file.name for file in (tmp_path / 'o').iterdir()} == kept
 
@@ -134,6 +136,20 @@ def test_ctrl_c_before_the_first_drop(run, saved, at_update):
     assert lines[-1] == 'interrupted; the result has 0 of 2000000 drops'
     for aspect in document['aspects']:
         assert (aspect['lower'], aspect['upper']) == (0, 1)
+
+
+def test_engine_that_cannot_start_keeps_earlier_files(run, monkeypatch, tmp_path):
+    def fail(*_):
+        raise EngineError('no device')
+
+    words = ('drop', 'tetrahedron', '--drops', 5, '--out', 'o', '--poses', 'p.csv')
+    assert run(*words).returncode == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()}
+    monkeypatch.setattr('resting_aspects_ros.api.runner.drop_chunks', fail)
+    found = run(*words)
+    assert (found.returncode, found.stdout) == (1, '')
+    assert found.stderr.splitlines()[-1] == 'error: no device'
+    assert {path: path.read_bytes() for path in before} == before
 
 
 @pytest.mark.slow

@@ -43,6 +43,12 @@ def test_parts_have_independent_reproducible_seeds(here):
     assert alone.distribution.counts.tolist() == counts.tolist()
 
 
+def test_one_part_needs_no_list(here):
+    batch = ra.drop_batch('tetrahedron', 5, model_range=False, workers=here())
+    assert [each.source for each in batch.entries] == ['tetrahedron']
+    assert batch.complete
+
+
 def test_wrong_seed_is_refused_before_the_first_part(here):
     with pytest.raises(ra.InvalidValueError, match='seed -1'):
         ra.drop_batch(['washer'], 20, seed=-1, workers=here())

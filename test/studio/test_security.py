@@ -220,6 +220,7 @@ MESSAGES = [
     '{"example": "../../x"}',
     '{"example": ["l_bracket"]}',
     '{"unit": "furlong"}',
+    '{"unit": ["mm"]}',
     '{"do": "rm"}',
     '{"do": ["now"]}',
     '[' * 5000,

@@ -1,9 +1,129 @@
 """Tabs keep their rooms over a reload, and the server ends everything it started."""
 
+import argparse
 import asyncio
+import os
+import signal
+import sys
 import threading
+import time
+import urllib.request
+import webbrowser
+from pathlib import Path
 
-from resting_aspects_ros.studio.server import ROOM_LIFE, Studio
+from aiohttp import ClientSession
+
+from resting_aspects_ros.cli.verbs.studio import run
+from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.studio import opening
+from resting_aspects_ros.studio.opening import Opener
+from resting_aspects_ros.studio.server import ROOM_LIFE, Studio, serve
+
+
+def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
+    pages = []
+
+    def browse(address):
+        direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+        try:
+            with direct.open(address, timeout=10) as page:
+                pages.append(page.status)
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(webbrowser, 'open', browse)
+    monkeypatch.setattr(Studio, 'tools', lambda _: None)
+    assert run(argparse.Namespace(part='', port=0, no_browser=False)) == 0
+    assert pages == [200]
+
+
+def test_parts_that_are_opened_at_the_same_time_do_not_take_each_others_process(monkeypatch):
+    class Process:
+        def __init__(self):
+            time.sleep(0.002)  # so that the other thread waits for it
+
+        def open(self, *_):
+            return 'opened'
+
+        def end(self):
+            pass
+
+    monkeypatch.setattr(opening, 'OpeningProcess', Process)
+    opener, found = Opener(), []
+
+    def open_some():
+        found.extend(opener.open(None, lambda _: None, lambda: False) for _ in range(100))
+
+    threads = [threading.Thread(target=open_some) for _ in range(2)]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-4)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert len(found) == 200
+
+
+def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
+    async def main():
+        studio, over = Studio(['l_bracket']), asyncio.Event()
+        studio._tools = LocalWorkers(2), opener
+        make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
+        address = asyncio.get_running_loop().create_future()
+
+        async def slow():
+            started.set()
+            await closed.wait()
+            return await make()
+
+        monkeypatch.setattr(studio, '_new_seat', slow)
+        server = asyncio.create_task(serve(studio, 0, address.set_result, over.is_set))
+        async with ClientSession() as session:
+            url = f'{await address}socket'
+            socket = await session.ws_connect(url, origin=f'http://127.0.0.1:{studio.port}')
+            await socket.send_str('{"room": ""}')
+            await started.wait()
+        await asyncio.sleep(0.1)
+        closed.set()
+        while not studio.seats:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.1)
+        left = [seat.socket for seat in studio.seats.values()]
+        over.set()
+        await server
+        return left
+
+    assert asyncio.run(asyncio.wait_for(main(), 60)) == [None]
+
+
+def test_upload_that_fails_is_removed_and_is_one_sentence(served, joined, monkeypatch):
+    class Full:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def write(self, _):
+            raise OSError(28, 'No space left on device')
+
+    async def task(client, studio):
+        browser = await joined(client, studio)
+        monkeypatch.setattr(Path, 'open', lambda *_: Full())
+        address = f'/{studio.token}/part/{browser.room}/first?name=part.stl'
+        answer = await client.put(address, data=b'x')
+        return (
+            answer.status,
+            await answer.text(),
+            list(studio.seats[browser.room].room.folder.iterdir()),
+        )
+
+    status, text, left = served(task)
+    assert (status, left) == (507, [])
+    assert text == 'part.stl was not stored: No space left on device'
 
 
 def test_reload_restores_the_room_and_its_settings(served, joined):

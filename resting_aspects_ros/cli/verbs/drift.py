@@ -139,7 +139,9 @@ def run(arguments: argparse.Namespace) -> int:
     from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.aspects.find import find_aspects
-    from resting_aspects_ros.statistics.drift import check_windows
+    from resting_aspects_ros.statistics.counted_parts import check_weight
+    from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
+    from resting_aspects_ros.statistics.intervals import check_confidence
 
     part = requested_part(arguments)
     aspects = find_aspects(part)
@@ -149,6 +151,14 @@ def run(arguments: argparse.Namespace) -> int:
     )
     # Before the drops, which can take time.
     check_windows(observed, options.get('window', 1))
+    checks = {
+        'confidence': check_confidence,
+        'shift': check_shift,
+        'level': check_level,
+        'prior_weight': check_weight,
+    }
+    for name in checks.keys() & options.keys():
+        checks[name](options[name])
     out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
     result = watch_drift(_expected(arguments, part), observed, **options)
     document = DOCUMENT, result.to_json

@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _is_folder(given: list[str]) -> bool:
-    if not given or not Path(given[0]).is_dir():
+    if not given or not given[0] or not Path(given[0]).is_dir():  # Path('') is the folder '.'
         return False
     # This import is slow, and only needed if there is such a folder.
     from resting_aspects_ros.studies.batch import part_folder

@@ -7,6 +7,7 @@ from pathlib import Path
 from resting_aspects_ros.api.result import check_files
 from resting_aspects_ros.cli.options import add_seed
 from resting_aspects_ros.cli.verbs.forecast import add_cell, parse_tray, requested_times
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
 from resting_aspects_ros.system import Interruption
 
@@ -73,11 +74,18 @@ def run(arguments: argparse.Namespace) -> int:
         size, times = parse_tray(arguments.tray), requested_times(arguments)
         plan = planned_demo(arguments, size, times, DROPS, PER_ASPECT)
         demo = FeederDemo(plan, out, stop.check)
+        failure: RestingAspectsError | None = None
         try:
             demo.run(out / LAYOUT)
         except KeyboardInterrupt:
             print('interrupted', file=sys.stderr)
+        except RestingAspectsError as error:
+            if not demo.has_begun:
+                raise
+            failure = error
         found = demo.save(out / DOCUMENT, out / PICTURE)
         if arguments.json:
             sys.stdout.write(found)
+        if failure is not None:
+            raise failure
         return INTERRUPTED if stop.asked else 0

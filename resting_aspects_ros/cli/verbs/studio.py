@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import sys
+import threading
 import webbrowser
 from pathlib import Path
 
@@ -55,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'Studio: {address}', flush=True)
         print('Ctrl-C ends it.', file=sys.stderr)
         if not arguments.no_browser:
-            webbrowser.open(address)
+            # A browser in the terminal returns only when it ends, and needs the server meanwhile.
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     with Interruption() as stop:
         studio = Studio(examples, arguments.part)

@@ -14,13 +14,17 @@ from resting_aspects_ros.cli.options import (
     add_workers,
     parse_integer,
     parse_share,
+    refuse,
 )
-from resting_aspects_ros.errors import InvalidValueError, analysis
+from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
 WIDTH = 80  # of the text
+# Flags of what a study.yaml defines.
+_OF_A_STUDY = ('vary', 'action', 'surface', *QUANTITIES, 'height_of', 'surroundings', 'set')
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
 while to measure it. A study that was interrupted, or that is given more points,
@@ -126,11 +130,12 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     if first.is_dir() and (first / SPEC).exists():
         first /= SPEC
     if first.suffix.lower() in {'.yaml', '.yml'}:
-        if len(arguments.parts) > 1 or arguments.vary or arguments.action:
+        if len(arguments.parts) > 1:
             raise InvalidValueError(
-                f'invalid arguments: expected no parts, --vary and --action beside {str(first)!r},'
-                ' which defines them'
+                f'invalid part {shown(arguments.parts[1])}: expected no parts beside '
+                f'{str(first)!r}, which defines them'
             )
+        refuse(arguments, _OF_A_STUDY, f'without {str(first)!r}, which defines it')
         own = first.parent if first.name == SPEC else Path('out') / first.stem
         return read_spec(first, changes, surfaces), arguments.out or own
     spec = make_spec(_document(arguments, changes), surfaces=surfaces)

@@ -22,6 +22,7 @@ from resting_aspects_ros.cli.options import (
     add_seed,
     add_workers,
     parse_integer,
+    refuse,
     requested_conditions,
     requested_part,
 )
@@ -133,6 +134,8 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.track_result import TrackDesign
 
         part = requested_part(arguments)
+        if arguments.design:
+            refuse(arguments, ('trap',), 'without --design, which proposes the traps')
         described = _described(arguments)
         if arguments.on is not None:
             on = given_track(arguments.on)
@@ -213,9 +216,8 @@ def _trap(text: str) -> dict[str, str]:
 
 
 def _show(result: 'TrackResult | TrackDesign') -> None:
-    from resting_aspects_ros.cli.console import show_table
+    from resting_aspects_ros.cli.console import show_table, show_texts
 
     for table in result.tables():
         show_table(table)
-    for sentence in result.sentences:
-        print(sentence)
+    show_texts(*result.sentences)
