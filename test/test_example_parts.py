@@ -71,6 +71,7 @@ INERTIAS = {  # / mass, mm^2, along x y z
 }
 
 
+@pytest.mark.slow
 def test_script_writes_these_files_and_no_others(tmp_path):
     subprocess.run(
         [sys.executable, ROOT / 'tools' / 'setup' / 'make_parts.py', tmp_path], check=True

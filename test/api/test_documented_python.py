@@ -49,6 +49,7 @@ def test_the_numbers_of_the_page_on_trust(run):
     assert run(text, 'trust.md') == shown
 
 
+@pytest.mark.slow
 def test_conditions_of_your_own(run):
     (text,) = code('docs/how_to/choose_conditions.md', 'python')
     printed = run(f'{text}\nprint(result.run.conditions)', 'choose_conditions.md')

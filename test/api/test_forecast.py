@@ -27,6 +27,7 @@ def tossed(crate, workers):
     return ra.reorient(crate, 'toss', 40, drops=100, seed=3, workers=workers)
 
 
+@pytest.mark.slow
 def test_footprints_are_the_sides_of_the_part(tossed):
     model = forecast_from(tossed, [1, 2], TRAY, TIMES).named.model
     sides = [(each.length, each.width) for each in model.footprints]
@@ -43,6 +44,7 @@ def test_round_outline_is_a_disc(tmp_path, workers):
     assert flat.radius == pytest.approx(0.01, rel=0.02)
 
 
+@pytest.mark.slow
 def test_part_of_a_class_gives_a_forecast_by_aspect(tossed):
     one = forecast_from(tossed, [1], TRAY, TIMES, parts_on_tray=10)
     both = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=10)
@@ -51,6 +53,7 @@ def test_part_of_a_class_gives_a_forecast_by_aspect(tossed):
     assert one.parts_per_minute < both.parts_per_minute
 
 
+@pytest.mark.slow
 def test_known_reorientation_is_not_simulated_again(crate, tossed, workers):
     known = forecast(tossed, pickable_classes=[1], robot=2.0, parts_on_tray=10)
     made = forecast(
@@ -70,6 +73,7 @@ def test_known_reorientation_is_not_simulated_again(crate, tossed, workers):
         forecast(tossed, [1], seed=4)
 
 
+@pytest.mark.slow
 def test_document_has_all_numbers(tossed):
     result = forecast_from(tossed, [1, 2], TRAY, TIMES, minutes=30)
     document = json.loads(result.to_json([result]))
@@ -105,6 +109,7 @@ def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
     assert document['upper'] > 0
 
 
+@pytest.mark.slow
 def test_report_has_the_sentence_and_a_figure(crate, tossed, tmp_path):
     first = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=5)
     other = forecast_from(tossed, [5, 6], TRAY, TIMES, parts_on_tray=5)
@@ -125,6 +130,7 @@ def test_times_of_the_action_are_used_by_default():
     assert (times.vibrate, times.settle, times.place) == pytest.approx((1.0, 0.0, 0.5))
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize(
     'wrong',
     [
@@ -155,6 +161,7 @@ def u_bracket():
     return part, find_aspects(part)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('pickable', 'expected'),
     [
@@ -170,6 +177,7 @@ def test_pickable_class_that_looks_like_another_is_named(u_bracket, pickable, ex
     assert all(words in text for words, text in zip(expected, texts, strict=True))
 
 
+@pytest.mark.slow
 def test_mirrored_classes_are_named():
     part = load_part('l_bracket')
     (text,) = look_alike_texts(part, find_aspects(part), [2])
@@ -177,6 +185,7 @@ def test_mirrored_classes_are_named():
     assert text.endswith('vision must not match mirrored outlines.')
 
 
+@pytest.mark.slow
 def test_many_classes_with_one_outline_are_one_sentence(solid):
     # A cube with a blind hole in a side that is in no symmetric place: all sides look the same.
     place = trimesh.transformations.translation_matrix((3, 1, 8))
@@ -199,6 +208,7 @@ def test_part_of_a_class_is_named(u_bracket):
     )
 
 
+@pytest.mark.slow
 def test_classes_with_one_outline_can_be_counted_together(u_bracket):
     (text,) = counted_apart_texts(*u_bracket, [[1], [2], [3], [4]])
     assert text.endswith('can be counted together as 1+4.')

@@ -75,6 +75,7 @@ def test_default_prior_is_that_of_drops(bracket):
     np.testing.assert_allclose(bracket.shares, expected / expected.sum())
 
 
+@pytest.mark.slow
 def test_shares_of_drops_and_of_aspects(workers):
     result = ra.drop('t_prism', drops=100, seed=1, model_range=False, workers=workers)
     by_class = result.distribution.by_class().counts
@@ -86,6 +87,7 @@ def test_shares_of_drops_and_of_aspects(workers):
     assert known_part('t_prism', {6: 2, 1: 6}).shares.tolist() == [0.75, 0, 0, 0.25]
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize(
     'shares',
     [{7: 1}, {'one': 1}, {1: 'x'}, [1, 2], [0] * 5, [-1, 1, 1, 1, 1], [np.nan] * 5, 'many'],
@@ -124,6 +126,7 @@ def test_located_pose_gives_the_outline_back(bracket):
         assert len(others) == (aspect > 2)
 
 
+@pytest.mark.slow
 def test_the_requested_aspect_is_located_first():
     poses = locate_part('box_10x20x30', 2, 0, 0, 0)
     assert [each.aspect for each in poses] == [2, 1]

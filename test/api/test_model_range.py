@@ -77,6 +77,7 @@ def test_uncertain_surface_widens_the_range(dropped):
             assert low < each.probability < high
 
 
+@pytest.mark.slow
 def test_range_of_bullet_is_about_its_own_shares(dropped):
     result = dropped(60, engine='bullet')
     for each in result.distribution.model_intervals():

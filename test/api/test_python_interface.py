@@ -25,6 +25,7 @@ WITH_EXAMPLES = [
 ]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('module', ['', *WITH_EXAMPLES])
 def test_examples_in_docstrings_hold(module):
     tested = import_module(f'resting_aspects_ros{module}')
@@ -58,6 +59,7 @@ def test_no_ros_is_imported():
     assert ended.stdout.split() == ['False', 'False']
 
 
+@pytest.mark.slow
 def test_poses_are_those_of_the_engine(part, surfaces, workers):
     result = ra.drop('tetrahedron', drops=50, seed=5, surface='steel', workers=workers)
     job = make_job(part('tetrahedron'), surfaces.get('steel'), 5)
@@ -67,6 +69,7 @@ def test_poses_are_those_of_the_engine(part, surfaces, workers):
     assert (result.complete, result.distribution.drops) == (True, 50)
 
 
+@pytest.mark.slow
 def test_a_condition_that_is_changed(workers):
     changed = {'height': 0.2, 'friction': 0.3, 'model_range': False}
     result = ra.drop('tetrahedron', drops=5, workers=workers, **changed)
@@ -76,6 +79,7 @@ def test_a_condition_that_is_changed(workers):
     assert np.array_equal(again.poses.position, result.poses.position)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['kernel', 'bullet'])
 def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
     options = {'workers': workers, 'engine': engine}
@@ -87,6 +91,7 @@ def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
     assert [run.engine for run in runs] == [engine] * 3
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
@@ -123,6 +128,7 @@ def test_a_wrong_argument_of_load_part_is_named(arguments, words, tmp_path, monk
         ra.load_part(**{'part': 'l_bracket', **arguments})
 
 
+@pytest.mark.slow
 def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
     result = ra.drop('tetrahedron', drops=600, seed=4, workers=workers, log=tmp_path / 'logs')
     assert result.log.parent == tmp_path / 'logs'
@@ -136,6 +142,7 @@ def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
     assert distribution.counts.tolist() == result.distribution.counts.tolist()
 
 
+@pytest.mark.slow
 def test_the_log_of_interrupted_drops_is_closed(workers, tmp_path):
     counted = []
 
@@ -157,6 +164,7 @@ def test_a_log_that_cannot_be_written_is_an_error(workers, tmp_path):
         ra.drop('tetrahedron', drops=5, workers=workers, log=tmp_path / 'file')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['kernel', 'bullet'])
 def test_ctrl_c_ends_the_drops_and_their_workers(engine):
     code = (

@@ -94,6 +94,7 @@ def page(results):
     )
 
 
+@pytest.mark.slow
 def test_page_has_the_files_that_were_checked(page):
     names = [name for name, _ in page.files()]
     assert sorted(names) == sorted(reorientation_file_names(['tap', 'toss']))
@@ -168,6 +169,7 @@ def test_retention_matches_the_document(part, results):
             assert_shown(' '.join(row[4:]), *values)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings('error')
 def test_part_of_one_aspect(solid):
     ball = solid(trimesh.creation.icosphere(subdivisions=2, radius=10))

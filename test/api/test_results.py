@@ -31,6 +31,7 @@ def test_one_method_of_estimate_needs_no_list():
     assert list(ra.estimate('tetrahedron', 'csa').estimates) == ['csa']
 
 
+@pytest.mark.slow
 def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
     dropped[0].save_json(tmp_path / 'nut.json')
     from_file = ra.estimate('hex_nut', ['csa'], against=tmp_path / 'nut.json')
@@ -86,6 +87,7 @@ def test_what_cannot_be_compared_is_refused(dropped, workers):
         ra.compare(dropped[0], dropped[0])
 
 
+@pytest.mark.slow
 def test_poses_are_sorted_into_aspects(dropped):
     poses = dropped[0].poses
     result = ra.classify(poses, 'hex_nut')

@@ -120,6 +120,7 @@ def test_the_document_has_every_pair_that_was_seen(document):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_unknown_values_are_null(solid):
     ball = solid(trimesh.creation.icosphere(3, radius=10))
     (pose,) = roadmap_document(ball, no_drops(find_aspects(ball)), None, {})['poses']

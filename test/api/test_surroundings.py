@@ -71,6 +71,7 @@ def test_a_groove_in_which_parts_wedge_is_named_before_the_drops(surfaces, bodie
         warn_of_surroundings(surfaces.get('rubber_mat'), 0.02)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     'start',
     [

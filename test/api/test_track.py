@@ -66,6 +66,7 @@ def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
     assert any('simulated parts' in text for text in simulated.sentences)
 
 
+@pytest.mark.slow
 def test_simulated_parts_are_repeated_by_the_seed():
     traps = [{'kind': 'balcony', 'width': '9mm'}]
     found = [
@@ -75,6 +76,7 @@ def test_simulated_parts_are_repeated_by_the_seed():
     assert found[0] == found[1]
 
 
+@pytest.mark.slow
 def test_interrupted_runs_leave_a_result_that_is_not_complete():
     result = ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=50)
     assert result.complete
@@ -85,6 +87,7 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
     assert stopped.runs is None
 
 
+@pytest.mark.slow
 def test_an_interrupted_design_is_not_complete():
     stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
     assert not stopped.complete
@@ -103,6 +106,7 @@ def test_an_unknown_action_is_refused_before_the_drops():
     assert not made
 
 
+@pytest.mark.slow
 def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
     plain = ra.track('t_prism', {'width': '60mm'}, drops=300)
     acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])
@@ -117,6 +121,7 @@ def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
     assert 'toss' in acted.title
 
 
+@pytest.mark.slow
 def test_a_sensor_passes_what_it_identifies():
     sensor = {'kind': 'sensor', 'spacing': '5mm'}
     found = ra.track('hex_nut', {**NUT, 'traps': [sensor]}, 1, drops=100)
@@ -155,6 +160,7 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
     assert document['design']['alike'] == list(designed.alike)
 
 
+@pytest.mark.slow
 def test_without_a_design_other_rows_are_named():
     # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
     found = ra.design_track('t_prism', 4, drops=100)

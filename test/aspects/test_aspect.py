@@ -37,6 +37,7 @@ def downs(aspects):
     return np.array([a.down_in_part for a in aspects.aspects])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('mesh', 'faces'), [(tetrahedron(), 4), (box(9, 9, 9), 6), (icosphere(0), 20)]
 )
@@ -93,6 +94,7 @@ def test_ids_follow_a_rotation_of_an_asymmetric_mesh(solid, turn):
         assert b.com_height == pytest.approx(a.com_height, rel=1e-4)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['angle_45x30x8', 'box_10x20x30', 'u_bracket', None])
 def test_ids_do_not_depend_on_how_a_part_is_meshed(part, solid, name):
     mesh = irregular(3) if name is None else mesh_of(part(name))
@@ -215,7 +217,7 @@ def assert_same(found, expected, turn, scale=1.0):
         assert b.id in ids[angles <= POSE_ANGLE]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments'), INVARIANT)
 def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, name, arguments):
     mesh = getattr(solids, name)(*arguments)
@@ -229,6 +231,7 @@ def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, 
     assert_same(find_aspects(solid(turned(mesh, turn), unit='um')), plain, turn, 1e-3)
 
 
+@pytest.mark.slow
 def test_shares_are_equal_in_a_class_and_sum_to_one(solids, solid):
     # With three steps a fillet has a minimum halfway, which falls to one side.
     for name, arguments in (*INVARIANT[::3], ('rounded_prism', (8, 9, 1.5, 3))):
@@ -256,6 +259,7 @@ def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
         assert len(aspect.support) == 4
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('seed', range(4))
 def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid, seed):
     box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(seed))
@@ -263,6 +267,7 @@ def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, sol
     assert [aspect.neighbour for aspect in found] == [3, 3, 1, 1, 1, 1]
 
 
+@pytest.mark.slow
 def test_neighbours_of_a_pin_and_of_a_sphere(solids, solid):
     side, *ends = find_aspects(solid(solids.prism(64, 1.0, 20.0))).aspects
     assert side.rolls
@@ -286,12 +291,14 @@ def test_flats_of_a_curved_side_are_linked_in_a_ring(solids, solid):
     assert np.abs(ring.axis) == pytest.approx([0, 0, 1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_rounded_disc_keeps_its_rim(solids, solid):
     # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
     found = find_aspects(solid(solids.rounded_cylinder(10, 6, 2, 48, 4)))
     assert [x.sweep.name for x in found.aspects] == ['POINT', 'POINT', 'RING']
 
 
+@pytest.mark.slow
 def test_lens_rests_on_two_sides(solids, solid):
     # Slivers at the pole have the centre of mass over their rim but for less than the margin.
     slope = np.linspace(0, np.arcsin(10 / 60), 9)
@@ -316,6 +323,7 @@ def test_barrier_of_a_very_thin_part(solid):
     assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('n', [16, 48])
 def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid, n):
     for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:

@@ -37,7 +37,7 @@ def classified(aspects, down):
 TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('n', [16, 64])
 def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
     turn = solids.a_turn(n)
@@ -50,6 +50,7 @@ def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
         assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
+@pytest.mark.slow
 def test_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
     aspects = find_aspects(solid(solids.revolved([(10, 0), (0, 20)], 64)))
     (ring,) = (a for a in aspects.aspects if a.rolls)
@@ -59,6 +60,7 @@ def test_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
         assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
+@pytest.mark.slow
 def test_an_arc_ends_where_the_curved_side_does(solids, solid):
     aspects = find_aspects(solid(solids.d_shaft(64, 8)))
     (arc,) = (a for a in aspects.aspects if a.sweep is Sweep.ARC)
@@ -90,7 +92,7 @@ def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, a
     assert (aspects.classify(poses) == 1).all()
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments'), [
     ('filleted_box', ((10, 14, 20), 1, 2)), ('filleted_box', ((10, 14, 20), 1, 4)),
     ('rounded_prism', (8, 9, 1.5, 3)), ('rounded_prism', (6, 9, 1.5, 3)),
@@ -107,7 +109,7 @@ def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, ar
             assert (classified(aspects, tilt.apply(aspect.down_in_part)) == expected).all()
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('axes', [(10, 10, 5), (14, 10, 7), (10, 10, 9)])
 def test_the_poles_of_an_ellipsoid_are_domes(solids, solid, axes):
     aspects = find_aspects(solid(solids.ellipsoid(*axes, 3)))
@@ -213,6 +215,7 @@ def test_angle_is_the_tilt_for_any_yaw(box, degrees):
         assert nearest.fits == (degrees < 3)
 
 
+@pytest.mark.slow
 def test_nearest_aspect_agrees_with_classify(box, part):
     for aspects in (box, find_aspects(part('cylinder_d20_h20'))):
         orientation = random_orientations(np.random.default_rng(5), 400)

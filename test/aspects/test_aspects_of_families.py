@@ -45,6 +45,7 @@ def small_shape(family):
 
 
 # The symmetry of a ball with a flat takes seconds; some are among the cases below.
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', [
     pytest.param(name, marks=pytest.mark.slow) if name == 'ball_with_flats' else name
     for name in FAMILIES
@@ -79,7 +80,7 @@ def test_a_wrong_number_of_aspects_is_found():
     assert len(list(fuzz_aspects.differences(box, part, truth))) == 1
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('kind', 'n', 'level'),
     [('ico', 80, 0.98), ('uv', 48, 0.92), ('ico', 80, 0.92), ('uv', 48, 0.99)],
@@ -112,6 +113,7 @@ def test_a_pose_between_a_flat_and_the_round_side_of_a_ball_is_in_no_aspect(soli
     assert ids.tolist()[1:] == [0, 0, 0, 5]
 
 
+@pytest.mark.slow
 def test_the_round_side_between_two_flats_of_a_shaft_is_an_arc(solid):
     outline = part_families.circle(24)
     for axis in (0, 1):

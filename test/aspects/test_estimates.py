@@ -50,6 +50,7 @@ def predicted(shape, method):
 SIDES = [(10, 20, 30), (10, 10, 40), (3, 30, 34)]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('sides', SIDES)
 def test_box_agrees_with_the_rectangle_formula(solids, shape, sides):
     expected = shares([rectangle(*face) for face in halves(sides)])
@@ -58,6 +59,7 @@ def test_box_agrees_with_the_rectangle_formula(solids, shape, sides):
         np.testing.assert_allclose(predicted(of, method), expected, atol=FLOAT32)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('sides', SIDES)
 def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
     weights = {method: [] for method in ('csa', 'crsa', 'stability', 'energy_barrier')}
@@ -73,6 +75,7 @@ def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
         np.testing.assert_allclose(predicted(of, method), shares(expected), atol=FLOAT32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('faces', [4, 20])
 def test_regular_solid_is_uniform_without_symmetry_classes(solids, shape, faces):
     mesh = solids.tetrahedron() if faces == 4 else solids.icosphere(0)
@@ -144,6 +147,7 @@ def test_unstable_facet_adds_its_share_to_the_next_side(solids, shape):
     np.testing.assert_allclose(predicted(of, 'quasi_static'), expected, atol=FLOAT32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'make',
     [
@@ -164,6 +168,7 @@ def test_quasi_static_agrees_with_trimesh_where_it_is_correct(solids, shape, mak
     np.testing.assert_allclose(predicted(of, 'quasi_static'), shares(expected), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_methods_not_defined_for_a_curved_side(solids, shape):
     of = shape(solids.prism(32))
     assert estimate(of, 'solid_angle').probabilities.sum() == pytest.approx(1)
@@ -179,6 +184,7 @@ def test_methods_not_defined_for_a_curved_side(solids, shape):
         np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
 def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
     """The top of a cube is a ridge of two slopes that are nearly coplanar."""
@@ -193,6 +199,7 @@ def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
         np.testing.assert_allclose(found, 1 / 6, atol=0.1 * rise)
 
 
+@pytest.mark.slow
 def test_cylinder_with_fillets_has_a_face_and_a_pill_has_none(solids, shape):
     filleted = shape(solids.rounded_cylinder(10.0, 20.0, 1.0, 48, 6))
     side = np.array([a.rolls for a in filleted.aspects.aspects])

@@ -49,6 +49,7 @@ def test_outline_is_that_of_a_rotated_file(name):
         assert shapely.intersection(one.polygon, other.polygon).area / union > 0.999
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', PARTS)
 def test_aspects_of_a_class_look_the_same_from_above(name):
     part = loaded(trimesh.load(parts_folder() / f'{name}.stl'))
@@ -69,6 +70,7 @@ def test_long_side_is_along_x():
         assert seen_outline(part, aspect.orientation).area == pytest.approx(4 * x * y)
 
 
+@pytest.mark.slow
 def test_square_has_its_sides_along_the_axes():
     part = loaded(trimesh.creation.box([20, 20, 10]))
     lowest = find_aspects(part).aspects[0]

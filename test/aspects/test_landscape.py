@@ -82,7 +82,7 @@ def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     np.testing.assert_array_equal(along.argmax(axis=1)[there], found[inside][there])
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
 def test_released_part_ends_in_a_minimum_that_is_not_higher(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
@@ -163,6 +163,7 @@ def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickn
     assert landscape.basin_shares[side].sum() == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ('name', 'arguments'),
     [
@@ -183,6 +184,7 @@ def test_shares_agree_with_random_descents(solids, solid, name, arguments):
     assert (np.abs(counts - n * p) < 5 * np.sqrt(n * p) + 5).all()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('name', 'arguments'),
     [

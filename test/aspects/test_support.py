@@ -139,7 +139,7 @@ BODIES = {
 }
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', BODIES)
 def test_what_a_turned_body_rests_on(solid, name):
     mesh, expected = BODIES[name]
@@ -252,6 +252,7 @@ def test_margin_of_the_engine_counts_as_contact(block):
     assert (codes != NONE).tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 def test_class_of_contacts_agrees_with_brute_force(block):
     """Two pairs are in one class if and only if a rotation of the box maps them to each other."""
     _, aspects = block

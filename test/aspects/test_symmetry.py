@@ -239,7 +239,7 @@ def assert_maps_corners(part, rotations):
         assert apart.max() < 1e-4 * part.hull_radius
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', FINITE)
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
@@ -263,6 +263,7 @@ def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     )
 
 
+@pytest.mark.slow
 def test_shaft_with_a_flat_is_no_body_of_revolution(solid):
     """The flat is as wide as two or three of the flats that the mesh makes of the round side."""
     aspects = find_aspects(solid(solids.d_shaft(32, 9.7)))
@@ -287,7 +288,7 @@ SLENDER = {
 }
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.slow
 @pytest.mark.parametrize('turn', [np.eye(3), solids.a_turn(1)], ids=['straight', 'turned'])
 @pytest.mark.parametrize('name', SLENDER)
 def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, turn):
@@ -352,7 +353,7 @@ TURNED = {
 }
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('name', TURNED)
 @given(turn=turns, divided=st.booleans())
 @few
@@ -429,6 +430,7 @@ def test_modelled_thread_keeps_the_sides_of_a_hexagon_in_one_class(solid):
     assert_is_group(aspects.symmetry)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('depth', 'sizes'), [(0.05, [1, 1, 4]), (0.01, [2, 4])])
 def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes):
     square, pocket = (circle(r, 4, phase=np.pi / 4) for r in (10, 1))

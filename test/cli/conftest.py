@@ -72,9 +72,10 @@ def _folder(folder):
 
 @contextlib.contextmanager
 def _default_warnings():
-    """Ignore the warnings that Python ignores by default, unlike pytest."""
+    """Ignore the warnings that Python ignores by default, and those of nodes of other tests."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DeprecationWarning)
+        warnings.filterwarnings('ignore', 'coroutine .* was never awaited', RuntimeWarning)
         yield
 
 

@@ -18,6 +18,7 @@ def meshes(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_one_bad_file_does_not_cost_the_others(run, tmp_path, meshes):
     ended = run('drop', 'designs', 'missing.stl', '--drops', 20, '--workers', 1, '--out', 'out')
     assert ended.returncode == 1

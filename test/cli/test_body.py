@@ -30,6 +30,7 @@ def test_a_body_is_used_by_all_commands(run, refused, tmp_path):
     assert ended.returncode == 0, ended.stderr
 
 
+@pytest.mark.slow
 def test_yaml_beside_a_mesh_selects_the_body(run, tmp_path):
     (tmp_path / 'two.yaml').write_text('body: 2\nunit: mm\n')
     for words in (['two.stl'], ['two.stl', '--body', 2], ['two', '--parts', '.']):

@@ -54,6 +54,7 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
     assert second.stdout == first.stdout
 
 
+@pytest.mark.slow
 def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):
     class Asked(Interruption):
         def __enter__(self):

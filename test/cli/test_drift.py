@@ -20,6 +20,7 @@ def files(tmp_path):
 EXPECTED = ('--expected', 'expected.csv', '--window', 200)
 
 
+@pytest.mark.slow
 def test_drift_does_not_change_the_exit_code(files, run):
     ended = run('drift', 'l_bracket', 'bad.csv', *EXPECTED)
     assert ended.returncode == 0, ended.stderr

@@ -79,6 +79,7 @@ def test_old_result_is_kept_if_there_is_no_new_one(run, tmp_path):
     assert poses.read_text(encoding='utf-8') == 'old'
 
 
+@pytest.mark.slow
 def test_link_to_an_output_file_is_kept(run, tmp_path):
     (tmp_path / 'link.csv').symlink_to('p.csv')
     assert run(*WORDS, '--drops', 1, '--poses', 'link.csv').returncode == 0

@@ -56,6 +56,7 @@ def test_parts_of_another_folder(dropped, box, tmp_path):
     assert heights(document) == pytest.approx([10 * height for height in BOX])
 
 
+@pytest.mark.slow
 def test_warnings_do_not_go_to_stdout(run, box, tmp_path):
     box.invert()
     box.export(tmp_path / 'box.stl')
@@ -65,6 +66,7 @@ def test_warnings_do_not_go_to_stdout(run, box, tmp_path):
     assert json.loads(ended.stdout)['part'] == 'box'
 
 
+@pytest.mark.slow
 def test_height_in_the_wrong_unit_is_refused_unless_forced(refused, run, box, tmp_path):
     # The limit depends on the size of the part.
     box.export(tmp_path / 'box.stl')

@@ -35,6 +35,7 @@ def log(tmp_path, part):
     return log.path.parent.rename(tmp_path / ODD)
 
 
+@pytest.mark.slow
 def test_a_mesh_can_have_any_name(strict, tmp_path):
     mesh = tmp_path / f'{ODD}.stl'
     shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)

@@ -32,6 +32,7 @@ def test_grasps_and_controller_reach_the_forecast(run_in, tmp_path):
     assert found['parts_per_minute'] < 0.9 * document['parts_per_minute']
 
 
+@pytest.mark.slow
 def test_flags_reach_the_forecast(run_in, tmp_path):
     words = ('--robot', '900ms', '--vibrate', '1s', '--settle', '0.4', '--image', '100ms')
     more = ('--supply', '50ms', '--overlap', '--place', '0.3s', '--tray', '0.3mx250mm')

@@ -44,6 +44,7 @@ def test_help_lists_commands_and_exit_codes(shown):
         assert word in text
 
 
+@pytest.mark.quick_cases(15)
 @pytest.mark.parametrize('name', verbs.COMMANDS)
 def test_examples_of_each_command_are_parsed(shown, name):
     text = shown(name)
@@ -79,6 +80,7 @@ def loaded_by(*words):
     return set(HEAVY) & set(modules), loaded & set(verbs.COMMANDS)
 
 
+@pytest.mark.slow
 def test_help_loads_no_subcommand_and_nothing_heavy():
     assert loaded_by('--help') == (set(), set())
 

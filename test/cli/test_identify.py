@@ -22,6 +22,7 @@ def polygon(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
     # A box 30 mm high, 20 x 10 mm, at (0.1, 0.05) m, seen from the height 0.5 m above the origin.
     base = np.array([[0.09, 0.045], [0.11, 0.045], [0.11, 0.055], [0.09, 0.055]])
@@ -40,6 +41,7 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
     assert all(word in ended.stderr for word in ('0.02 m', '0.03 m', 'box_10x20x30'))
 
 
+@pytest.mark.slow
 def test_a_part_that_is_given_twice_is_one_candidate(run, polygon, tmp_path):
     for name in ('box', 'copy'):
         trimesh.creation.box((40, 20, 10)).export(tmp_path / f'{name}.stl')

@@ -63,6 +63,7 @@ def when_some_are_done(number):
 # -- signals -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['kernel', 'bullet'])
 def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc, engine):
     words = ('disc', '--parts', disc, '--engine', engine)
@@ -75,7 +76,7 @@ def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc, e
     assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_every_signal_saves_partial_results(run, saved, at_update, number):
     at_update(when_some_are_done(number))
@@ -105,6 +106,7 @@ def test_repeated_ctrl_c(begin, ended, read_until):
     assert ended(process, 130)[0]['drops'] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('words', 'kept'),
     [
@@ -128,6 +130,7 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path,
     assert {file.name for file in (tmp_path / 'o').iterdir()} == kept
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_first_drop(run, saved, at_update):
     # The first chunk of Bullet takes longer than the time between two updates.
     at_update(lambda done: signal.raise_signal(signal.SIGINT))
@@ -171,6 +174,7 @@ def test_without_files_nothing_is_written(run, at_update, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
     at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 4000 else signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -133,6 +133,7 @@ def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     assert len(passes) == (0 if closed else 1)  # by the index if it is closed
 
 
+@pytest.mark.slow
 def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
     dropped = run('drop', 'tetrahedron', '--drops', 300, '--log', 'logs', '--json')
     assert dropped.returncode == 0
@@ -287,6 +288,7 @@ def table(poses):
 COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [
@@ -344,6 +346,7 @@ def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
     assert (len(found), found[:DROPS]) == (310, dropped[1].position[:, 0].tolist())
 
 
+@pytest.mark.slow
 def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):
     words = ('--engine', 'bullet', '--poses')
     assert run('drop', 'tetrahedron', '--drops', 10, '--log', '.', *words, 'a').returncode == 0

@@ -28,6 +28,7 @@ def test_files_are_listed(done, tmp_path):
     assert {each['px_per_mm'] for each in document['images']} == {4}
 
 
+@pytest.mark.slow
 def test_counting_sheet_has_all_classes(done, tmp_path):
     assert 'Counting sheet: s.svg' in done('u_bracket', '--counting-sheet', 's.svg')
     text = (tmp_path / 's.svg').read_text()

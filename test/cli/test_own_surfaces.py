@@ -37,6 +37,7 @@ def test_each_command_with_a_surface_takes_a_file_of_surfaces():
     assert [name for name in flags if '--surfaces' in flags[name]] == with_surface
 
 
+@pytest.mark.slow
 def test_surface_of_the_file_is_used_by_its_name(run, own):
     words = ['drop', 'tetrahedron', '--drops', '4', '--json', '--surfaces', own]
     conditions = json.loads(run(*words, '--surface', 'ice').stdout)['conditions']

@@ -59,6 +59,7 @@ def test_pipe_gets_no_line_twice(monkeypatch, capsys):
     assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
 
 
+@pytest.mark.slow
 def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):
     printed, shown = in_terminal(*WORDS)
     assert re.search(r'1500/1500 \x1b\[0m ?[\d.]+ drops/s|1500/1500.*?[\d.]+ drops/s', shown)

@@ -108,6 +108,7 @@ def test_every_key_of_a_track_is_listed_with_its_bounds():
     ]
 
 
+@pytest.mark.slow
 def test_every_key_of_the_result_of_a_track_is_listed(run):
     words = ('--trap', 'wiper:height=12mm', '--drops', '20', '--json')
     document = json.loads(run('track', 'hex_nut', *words).stdout)
@@ -132,6 +133,7 @@ def test_every_key_of_a_result_is_listed(run):
     assert re.findall(r'`(\w+)`', row)[1:] == list(document['classes'][0])
 
 
+@pytest.mark.slow
 def test_every_key_of_transitions_is_listed(run):
     few = ['--action', 'step_down', '--per-aspect', '5', '--drops', '10', '--check-convergence']
     ended = run('reorient', 'tetrahedron', '--wanted', '1', *few, '--json')
@@ -145,6 +147,7 @@ def test_every_key_of_retention_is_listed(run):
     assert keys(FILES, '## Retention', 1) == list(document['curves'][0])
 
 
+@pytest.mark.slow
 def test_every_column_of_the_poses_is_listed(run, tmp_path):
     run('drop', 'tetrahedron', '--drops', '2', '--poses', 'p.csv')
     header, *_ = csv.reader(io.StringIO((tmp_path / 'p.csv').read_text()))

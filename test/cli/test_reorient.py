@@ -35,6 +35,7 @@ def test_several_actions_are_compared(run_in, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_error_in_the_second_action_keeps_the_results(run_in, tmp_path, monkeypatch):
     count = Runner.count
 
@@ -77,6 +78,7 @@ def test_actions_of_a_file_are_simulated(run_in, tmp_path):
     assert json.loads(ended.stdout)['action']['time'] == 2
 
 
+@pytest.mark.slow
 def test_report_has_page_figures_and_documents(run_in, tmp_path):
     words = ('--action', 'tap,toss', '--wanted', '1', '--report')
     ended = run_in(tmp_path, *WORDS, *words)
@@ -87,6 +89,7 @@ def test_report_has_page_figures_and_documents(run_in, tmp_path):
     assert {file.name for file in (tmp_path / 'out/tetrahedron').iterdir()} == set(expected)
 
 
+@pytest.mark.slow
 def test_page_of_retention_has_the_counts(run_in, tmp_path):
     words = ('retention', 'tetrahedron', '--per-height', 4, '--out', 'o', '--report')
     assert run_in(tmp_path, *words).returncode == 0
@@ -105,6 +108,7 @@ def write_states(path, rows, header='z_com_m,qx,qy,qz,qw,vx'):
     path.write_text('\n'.join([header, *rows]) + '\n')
 
 
+@pytest.mark.slow
 def test_drops_start_from_the_states_of_a_file(run_in, tmp_path):
     """At rest on two different sides, so the parts stay there."""
     aspects = ra.find_aspects(ra.load_part('tetrahedron')).aspects

@@ -38,6 +38,7 @@ def log(tmp_path, part, surfaces):
 ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
     ours, theirs = pty.openpty()
     shown = bytearray()

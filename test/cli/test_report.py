@@ -63,6 +63,7 @@ def test_drop_writes_a_report(dropped):
         assert said in page
 
 
+@pytest.mark.slow
 def test_report_of_the_document_is_identical(dropped, run_in):
     folder, at_once = dropped
     ended = run_in(folder, 'report', 'o/distribution.json', '--out', 'again')

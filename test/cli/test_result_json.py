@@ -203,6 +203,7 @@ def test_report_refuses_what_it_cannot_show(refused, original, tmp_path, place, 
     assert said in refused('report', 'f.json')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [

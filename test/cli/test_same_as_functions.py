@@ -93,6 +93,7 @@ DOCUMENTS = {
 }
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('words', 'function'), DOCUMENTS.values(), ids=DOCUMENTS)
 def test_document_and_warnings_are_those_of_the_function(run, words, function):
     ended = run(*words.split(), '--json')
@@ -141,6 +142,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('words', 'function'), REFUSED.values(), ids=REFUSED)
 def test_command_refuses_what_the_function_refuses(run, words, function):
     ended = run(*words.split())

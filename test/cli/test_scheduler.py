@@ -57,6 +57,7 @@ def test_ctrl_c_saves_results_and_keeps_the_cluster(
     assert len(cluster.scheduler.workers) == 2
 
 
+@pytest.mark.slow
 def test_unreachable_scheduler_is_refused_with_one_line(make_cluster, refused):
     line = refused(*WORDS, '--scheduler', 'tcp://127.0.0.1:1', '--out', 'o')
     assert line.startswith(
@@ -64,6 +65,7 @@ def test_unreachable_scheduler_is_refused_with_one_line(make_cluster, refused):
     )
 
 
+@pytest.mark.slow
 def test_missing_dask_error_names_the_package(run_process, tmp_path):
     # Python searches the working folder before the installed packages.
     (tmp_path / 'distributed.py').write_text('raise ImportError\n', encoding='utf-8')

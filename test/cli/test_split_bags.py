@@ -91,6 +91,7 @@ def replayed(path):
     return [(each.topic, each.time, each.data) for each in recording.messages(recording.topics)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.FILE])
 @pytest.mark.parametrize('name', ['', 'metadata.yaml'])
 def test_split_bag_is_read_as_one_log(log, split, run, mode, name):

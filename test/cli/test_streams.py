@@ -17,6 +17,7 @@ def closing(*numbers):
     return lambda: [os.close(number) for number in numbers]
 
 
+@pytest.mark.slow
 def test_files_are_written_when_standard_output_is_closed(run_process, tmp_path):
     words = ('drop', 'tetrahedron', '--drops', 20, '--out', 'o')
     ended = run_process(
@@ -28,6 +29,7 @@ def test_files_are_written_when_standard_output_is_closed(run_process, tmp_path)
     assert (tmp_path / 'o' / 'poses.csv').stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_errors_do_not_go_to_stdout_when_stderr_is_closed(run_process):
     ended = run_process(
         'aspects', 'nope', capture_output=False, stdout=subprocess.PIPE, preexec_fn=closing(2)
@@ -35,6 +37,7 @@ def test_errors_do_not_go_to_stdout_when_stderr_is_closed(run_process):
     assert (ended.returncode, ended.stdout) == (2, '')
 
 
+@pytest.mark.slow
 def test_closed_pipe_prints_no_error(begin):
     reader, writer = os.pipe()
     os.close(reader)
@@ -44,6 +47,7 @@ def test_closed_pipe_prints_no_error(begin):
     assert (process.returncode, 'Traceback' in errors, 'Broken' in errors) == (1, False, False)
 
 
+@pytest.mark.slow
 def test_full_disk_behind_stdout_prints_one_line(run_process):
     with Path('/dev/full').open('w') as full:
         ended = run_process(
@@ -52,6 +56,7 @@ def test_full_disk_behind_stdout_prints_one_line(run_process):
     assert (ended.returncode, ended.stderr) == (1, f'error: standard output: {FULL}\n')
 
 
+@pytest.mark.slow
 def test_full_disk_prints_one_line_and_keeps_the_result(run):
     ended = run('drop', 'tetrahedron', '--drops', 3, '--poses', '/dev/full', '--json')
     assert (ended.returncode, json.loads(ended.stdout)['drops']) == (1, 3)
@@ -90,6 +95,7 @@ def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
     assert (ended.returncode, ended.stderr) == (1, 'error: there is not enough memory\n')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('command', 'codes'),
     [('aspects tetrahedron', {0}), ('drop tetrahedron --drops 5 --out o', {1, 2})],

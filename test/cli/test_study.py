@@ -3,11 +3,14 @@
 import csv
 import json
 
+import pytest
+
 FEW = ('--points', '2', '--drops', '20', '--workers', '1')
 VARY = ('--vary', 'restitution=0.1:0.4', '--vary', 'friction=0.2:0.5')
 LOW = ('--height', '30mm')
 
 
+@pytest.mark.slow
 def test_study_writes_its_folder_and_continues_it(run, tmp_path):
     first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--out', 'out')
     assert first.returncode == 0, first.stderr

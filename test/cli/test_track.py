@@ -18,6 +18,7 @@ def done(run):
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'words',
     [
@@ -32,6 +33,7 @@ def test_output_fits_80_columns(done, words):
     assert '…' not in text
 
 
+@pytest.mark.slow
 def test_files_are_written(done, tmp_path):
     done('hex_nut', '--on', 'wiper_and_balcony', '--out', tmp_path, '--report')
     names = {file.name for file in tmp_path.iterdir()}
@@ -50,6 +52,7 @@ def test_flags_of_the_track_are_in_the_document(done):
     assert track['wall'] == {'height': 0.02, 'friction': 0.1}
 
 
+@pytest.mark.slow
 def test_no_design_exits_with_1_and_shows_the_rows(done):
     text = done('t_prism', '--design', '--want', '4', code=1)
     assert 'No set of traps passes only row 4' in text

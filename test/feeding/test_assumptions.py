@@ -112,7 +112,7 @@ def forecasts():
     return places, broken_assumptions(places, over)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('row', 'broken'),
     [

@@ -103,6 +103,7 @@ def test_interval_contains_what_the_counts_leave_open(minutes):
     assert within >= 33
 
 
+@pytest.mark.slow
 def test_formula_predicts_runs_of_its_cycle():
     """From an empty tray, with parts that are lost and replaced after the next image."""
     spread = SteadyStates(FEEDER).spread(TABLE, 8)

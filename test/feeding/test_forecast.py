@@ -103,6 +103,7 @@ def test_runs_are_within_the_prediction_interval():
     assert within >= 24
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_fixed_point_is_that_of_iteration(seed, number):
     generator = np.random.default_rng(seed)
@@ -237,6 +238,7 @@ def test_more_counts_and_longer_runs_narrow_the_intervals():
     assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('times', 'resource'),
     [
@@ -284,6 +286,7 @@ def test_forecast_is_finite_if_a_single_part_is_always_picked():
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(st.data())
 def test_interval_of_the_rate_contains_it_at_the_border(data):

@@ -44,6 +44,7 @@ def test_controller_is_not_below_the_cycle_of_the_forecast(model):
     assert ours > 0.99 * theirs
 
 
+@pytest.mark.slow
 def test_free_parts_have_the_shares_of_the_table(model):
     tray = tray_of(model, 2)
     tray.supply(6)

@@ -165,6 +165,7 @@ def damaged(content, kind, at, bit, length):
     return bytes(content)
 
 
+@pytest.mark.slow
 @given(
     closed=st.booleans(),
     kind=st.sampled_from(['flip', 'cut', 'take out', 'put in', 'zeros']),

@@ -70,6 +70,7 @@ def cell(start, connect, few_parts):
     return watch, nodes, namespace
 
 
+@pytest.mark.slow
 def test_parts_are_picked_in_simulated_time(cell):
     watch, _, _ = cell
     watch.client.wait(lambda: len(watch.picked()) >= 8, 'picks')
@@ -91,6 +92,7 @@ def test_parts_are_picked_in_simulated_time(cell):
         assert seconds(each.header.stamp) >= seconds(exposed[each.image])
 
 
+@pytest.mark.slow
 def test_vision_that_stops_is_named_and_continued(cell, start, diagnostics_of):
     watch, nodes, namespace = cell
     diagnostics = diagnostics_of(watch.client)

@@ -71,6 +71,7 @@ def test_invalid_request_is_rejected(classify, name, orientation, code, words):
     assert math.isnan(found.angle)
 
 
+@pytest.mark.slow
 def test_current_or_last_offered_part_is_used(fresh_suite, part, tmp_path_factory):
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')

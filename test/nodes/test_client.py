@@ -55,6 +55,7 @@ def unanswered_client(namespace, in_namespace):
 # Without a node
 
 
+@pytest.mark.slow
 def test_client_without_a_node_receives_progress(client, counts):
     client.list_parts()  # all services are discovered after this
     done = []
@@ -76,6 +77,7 @@ def test_only_known_accepts_any_number_of_drops(client):
         client.get_distribution('u_bracket', drops=8, only_known=True)
 
 
+@pytest.mark.slow
 def test_default_drop_count_and_precision(client):
     assert client.get_distribution('tetrahedron', seed=53).run.drops == 1000
     precise = client.get_distribution('tetrahedron', precision=0.06, seed=54)
@@ -280,6 +282,7 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     assert 0 < suite.client.wait(known, 'its drops are counted').drops < 2_000_000
 
 
+@pytest.mark.slow
 def test_shared_run_continues_after_one_cancel(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         received = []

@@ -43,6 +43,7 @@ def test_default_surface_is_that_of_the_simulator(suite, simulator, surfaces_mea
     assert named.run.conditions.surface == 'rubber_mat'
 
 
+@pytest.mark.slow
 def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     quick = {
         'aspect_classifier': {

@@ -20,6 +20,7 @@ def diagnostics(suite, diagnostics_of):
     return diagnostics_of(suite.client)
 
 
+@pytest.mark.slow
 def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
@@ -98,6 +99,7 @@ def test_replayer_counts_as_a_source_of_poses(
     suite.start_again('drop_simulator')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('node', 'level', 'expected'),
     [

@@ -127,6 +127,7 @@ def test_subscription_receives_the_latched_distribution(dropped, run_snippet):
     assert printed in run_snippet(snippet('create_subscription'), lambda text: printed in text)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('word', ['ReentrantCallbackGroup', 'remove_pending_request'])
 def test_program_requests_a_distribution(run_snippet, word):
     code = snippet(word).replace('drops=1000', 'drops=60')
@@ -134,6 +135,7 @@ def test_program_requests_a_distribution(run_snippet, word):
     assert re.search(r'\d+ drops, mostly in aspect \d|^\[\(1, [.\d]+\), ', output)
 
 
+@pytest.mark.slow
 def test_client_identifies_an_outline(suite, run_snippet):
     received = suite.client.listen(PartOutlines, 'outlines/l_bracket', interface.LATCHED)
     suite.client.wait(lambda: received, 'outlines')
@@ -168,6 +170,7 @@ def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
     assert printed.startswith(f'{list(suite.client.parts())}')
 
 
+@pytest.mark.slow
 def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     poses = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 2_000_000, seed=[9])
@@ -183,6 +186,7 @@ def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     assert 0 < suite.client.wait(kept, 'drops before the cancel') < 2_000_000
 
 
+@pytest.mark.slow
 def test_counts_of_a_machine_are_combined_with_the_drops(dropped, run_snippet):
     (code_of_page,) = [text for text in code(DRIFT, 'python') if 'ObservedCounts' in text]
     lines = run_snippet(code_of_page).splitlines()
@@ -216,7 +220,7 @@ def test_log_snippets_run(suite, dropped, run_snippet, word):
     assert word == 'mcap_ros2' or 'rubber_mat true' in output
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('line', NODE_LINES)
 def test_documented_commands_start_a_node(line, run_command, wait, namespace):
     program, *words = shlex.split(line)

@@ -76,6 +76,7 @@ def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
     assert len(batches) <= 2
 
 
+@pytest.mark.slow
 def test_messages_of_a_long_run_are_bounded(suite, batches_of, quick):
     drop = suite.client.drop('tetrahedron', 2 * MAX_POSES + 5, seed=15, conditions=quick)
     sizes = [len(batch.status) for batch in batches_of(drop.result.run_id)]

@@ -253,6 +253,7 @@ def test_unknown_pick_result_makes_detections_stale(cell, statuses):
 # -- what is known -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_model_follows_drops_and_flips(begin, part, bracket, surfaces):
     cell, process = begin(pickable_classes=[1, 3])
     # It depends on what the node has discovered yet.
@@ -296,6 +297,7 @@ def advised(whole, start):
     return advised
 
 
+@pytest.mark.slow
 def test_drops_are_requested_once_if_none_are_known(whole, advised):
     """The controller begins with 1000 drops of a part, or with those that are known."""
     suite, runs = whole, whole.client.poses()
@@ -328,6 +330,7 @@ def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
     assert level == b'\x02'
 
 
+@pytest.mark.slow
 def test_camera_that_stops_is_reported_and_may_continue(begin, part, bracket, surfaces):
     times = dict.fromkeys(('robot_time', 'vibrate_time', 'settle_time', 'image_time'), 0.01)
     cell, process = begin({TIMEOUT: 0.3}, **times)

@@ -101,6 +101,7 @@ def shift(cell):
     return cell
 
 
+@pytest.mark.slow
 def test_logs_have_every_message_and_what_is_latched(shift):
     assert len(shift.logs()) == 3
     for each in shift.sent:
@@ -149,6 +150,7 @@ def test_drift_is_tested_from_the_logs(shift):
         read_observed(shift.folder, [1, 2], part='cube')
 
 
+@pytest.mark.slow
 def test_replayed_counts_give_the_same_posterior(shift, start, connect):
     """The messages pass through a replayer and a classifier."""
     namespace = f'/test_feeder_replay_{os.getpid()}'

@@ -123,6 +123,7 @@ def test_pickable_class_without_a_grasp_is_an_error(fed):
         pickable_ids(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
 
 
+@pytest.mark.slow
 def test_missing_flips_have_the_shares_of_the_drops(fed, evidence, settings):
     """A rare class keeps its share: 1 of 1000 drops is less than one of 20 flips."""
     drops = np.array([1, 499, 300, 150, 50])
@@ -138,6 +139,7 @@ def test_missing_flips_have_the_shares_of_the_drops(fed, evidence, settings):
     np.testing.assert_allclose(found.moves.transitions, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_class_that_was_never_seen_has_no_rate_and_is_picked(fed, evidence, settings):
     model = build_model(evidence([0, 3, 2, 0, 0]), fed.footprints, settings)
     assert model.values.rate == 0

@@ -228,6 +228,7 @@ def forecast_of(result, *pickable, **options):
     return forecast_from(result, pickable, Tray(tuple(TRAY), 0.005), times, **options)
 
 
+@pytest.mark.slow
 def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     alike = simulated.drop.aspects.classes()[0]
     expected = forecast_of(simulated, *[each.id for each in alike])

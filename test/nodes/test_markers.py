@@ -120,6 +120,7 @@ def test_new_distribution_changes_only_texts_and_stamps(part):
 # Over DDS
 
 
+@pytest.mark.slow
 def test_markers_are_published_with_distributions(suite):
     markers = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
     distributions = suite.client.listen(

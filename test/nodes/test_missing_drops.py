@@ -145,6 +145,7 @@ def again(name, first, end):
     return Status(), [(name, first, end, False)]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('sent', 'asked'),
     [

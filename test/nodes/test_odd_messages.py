@@ -65,6 +65,7 @@ def log_of(client, folder, run_id):
     return found[0].parent
 
 
+@pytest.mark.slow
 def test_invalid_batch_is_ignored_and_the_next_is_counted(
     start, client, namespace, batch, part, described, tmp_path
 ):

@@ -71,6 +71,7 @@ def seen(part):
     return affinity.translate(affinity.rotate(outline, 1, (0, 0), use_radians=True), 0.1, 0.05)
 
 
+@pytest.mark.slow
 def test_latched_outlines_are_those_of_the_part(vision, part):
     result = ra.outlines(part(PART))
     expected = outlines_msg(result.part, result.outlines, result.look_alikes)
@@ -134,6 +135,7 @@ def test_client_identifies(suite, vision, part, seen):
 # Changed parts
 
 
+@pytest.mark.slow
 def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespace, part):
     client = connect(namespace)
     announce(client.node, DROP_SIMULATOR)

@@ -68,6 +68,7 @@ def check_description(reported, parameter):
         assert bounds, 'a number has bounds'
 
 
+@pytest.mark.slow
 def test_nodes_read_their_parameters_from_the_file(
     start, connect, parameters_of, namespace, tmp_path
 ):

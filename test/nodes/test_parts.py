@@ -56,6 +56,7 @@ def answers(suite):
     return answers
 
 
+@pytest.mark.slow
 def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)

@@ -92,6 +92,7 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
     )
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('node', 'parameters', 'message'),
     [
@@ -119,6 +120,7 @@ def test_file_that_is_no_parameter_file_ends_a_node(start_process, namespace):
     assert 'Cannot have a value before ros__parameters' in process.output
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, wait):
     simulator = start_process('drop_simulator', namespace, {'workers': 1})
     client = connect(namespace)
@@ -170,6 +172,7 @@ def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypa
 
 
 # Last test of the suite: ROS lists a killed node for another 20 s.
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [pytest.param(signal.SIGTERM, marks=SLOW), signal.SIGKILL])
 def test_stopped_simulator_is_reported(suite, diagnostics_of, number):
     client, diagnostics = suite.client, diagnostics_of(suite.client)
@@ -290,6 +293,7 @@ def test_replay_at_full_speed_loses_nothing(
     assert replayer.end() == 0
 
 
+@pytest.mark.slow
 def test_damage_during_a_replay_ends_it(
     start_process, connect, namespace, batches, write_log, traceback, tmp_path
 ):

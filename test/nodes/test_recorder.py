@@ -102,6 +102,7 @@ def test_log_contains_every_published_message(suite, folder, received, way):
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('canceled', [False, True])
 def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path, canceled):
     """The run has a precision and custom conditions; a cancel may end it early."""

@@ -25,6 +25,7 @@ def refused(request, suite):
     assert suite.client.ask('tetrahedron', 5).status.code == Status.OK
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('name', ['no_such_part', 'x' * 300])
 def test_unknown_part_name(refused, name):
     status = refused(part=name)

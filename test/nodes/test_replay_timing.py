@@ -60,6 +60,7 @@ def test_messages_are_published_at_their_time_over_the_rate(log, rate):
     assert player.times() == pytest.approx(due, abs=1)
 
 
+@pytest.mark.slow
 @given(late=st.integers(1, GAP // 4 - 1))
 def test_delays_do_not_add_up(log, late):
     player = Player(log, 2.0)

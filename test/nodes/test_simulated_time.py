@@ -2,6 +2,7 @@
 
 import time
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
@@ -12,6 +13,7 @@ NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 YEAR = 365 * 86_400
 
 
+@pytest.mark.slow
 def test_nodes_work_without_a_clock_publisher(
     start, connect, namespace, parameters_of, few_parts, tmp_path
 ):

@@ -55,6 +55,7 @@ def publishers(suite):
     return sorted(each.node_name for each in found)
 
 
+@pytest.mark.slow
 def test_matrices_are_known_and_latched_after_a_restart(suite, first):
     suite.restart('drop_simulator', 'aspect_classifier')
     answer = suite.client.transitions('tetrahedron', 'tap')

@@ -121,6 +121,7 @@ def test_mesh_inside_out_is_turned_with_a_warning():
     assert (outward > 0).all()
 
 
+@pytest.mark.slow
 @given(flips=st.lists(st.booleans(), min_size=24, max_size=24))
 def test_triangles_of_mixed_orientation_are_flipped_outward(flips):
     part = part_of(cubes_in_disorder(flips))
@@ -461,6 +462,7 @@ def test_fragments_are_inside_or_beside_a_body():
     assert f'{1 + inside} bodies that overlap' in part.warnings[0]
 
 
+@pytest.mark.slow
 def test_a_mesh_of_thousands_of_bodies_is_read():
     """Each is in no other's box, so none is compared with all others."""
     boxes = np.stack(np.meshgrid(*[np.arange(11)] * 3), axis=-1).reshape(-1, 3) * 3

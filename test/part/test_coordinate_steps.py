@@ -71,6 +71,7 @@ DOUBLE = {
 }
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('file', SINGLE)
 @pytest.mark.parametrize(('washer', 'tilted'), [('thin', False), ('thick', True)])
 def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
@@ -94,7 +95,7 @@ def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
     assert warned
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize('file', DOUBLE)
 @pytest.mark.parametrize(('washer', 'tilted'), [('thin', False), ('thick', True)])
 def test_fine_coordinates_are_right_at_any_place(file, washer, tilted):

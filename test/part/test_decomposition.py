@@ -21,6 +21,7 @@ def volume(corners):
     return ConvexHull(corners).volume
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('name', 'count'), [('l_bracket', 2), ('angle_45x30x8', 2), ('t_prism', 2), ('u_bracket', 3)]
 )

@@ -103,6 +103,7 @@ def test_frame_turns_with_an_asymmetric_part(shape, turn):
     assert np.linalg.det(turned.principal_axes) == pytest.approx(1)
 
 
+@pytest.mark.slow
 @given(turn=SEEDS)
 def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(turn):
     part, turned = part_of(angle_bracket()), part_of(angle_bracket(), rotation(turn))
@@ -216,7 +217,7 @@ def assert_same_ids(found, expected, turn):
         assert b.id in ids[angles <= POSE_ANGLE]
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize('name', BODIES)
 def test_rotation_and_remeshing_keep_the_ids(solid, name):
     mesh = BODIES[name]()
@@ -227,6 +228,7 @@ def test_rotation_and_remeshing_keep_the_ids(solid, name):
     assert_same_ids(find_aspects(solid(turned(mesh.subdivide(), half))), plain, half)
 
 
+@pytest.mark.slow
 def test_faces_of_a_pinwheel_are_two_classes(solid):
     """The mirror image has the faces in the other order: it is the part turned over."""
     mesh = pinwheel(4)
@@ -239,6 +241,7 @@ def test_faces_of_a_pinwheel_are_two_classes(solid):
     assert other == pytest.approx(np.negative(one))
 
 
+@pytest.mark.slow
 @given(turn=SEEDS, arbitrary=st.floats(0, 2 * np.pi), flip=st.booleans(), arms=st.integers(3, 6))
 def test_frame_turns_with_the_part(turn, arbitrary, flip, arms):
     """Up to the rotations of the part, for any axes in the plane of the equal moments."""

@@ -37,6 +37,7 @@ def self_intersecting(seed, kind):
     return mesh
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(['prism', 'ball', 'box', 'ring']))
 def test_self_intersecting_mesh_is_plausible_or_rejected(seed, kind):
     data = self_intersecting(seed, kind).export(file_type='stl')
@@ -57,6 +58,7 @@ def test_self_intersecting_mesh_is_plausible_or_rejected(seed, kind):
     assert len(message) < 1500
 
 
+@pytest.mark.slow
 def test_mass_properties_can_be_given_for_any_mesh():
     given = {'mass': 1, 'inertia': [1e-5, 0, 0, 1e-5, 0, 1e-5]}
     refused = 0
@@ -119,7 +121,7 @@ def seconds(text, mesh_format):
     return time.perf_counter() - start
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('kind', ADVERSARIAL)
 def test_text_of_two_megabytes_is_checked_in_linear_time(kind):

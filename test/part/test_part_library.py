@@ -202,6 +202,7 @@ def test_yaml_selects_a_body_of_the_mesh(folder):
     assert volumes == pytest.approx([48e-6, 6e-6])
 
 
+@pytest.mark.slow
 def test_invalid_file_does_not_affect_other_parts(folder):
     sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']
     for k, text in enumerate(sheets):

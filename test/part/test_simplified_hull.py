@@ -50,7 +50,7 @@ def test_small_hull_is_unchanged(solids, solid):
     assert part.warnings == ()
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
@@ -68,7 +68,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
     assert abs(few.heights.min() - full.heights.min()) <= error
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
@@ -83,6 +83,7 @@ def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, 
     assert out.max() == pytest.approx(part.hull_error, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_flat_sides_keep_their_corners(solids, solid, whole):
     """Each of six sides has four corners, where the fillets begin."""
     mesh = solids.filleted_box((10, 14, 20), 4, 24)
@@ -99,6 +100,7 @@ def test_flat_sides_keep_their_corners(solids, solid, whole):
             assert kept.issuperset(map(tuple, flat.tolist()))
 
 
+@pytest.mark.slow
 def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid):
     pose = solids.a_turn(0)
     cylinder = trimesh.creation.cylinder(10, 20, sections=2000)
@@ -109,6 +111,7 @@ def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid):
     assert lean[~ends].max() < FINE
 
 
+@pytest.mark.slow
 def test_warning_states_the_simplification_error(solids, solid, whole):
     mesh = solids.random_sphere(4000)
     part = solid(mesh)
@@ -124,6 +127,7 @@ def test_warning_states_the_simplification_error(solids, solid, whole):
     assert share == pytest.approx(part.hull_error / part.hull_radius, rel=0.5)  # one
 
 
+@pytest.mark.slow
 def test_result_does_not_depend_on_order_and_scale(solids):
     mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)

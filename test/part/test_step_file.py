@@ -61,6 +61,7 @@ def test_box_has_its_size_and_aspects(save):
     assert load_part(path).part_sha256 == part.part_sha256
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('unit', 'scale'), [('.CENTI.', 10), ('$', 1000), ('.MICRO.', 1e-3)])
 def test_unit_is_that_of_the_file(save, unit, scale):
     path = save(step_text(BOX[0] / scale, BOX[1], unit), 'box.stp')
@@ -141,6 +142,7 @@ def assembled():
     return in_glb(assembly())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('body', 'height', 'middle'),
     [(1, 30, 15), ('bolt:1', 30, 15), ('nut:1', 5, 32.5), (3, 5, 37.5)],
@@ -152,6 +154,7 @@ def test_touching_bodies_of_an_assembly_can_be_chosen(assembled, body, height, m
     assert assembled(part.body).part_sha256 == part.part_sha256
 
 
+@pytest.mark.slow
 def test_touching_bodies_are_one_part_unless_one_is_chosen(assembled):
     part = assembled()
     check_box(part, (10, 10, 40), (5, 5, 20))
@@ -168,6 +171,7 @@ def test_error_for_an_unknown_body_lists_the_bodies(assembled, body):
         assert word in str(caught.value)
 
 
+@pytest.mark.slow
 def test_solids_of_one_product_have_their_own_names():
     file = StepFile()
     solids = [
@@ -237,6 +241,7 @@ def test_gap_of_the_triangles_is_closed_by_other_deviations(save):
     assert part.volume == pytest.approx(volume, rel=2 * DEVIATIONS[0][0] / 10)
 
 
+@pytest.mark.slow
 def test_gap_that_cannot_be_closed_suggests_an_stl(save):
     with pytest.raises(PartError, match=r'not closed: .* export an STL'):
         load_part(save(thin_tube(1e-5, 0.0171)))

@@ -66,6 +66,7 @@ def bracket(part, make_report, written):
     return written(report)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('width', 'scheme'), [(DESK, 'light'), pytest.param(TELEPHONE, 'dark', marks=pytest.mark.slow)]
 )

@@ -55,6 +55,7 @@ def distribution(bracket):
     return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
 
 
+@pytest.mark.slow
 def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
     image = drawn(distribution, bracket, 'title', 'subtitle')[
         :, MARGIN + ROW :
@@ -193,6 +194,7 @@ def test_view_from_above_matches_the_projection(bracket):
         assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
 
 
+@pytest.mark.slow
 def test_matplotlib_is_imported_lazily_and_pyplot_never():
     code = """
 import sys
@@ -215,6 +217,7 @@ assert 'matplotlib.pyplot' not in sys.modules
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_inside_of_an_open_mesh_is_visible(solid):
     box = trimesh.creation.box([20, 30, 40])
     whole = solid(box)

@@ -40,6 +40,7 @@ def of_kind(figure, kind):
     return [each for each in figure.findobj(kind) if id(each) not in backgrounds]
 
 
+@pytest.mark.quick_cases(1)
 @PARTS
 def test_heat_map_writes_each_probability_and_interval(part, texts, name):
     matrix = counted(find_aspects(part(name)))

@@ -76,6 +76,7 @@ def run(node):
     return run
 
 
+@pytest.mark.slow
 def test_results_and_errors_are_returned(make_worker, run, tmp_path, monkeypatch):
     monkeypatch.setattr(file_worker, 'get_context', get_context)
     worker = make_worker()
@@ -127,6 +128,7 @@ def compute_on_a_busy_processor(seconds):
 """
 
 
+@pytest.mark.slow
 def test_work_of_a_killed_process_is_repeated(make_worker, node, functions, tmp_path, wait):
     worker, pids = make_worker(), tmp_path / 'pids'
     task = node.executor.create_task(worker.run, functions.wait_if_first, pids)
@@ -221,6 +223,7 @@ executor.spin()
 """
 
 
+@pytest.mark.slow
 def test_process_ends_when_the_node_is_killed(tmp_path, wait):
     hanging = 'import os, time\ndef hang(p):\n p.write_text(str(os.getpid()))\n time.sleep(3600)'
     (tmp_path / 'hanging.py').write_text(hanging)

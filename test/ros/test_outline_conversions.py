@@ -33,6 +33,7 @@ def corners(polygon):
     return np.array([(p.x, p.y) for p in polygon.points])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['hex_nut', 'l_bracket'])
 def test_message_contains_all_fields_of_the_document(name, part):
     result = ra.outlines(part(name))

@@ -20,7 +20,7 @@ print('sleeps no longer')
 """
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('code', [0, 2])
 def test_process_ends_while_native_code_waits(code):
     command = [sys.executable, '-c', PROGRAM.format(code=code)]

@@ -43,6 +43,7 @@ def chunks_of(job, asked, workers):
     return [step for step in steps if not isinstance(step, Future)]
 
 
+@pytest.mark.slow
 def test_poses_are_bit_identical_to_local_ones(planned, workers, assert_same_poses):
     job, asked = planned
     there = chunks_of(job, asked, workers)
@@ -65,6 +66,7 @@ def test_workers_need_no_file_of_a_mesh_surface(workers, surfaces, part, tmp_pat
     assert set(here.status.tolist()) == {RestStatus.SETTLED}
 
 
+@pytest.mark.slow
 def test_lookahead_follows_the_number_of_workers(cluster, workers):
     assert workers.lookahead() == 4
     cluster.scale(3)
@@ -75,6 +77,7 @@ def test_lookahead_follows_the_number_of_workers(cluster, workers):
         cluster.scale(2)
 
 
+@pytest.mark.slow
 def test_chunk_that_kills_its_workers_is_an_error(cluster, planned, workers, monkeypatch):
     monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
     monkeypatch.setattr(chunks, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
@@ -84,6 +87,7 @@ def test_chunk_that_kills_its_workers_is_an_error(cluster, planned, workers, mon
         chunks_of(job, dataclasses.replace(asked, drops=1), workers)
 
 
+@pytest.mark.slow
 def test_worker_exception_is_reported(planned, workers, monkeypatch):
     monkeypatch.setattr(chunks, '_drop', lambda *_: {}['hull'])
     expected = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
@@ -99,6 +103,7 @@ def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch):
         chunks_of(*planned, workers)
 
 
+@pytest.mark.slow
 def test_lost_cluster_is_an_error(make_cluster, planned, monkeypatch):
     with make_cluster(1) as cluster:
         workers = ClusterWorkers(cluster.scheduler_address)

@@ -45,6 +45,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
@@ -59,6 +60,7 @@ def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, 
     assert len(outside) == faces
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
     shape = part('l_bracket')
@@ -90,6 +92,7 @@ def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
     )
 
 
+@pytest.mark.slow
 def test_yaw_at_rest_is_uniform(drop, part):
     poses = drop(part('l_bracket'), 20_000)
     # The horizontal direction of an axis of the part that is not vertical, in any aspect.
@@ -116,6 +119,7 @@ def scaled(shape, solid, factor):
     return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 40)])
 def test_scaled_part_and_height_give_scaled_poses(part, solid, mat, engine, n):
     # Four is a power of two: the numbers are the same to the last bit. Of another factor they
@@ -147,6 +151,7 @@ def paired(ids, others):
     return float(chi2.sf(statistic, freedom)) if freedom else 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'cylinder_d20_h20'])
 def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
     shape, n = part(name), 5000
@@ -228,6 +233,7 @@ def random_solid(seed):
     return trimesh.convex.convex_hull(both)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', 'cylinder_d20_h20', *range(4)])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
@@ -248,6 +254,7 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
 
 
+@pytest.mark.slow
 def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
     # Neighbours so close to each other that facets are flat only within the tolerance.
     points = np.random.default_rng(7).normal(size=(3000, 3))
@@ -285,6 +292,7 @@ def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
 # -- The decision of the aspect -------------------------------------------------------------------
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
     # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
@@ -311,6 +319,7 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
         assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
 
 
+@pytest.mark.slow
 def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
     shape, n = part('l_bracket'), 100
     decided = drop(shape, n, engine=BULLET)
@@ -333,6 +342,7 @@ def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, ma
 RANGES = [(0, 1), (0, 2), (3, 6), (10, 17), (20, 36), (37, 93), (124, 125), (124, 145)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
 def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, engine):
     shape = part('l_bracket')
@@ -365,6 +375,7 @@ def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_sam
             assert_same_poses(poses, whole[k].between(first, end))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 2 * GROUP)])
 def test_drops_differ_by_seed_and_index(drop, part, mat, engine, n):
     shape = part('l_bracket')
@@ -389,6 +400,7 @@ def test_maximum_seed_and_index_are_supported(part, mat, engine):
 # -- Parts of every kind --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 8)])
 def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part, engine, n):
     rough, smooth = (
@@ -420,7 +432,7 @@ THIN = [
 ]
 
 
-@pytest.mark.quick_cases(7)
+@pytest.mark.slow
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 20)])
 @pytest.mark.parametrize(('make', 'changes'), THIN)
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine, n):
@@ -440,6 +452,7 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
 
 
+@pytest.mark.slow
 def test_hull_with_many_vertices_is_supported(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
     assert len(ball.hull_vertices) == 3000  # of 10242
@@ -451,6 +464,7 @@ def test_hull_with_many_vertices_is_supported(solid, mat):
         assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('engine', [KERNEL, pytest.param(BULLET, marks=pytest.mark.slow)])
 def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat, engine):
     ball = solid(trimesh.creation.icosphere(4, 10.0))

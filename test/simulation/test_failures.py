@@ -86,6 +86,7 @@ def looks(part, mat, monkeypatch):
 
 # Newton's law adds up to a half. So much faster, what falls from 1 m, 44 R, has more of all its
 # energy, which is 45 m g R with the height of the part itself.
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('growth', 'status'), [(0.45, 'SETTLED'), (0.56, 'FAILED')])
 def test_excessive_energy_growth_fails_a_drop(looks, growth, status):
     # No input is known that does.
@@ -112,6 +113,7 @@ def test_energy_growth_accumulates_over_checks(looks):
     assert thrice.energy_growth[0] < settling.MAX_GROWTH / job.radius
 
 
+@pytest.mark.slow
 def test_energy_growth_of_falls_and_impacts_in_bullet_is_small(drop, part):
     # Bodies that fall for 3 T and more; a coarse step would show as growth.
     fall = drop(part('hex_nut'), 50, engine=BULLET, spin=20.0)

@@ -64,6 +64,7 @@ def test_default_is_a_worker_per_allowed_core():
         os.sched_setaffinity(0, allowed)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('engine', 'count'),
     [(KERNEL, 1), (KERNEL, 7), (BULLET, 2)],
@@ -196,6 +197,7 @@ def test_error_in_a_worker_reaches_the_caller(job, make_processes):
     assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
 def test_signals_for_the_parent_do_not_end_a_worker(
     number, job, make_processes, assert_same_poses
@@ -213,6 +215,7 @@ def test_signals_for_the_parent_do_not_end_a_worker(
     assert number not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('hold', [signal.SIGSTOP, signal.SIGKILL])
 def test_stuck_workers_are_stopped(planned, make_processes, hold):
     # A thread waits to send the job, which is more than the connection holds if it is large.
@@ -229,6 +232,7 @@ def test_stuck_workers_are_stopped(planned, make_processes, hold):
     processes(0, besides=before)
 
 
+@pytest.mark.slow
 def test_runs_are_complete_when_workers_are_killed(
     planned, make_processes, assert_same_poses, wait
 ):
@@ -296,6 +300,7 @@ def parent(then, *flags):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('then', [[''], ['workers.stop()', '-W', 'error']], ids=['', 'stopped'])
 def test_a_script_ends_and_its_workers_print_nothing(then):
     with parent(*then) as process:
@@ -303,6 +308,7 @@ def test_a_script_ends_and_its_workers_print_nothing(then):
     assert (process.returncode, out, errors) == (0, '10\n', '')
 
 
+@pytest.mark.slow
 def test_workers_end_when_their_parent_is_killed():
     with parent(then='sys.stdin.read()') as process:
         assert process.stdout.readline() == '10\n'

@@ -33,6 +33,7 @@ def on_the_surface(job, **moving):
     return Placed(job, np.array([[0.0, 0, depth_of(turn, job.hull)[0]]]), turn, **moving)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rolling', [0.02, 0.05])
 def test_rolling_friction_decelerates_a_ball(ball, mat, rolling):
     # mu N against its spin is mu / (1 + I) of its speed per T; its facets of 4 degrees take more.
@@ -47,6 +48,7 @@ def test_rolling_friction_decelerates_a_ball(ball, mat, rolling):
     assert slowed[1] - slowed[0] == pytest.approx(rolling / (1 + inertia), rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('spinning', [0.01, 0.05])
 def test_spinning_friction_stops_a_spinning_part(ball, mat, spinning):
     # A ball, as friction at several points would stop a spin, too: torque mu N, inertia 2/5.

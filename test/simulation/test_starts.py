@@ -62,6 +62,7 @@ def test_parts_start_in_their_aspects_with_uniform_yaw(box, aspects, mat):
         assert kstest((np.arctan2(y, x) + np.pi) / (2 * np.pi), 'uniform').pvalue > LEVEL
 
 
+@pytest.mark.slow
 def test_rolling_parts_start_at_all_directions_of_the_sweep(part, mat):
     cylinder = part('cylinder_d20_h20')
     (rolling,) = [a for a in find_aspects(cylinder).aspects if a.rolls]
@@ -75,6 +76,7 @@ def test_rolling_parts_start_at_all_directions_of_the_sweep(part, mat):
     assert abs(chi_square - sides) < 5 * math.sqrt(2 * sides)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments'), [
     ('box', (50, 30, 1)), ('washer', (48,)), ('prism', (24, 0.5, 100)), ('icosphere', (2,)),
     ('filleted_box', ((20, 24, 40), 4, 6)), ('d_shaft', (64, 9.5)), ('binom3', ()),
@@ -280,6 +282,7 @@ def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_pos
     assert_same_poses(drop_range(job, 2, 14).between(5, 9), drop_range(job, 5, 9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'washer', 'filleted_box'])
 def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, name):
     """Simulated until the part is still, because the energy rule would decide at once."""
@@ -321,6 +324,7 @@ def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
     np.testing.assert_allclose(*down, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('friction', [0.1, 0.5, 1.0])
 @pytest.mark.parametrize('sides', [(30, 30, 10), (30, 20, 14), (10, 10, 14), (10, 10, 30)])
 def test_sliding_parts_that_are_decided_keep_their_aspect(solid, mat, sides, friction):

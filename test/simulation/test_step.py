@@ -156,6 +156,7 @@ def test_plate_falls_over_the_edge_as_computed(
 # -- Parts that fall from a belt ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plate_keeps_its_side_on_a_low_step(solid, mat):
     flat = solid(trimesh.creation.box((20, 16, 3)))
     job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
@@ -167,6 +168,7 @@ def test_plate_keeps_its_side_on_a_low_step(solid, mat):
     assert (ids[large] == rows[large]).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_subsets_of_drops_are_bit_identical(part, mat, assert_same_poses):
     job = step_job(part('l_bracket'), mat, LOW)
     n = GROUP + 2
@@ -209,6 +211,7 @@ def stays_at_edge(job, poses):
     return unsettled & (poses.time_to_rest < 100 * job.time_unit)
 
 
+@pytest.mark.slow
 def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
     poses = drop_range(hooked, 0, GROUP)
     stays = stays_at_edge(hooked, poses)
@@ -260,6 +263,7 @@ def test_real_shape_of_the_part_counts_at_the_edge(hooked):
     assert not stays_at_edge(convex, drop_range(convex, 0, GROUP)).any()
 
 
+@pytest.mark.slow
 def test_energy_decides_only_far_from_the_wall(part, mat):
     shape = part('box_10x20x30')
     far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))
@@ -269,6 +273,7 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
     assert (drop_range(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
 
 
+@pytest.mark.slow
 def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat):
     shape = part('box_10x20x30')
     job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2))

@@ -201,6 +201,7 @@ def test_block_hops_if_the_plate_accelerates_by_more_than_g(part, mat, ratio):
         assert np.abs(height - expected).max() < 0.03 * expected.max() + 4e-6
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('amplitude', 'phase'), [(0.3, 1.0), (0.9, 0.0), (0.9, 2.5), (1.5, 1.0)])
 def test_plate_conveys_a_block_as_far_as_a_point_mass(solid, mat, amplitude, phase):
     """With vertical accelerations below and above g, and a horizontal one above friction."""

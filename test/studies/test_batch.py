@@ -20,6 +20,7 @@ def test_bad_parts_do_not_cost_the_others(tmp_path, here):
     assert not batch.complete
 
 
+@pytest.mark.slow
 def test_parts_have_independent_reproducible_seeds(here):
     """A part has the same drops in any batch, and other initial states than other parts."""
 
@@ -74,6 +75,7 @@ def test_design_in_the_same_frame_is_matched(bracket):
     assert 0 < apart < 0.1
 
 
+@pytest.mark.slow
 def test_other_part_shares_no_aspects(bracket):
     rod = trimesh.creation.box((200, 3, 3))
     other = part_from_bytes(rod.export(file_type='stl'), 'stl', 'rod')

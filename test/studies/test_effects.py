@@ -84,6 +84,7 @@ def test_indices_of_a_factorial_design_are_those_of_its_levels():
     np.testing.assert_allclose(found.total[0], parts / parts.sum(), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_sampling_does_not_bias_the_indices(monkeypatch):
     """The mean of many studies with few drops is the index, and the intervals contain it."""
     monkeypatch.setattr(effects_module, 'RESAMPLES', 100)
@@ -126,6 +127,7 @@ def test_mean_curve_is_within_its_interval(factors):
     assert inside >= binom.ppf(0.001, runs * levels, 0.9)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('share', 'size'),
     [

@@ -63,6 +63,7 @@ def test_conditions_outside_the_ranges_are_compared_and_are_not_the_best(found):
     assert found.over(found.start) is found.gains[-1]
 
 
+@pytest.mark.slow
 def test_search_that_is_stopped_shows_what_is_known(here):
     asked = []
     found = ra.optimise(
@@ -81,6 +82,7 @@ def test_search_that_is_stopped_shows_what_is_known(here):
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_result_does_not_depend_on_the_workers(found, here):
     again = ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=here(lookahead=5), **FEW)
     assert again.to_json() == found.to_json()

@@ -38,6 +38,7 @@ def whole(here):
     return table(run_study(spec(), None, workers=here()))
 
 
+@pytest.mark.slow
 def test_study_that_was_broken_off_continues(tmp_path, here, whole):
     with pytest.raises(EngineError):
         run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
@@ -50,6 +51,7 @@ def test_study_that_was_broken_off_continues(tmp_path, here, whole):
     assert simulated(workers) == 2
 
 
+@pytest.mark.slow
 def test_study_that_is_stopped_keeps_finished_points(tmp_path, here, whole):
     asked = []
     workers = here(lookahead=1)
@@ -62,6 +64,7 @@ def test_study_that_is_stopped_keeps_finished_points(tmp_path, here, whole):
     assert table(run_study(spec(), tmp_path, workers=here())) == whole
 
 
+@pytest.mark.slow
 def test_points_are_added_without_repetition(tmp_path, here):
     vary = {'restitution': '0.1:0.4:2', 'friction': '0.2:0.5'}
     few = run_study(spec(vary=vary, points=1, drops=50), tmp_path, workers=here())
@@ -76,6 +79,7 @@ def test_points_are_added_without_repetition(tmp_path, here):
     assert again.submitted == []
 
 
+@pytest.mark.slow
 def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
     run_study(spec(drops=500), tmp_path, workers=here())
     assert table(run_study(spec(), tmp_path, workers=here())) == whole
@@ -97,6 +101,7 @@ def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
     assert again.submitted == []
 
 
+@pytest.mark.slow
 def test_study_yaml_has_all_that_is_needed_to_repeat_it(tmp_path, here, whole):
     run_study(spec(), tmp_path / 'first', workers=here())
     (tmp_path / 'first').rename(tmp_path / 'moved')
@@ -132,6 +137,7 @@ def test_line_that_was_cut_short_is_removed(tmp_path):
     assert store.counts('b', 2) is None
 
 
+@pytest.mark.slow
 def test_full_disk_loses_no_finished_point(tmp_path, here, whole, monkeypatch):
     written, opened = [], Path.open
 

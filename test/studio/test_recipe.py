@@ -33,6 +33,7 @@ def run_python(program):
     return json.loads(output.getvalue())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('changes', CHANGES)
 def test_drops_of_command_and_python_are_those_of_the_page(bracket, changes):
     for name, value in changes.items():
@@ -82,6 +83,7 @@ def test_file_name_is_quoted(bracket):
         assert repr(name) in recipe.python
 
 
+@pytest.mark.slow
 def test_each_file_can_be_made(bracket):
     bracket.change('count.1', '3')
     starts = {'pdf': b'%PDF', 'zip': b'PK', 'xlsx': b'PK', 'png': b'\x89PNG', 'html': b'<!DOCTYPE'}

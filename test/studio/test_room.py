@@ -106,6 +106,7 @@ def test_pickable_share_is_that_of_the_classes_together(bracket, shown):
         bracket.change('pickable.6', True)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('tab', TABS)
 def test_each_tab_shows_something(bracket, shown, tab):
     bracket.change('pickable.1', True)
@@ -120,6 +121,7 @@ def test_each_tab_shows_something(bracket, shown, tab):
     assert not [m for m in shown.of('problem') if m['text']]
 
 
+@pytest.mark.slow
 def test_slope_hides_no_part(bracket, shown):
     bracket.change('surroundings', 'slope')
     before = shown.count

@@ -227,6 +227,7 @@ MESSAGES = [
 ]
 
 
+@pytest.mark.slow
 def test_wrong_message_is_one_sentence(served, joined):
     async def task(client, studio):
         browser = await joined(client, studio)

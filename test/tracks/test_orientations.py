@@ -47,6 +47,7 @@ def _moment(corner, direction, tilt):
     return math.sin(direction + tilt - math.atan2(corner[1], corner[0]))
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('tilt', [0.0, 0.15, -0.15])
 @pytest.mark.parametrize('seed', range(4))
 def test_basins_are_those_of_pushing(seed, tilt):

@@ -40,6 +40,7 @@ SMOOTH = {'friction': 0.0, 'roll': 0.0, 'wall': {'friction': 0.0}}
 NARROW = {'width': 0.015}
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(
     ('trap', 'values', 'outcome'),
     [
@@ -85,6 +86,7 @@ def test_more_parts_repeat_the_first_ones(box):
         assert (more >= fewer).all()
 
 
+@pytest.mark.slow
 def test_parts_of_a_trap_are_those_that_passed_the_one_before(box, rows_of):
     part, flat = box
     rows = rows_of(part)
@@ -115,6 +117,7 @@ def test_statics_agrees_only_with_an_interval_on_its_side():
     assert [round(each.probability, 1) for each in runs.shares] == [0.9, 0.5, 0.0]
 
 
+@pytest.mark.slow
 def test_the_grey_band_contains_the_critical_width(box, monkeypatch):
     monkeypatch.setattr(simulate, 'PARTS', 6)
     part, flat = box

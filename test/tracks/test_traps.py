@@ -162,6 +162,7 @@ def test_a_tolerance_makes_a_margin_a_probability():
     assert tolerance.passing(math.inf) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'most'),
     [('hex_nut', 3), ('u_bracket', 1), pytest.param('l_bracket', 4, marks=pytest.mark.slow)],
@@ -205,6 +206,7 @@ def test_a_track_is_read_with_units_and_written_in_si():
     assert read_track(track.document) == track
 
 
+@pytest.mark.slow
 def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
     shape = part('hex_nut')
     rows = rows_of(shape)
@@ -226,6 +228,7 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
     assert {row for *_, row, _ in found.bands} == {row.id for row in rows}
 
 
+@pytest.mark.slow
 def test_a_trap_whose_bands_never_end_is_not_proposed(part, rows_of):
     shape = part('hex_nut')
     rows = rows_of(shape)

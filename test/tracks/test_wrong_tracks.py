@@ -79,6 +79,7 @@ def test_rows_that_fall_off_before_the_traps_are_counted():
     assert found.passage.ends == ['pass', 'pass', 'reject']
 
 
+@pytest.mark.slow
 def test_dimensions_in_a_wrong_unit_are_warned_of():
     with pytest.warns(ra.RestingAspectsWarning, match='1000 mm.*numbers without a unit are in m'):
         tracked([{'kind': 'wiper', 'height': 1}])

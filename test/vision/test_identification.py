@@ -126,6 +126,7 @@ def test_mirror_image_is_the_part_turned_over(known):
     assert found.best.posterior > 0.99
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', NAMES)
 def test_other_class_that_fits_the_mirror_image_is_named(known, name):
     candidate = known(name)
@@ -193,6 +194,7 @@ def test_every_pose_of_a_turned_part_is_found(known):
             assert min(np.degrees(turn.magnitude()) for turn in turns) < 0.01
 
 
+@pytest.mark.slow
 def test_posterior_is_calibrated_for_similar_outlines(known):
     """Of the answers given with a posterior p, the share p is right."""
     generator = np.random.default_rng(2)

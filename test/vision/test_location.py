@@ -43,6 +43,7 @@ def test_every_pose_looks_like_the_outline(placements, name):
             assert placement.aspects.classify(pose.orientation)[0] == pose.aspect
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', NAMES)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), yaw=st.floats(-np.pi, np.pi))

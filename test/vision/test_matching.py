@@ -70,6 +70,7 @@ def overlap(a, b):
     return common / (a.area + b.area - common)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', POLYGONS)
 @given(yaw=st.floats(-3.1, 3.1), x=st.floats(-200, 200), y=st.floats(-200, 200))
 def test_pose_is_recovered_modulo_the_symmetry(name, yaw, x, y):

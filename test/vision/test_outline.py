@@ -229,7 +229,7 @@ def test_undercut_hides_nothing(solid, tilt):
     assert outline.area == pytest.approx(np.ptp(x) * 12e-6, rel=1e-5)
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', SHAPES)
 def test_symmetries_and_area_of_prisms(solid, name):
     polygon, order, mirror = SHAPES[name]
@@ -266,6 +266,7 @@ def test_noise_of_a_scan_leaves_one_outline_with_its_hole(solid):
     assert outline.yaw_symmetry == 0
 
 
+@pytest.mark.slow
 def test_round_part_that_rolls_has_no_family(part, solid):
     coarse = trimesh.creation.cylinder(10, 50, sections=16)
     ball = solid(trimesh.creation.icosphere(3, 10))
@@ -286,6 +287,7 @@ def test_outlines_of_a_rocking_part_are_in_its_family(solids, solid):
     assert rocking
 
 
+@pytest.mark.slow
 def test_cross_hole_appears_in_the_family_of_a_roller(solid):
     # A bar of 24 sides with a slot: only in some directions is the slot seen through.
     slot = shapely.Polygon(circle(24), [])
@@ -322,6 +324,7 @@ def test_gap_of_rounding_is_closed(gap):
     assert len(outline.exterior.coords) - 1 <= 8
 
 
+@pytest.mark.slow
 def test_foil_of_many_triangles_is_seen_from_its_edge():
     # It is thinner than the distance of the samples of the union of many triangles.
     mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=6000)
@@ -362,6 +365,7 @@ def test_facets_that_meet_within_rounding_are_united(part):
     assert seen.area == pytest.approx(600e-6)
 
 
+@pytest.mark.slow
 def test_slightly_stretched_circle_is_round(solid):
     mesh = trimesh.creation.cylinder(radius=10, height=5, sections=200)
     mesh.apply_scale([1, 1.0015, 1])

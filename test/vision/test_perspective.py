@@ -156,6 +156,7 @@ def centre(part, pose):
     return (pose.position + turned)[:2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('height', [0.5, 1.0])
 @pytest.mark.parametrize('x', [0.0, 0.012, 0.017, 0.2])
 def test_key_on_its_edge_is_not_taken_for_the_other_class(solid, known_of, height, x):
@@ -170,6 +171,7 @@ def test_key_on_its_edge_is_not_taken_for_the_other_class(solid, known_of, heigh
         assert (found.best.x, found.best.y) == pytest.approx((x, -x / 2), abs=1e-5)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['angle', 'wedge'])
 def test_mirror_image_beside_the_foot_point_is_named(known, name):
     """The coordinates of the image and of the camera have y down."""

@@ -105,6 +105,7 @@ def belt_step(part, mat):
     return make
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings('ignore:no part came to rest')
 @pytest.mark.parametrize(
     ('kind', 'changes'),

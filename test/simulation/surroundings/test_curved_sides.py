@@ -27,6 +27,7 @@ def height(x, y):
     return RISE * (x**2 + y**2) / (2 * HALF**2)
 
 
+@pytest.mark.slow
 def test_a_bowl_has_fewer_triangles_within_the_tolerance():
     vertices, triangles = bowl(40)
     found = simplified(vertices, triangles)
@@ -57,6 +58,7 @@ def test_triangles_that_all_matter_are_kept():
     assert len(found.triangles) == len(ball.faces)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('squares', [12, 30])
 def test_facets_of_a_curved_side_are_not_flat_sides(squares):
     """They are wider than the narrowest flat side, but bend by less than the tolerance."""

@@ -62,6 +62,7 @@ def test_a_level_slope_is_the_plane(part, make, assert_same_poses, kind, engine)
     assert_same_poses(one, other)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 700), (BULLET, 30)])
 @pytest.mark.parametrize('kind', [Chute(), Tray(length=0.2, width=0.1)], ids=['chute', 'tray'])
 def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind, engine, n):
@@ -126,6 +127,7 @@ def test_the_time_limit_holds(part, make, monkeypatch, engine, n):
 # -- Truth from symmetry, and the other engine ---------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, make):
     shape, n = part('l_bracket'), 5000
     aspects = find_aspects(shape)
@@ -139,6 +141,7 @@ def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, m
     assert same(found.counts, expected.counts) > LEVEL
 
 
+@pytest.mark.slow
 def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make):
     shape, image = (solid(trimesh.convex.convex_hull(CHIRAL * [1, y, 1])) for y in (1, -1))
     n, job = 2000, make(shape, Chute())

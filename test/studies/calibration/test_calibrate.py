@@ -15,6 +15,7 @@ COUNTS = {
 }
 
 
+@pytest.mark.slow
 def test_drops_are_counted_by_group_and_follow_from_the_seed(here):
     given = surface_counts([(30, 100)] * 2, heights=HEIGHTS[:2])
     points = np.array([[0.2, 0.5], [0.7, 0.5]])
@@ -31,17 +32,20 @@ def test_drops_are_counted_by_group_and_follow_from_the_seed(here):
     assert (alone[0] == one[0][1]).all()
 
 
+@pytest.mark.slow
 def test_parts_are_dropped_in_proportion_to_their_counts_within_bounds():
     given = surface_counts([(3, 5), (50, 100), (500, 5000)])
     assert [drops_per_point(part) for part in given.parts] == [100, 100, 300]
 
 
+@pytest.mark.slow
 def test_point_at_which_a_part_cannot_be_dropped_is_refused(here):
     conditions = {'height': '5mm:300mm', 'height_of': 'CENTRE_OF_MASS', 'friction': 0.3}
     with pytest.raises(ra.InvalidValueError, match='expected ranges in which all parts'):
         ra.calibrate({**COUNTS, 'conditions': conditions}, points=8, drops=1, workers=here())
 
 
+@pytest.mark.slow
 def test_work_that_was_stopped_has_no_result_or_that_of_complete_rounds(here):
     with pytest.raises(ra.StoppedError, match='there is no result'):
         ra.calibrate(COUNTS, points=8, drops=2, workers=here(), stopped=lambda: True)

@@ -53,6 +53,7 @@ def test_counts_by_class_aspect_and_rest(given, drops, ids, counts, box):
     assert (found[0], found[2].tolist()) == (ids, counts)
 
 
+@pytest.mark.slow
 def test_sides_of_a_cylinder():
     aspects = find_aspects(make_solid(CountedEntry(cylinder=(10, 10)), Path()))
     ids, _, counts = groups({'end': 38, 'side': 62}, aspects, kind='cylinder')
@@ -91,6 +92,7 @@ def test_counts_in_a_single_group_are_warned_of():
         make_surface_counts({'parts': [part]}, Path())
 
 
+@pytest.mark.slow
 def test_dropped_parts_have_two_fitted_conditions_and_a_height():
     found = make_surface_counts({'parts': [BOX]}, Path())
     assert [f.name for f in found.factors] == ['height', 'restitution', 'friction']
@@ -99,6 +101,7 @@ def test_dropped_parts_have_two_fitted_conditions_and_a_height():
     assert (known.base.height, known.base.spin) == (0.06, 0.0)
 
 
+@pytest.mark.slow
 def test_what_is_known_and_what_is_fitted_can_be_stated():
     conditions = {'height': 0.1, 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'}
     found = make_surface_counts({'conditions': conditions, 'parts': [BOX]}, Path())
@@ -109,6 +112,7 @@ def test_what_is_known_and_what_is_fitted_can_be_stated():
     assert found.base.restitution == 0.4
 
 
+@pytest.mark.slow
 def test_height_that_all_parts_state_is_not_fitted():
     parts = [
         {**BOX, 'name': name, 'conditions': {'height': h}} for name, h in (('a', 1), ('b', 2))
@@ -118,6 +122,7 @@ def test_height_that_all_parts_state_is_not_fitted():
     assert [part.values['height'] for part in found.parts] == [1.0, 2.0]
 
 
+@pytest.mark.slow
 def test_example_has_the_published_shares():
     document = yaml.safe_load((ROOT / 'config' / 'counts' / 'steel_cuboids.yaml').read_text())
     published = {
@@ -136,6 +141,7 @@ def test_example_has_the_published_shares():
     assert found.parts[0].shares[0] == pytest.approx(0.916, abs=0.0005)
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
@@ -167,6 +173,7 @@ def test_wrong_files_are_refused(changes, message):
     assert str(error.value).startswith('here')
 
 
+@pytest.mark.slow
 def test_example_of_the_page_is_a_counts_file():
     (text,) = code('docs/how_to/calibrate.md', 'yaml')
     found = make_surface_counts(yaml.safe_load(text), ROOT)

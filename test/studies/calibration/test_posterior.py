@@ -91,6 +91,7 @@ def one_box(counts):
     return dataclasses.replace(given, factors=given.factors[:1])
 
 
+@pytest.mark.slow
 def test_share_that_is_the_condition_has_a_beta_posterior():
     """Uniform prior and a binomial count: Beta (k + 1, n - k + 1)."""
     rng, drops = np.random.default_rng(4), 20_000
@@ -106,6 +107,7 @@ def test_share_that_is_the_condition_has_a_beta_posterior():
     assert deviation == pytest.approx([exact.std() / 0.8], rel=0.1)
 
 
+@pytest.mark.slow
 def test_shares_that_do_not_depend_on_the_conditions_leave_the_prior():
     rng = np.random.default_rng(4)
 
@@ -133,6 +135,7 @@ def exact_posterior(counts, side=60):
     return grid, weights
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('drops', [50, 1000])
 def test_posterior_is_the_exact_one_on_a_grid(invented, drops):
     counts = invented.counted(TRUTH, drops, np.random.default_rng(3))
@@ -149,6 +152,7 @@ def test_region_of_highest_density_has_its_probability(agreeing):
     assert agreeing.weights().sum(axis=0)[inside].sum() == pytest.approx(0.9, abs=0.01)
 
 
+@pytest.mark.slow
 def test_points_are_added_where_the_posterior_lies_and_at_its_best(invented):
     fit = invented.fit(invented.counted(TRUTH, 1000, np.random.default_rng(3)))
     assert len(fit.points) == 64 + ROUNDS * 32 + REPEATED
@@ -160,6 +164,7 @@ def test_points_are_added_where_the_posterior_lies_and_at_its_best(invented):
     assert max(np.abs(each).max() for each in fit.deviations) < 0.03
 
 
+@pytest.mark.slow
 def test_wrong_polynomial_is_checked_by_drops_again():
     """Shares that jump near the best conditions: the check finds it and is repeated."""
     rng, calls = np.random.default_rng(1), []
@@ -287,6 +292,7 @@ def test_predictions_are_near_the_truth(agreeing):
         assert each.model.sum() == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_a_part_that_is_left_out_is_predicted_by_the_others(invented):
     counts = invented.counted(TRUTH, 5000, np.random.default_rng(3))
     fit = invented.fit(counts)
