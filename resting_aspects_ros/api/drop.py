@@ -166,7 +166,7 @@ def drop(
                 'invalid replicates or noise: expected only with initial_states'
             )
         if not force:
-            check_height(loaded, given)
+            check_height(loaded, given.height)
         if drops is not None:
             check_drops(drops)
         count = drops or (0 if precision else DEFAULT_DROPS)

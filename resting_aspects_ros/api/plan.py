@@ -56,14 +56,14 @@ def new_run() -> dict[str, Any]:
     return {'run_id': uuid.uuid4().hex[:12], 'started': time.time_ns()}
 
 
-def check_height(part: Part, conditions: DropConditions) -> None:
-    """Raise InvalidValueError if the height is probably in a wrong unit."""
+def check_height(part: Part, height: float) -> None:
+    """Raise InvalidValueError if a height, m, is probably in a wrong unit."""
     limit = MAX_HEIGHT * part.hull_radius
-    if conditions.height > limit:
+    if height > limit:
         raise InvalidValueError(
-            f'invalid height {conditions.height:g} m: expected at most {MAX_HEIGHT} times the '
-            f'radius of {part.name}, {limit:.3g} m, or force (drop --force); values are in SI '
-            f'units unless they have a unit, such as {conditions.height:g}mm'
+            f'invalid height {height:g} m: expected at most {MAX_HEIGHT} times the radius of '
+            f'{part.name}, {limit:.3g} m (drop --force allows more); values are in SI units '
+            f'unless they have a unit, such as {height:g}mm'
         )
 
 

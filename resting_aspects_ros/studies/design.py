@@ -15,10 +15,11 @@ from numpy.polynomial import legendre
 from scipy.stats import qmc
 
 from resting_aspects_ros.api.conditions import given_conditions, shipped_surfaces
-from resting_aspects_ros.api.plan import named_action
+from resting_aspects_ros.api.plan import check_height, named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import DEFAULT_TIME, KINDS, NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
@@ -403,14 +404,17 @@ def _range(name: str, text: str) -> dict[str, Any]:
     return {'low': words[0], 'high': words[1], **found}
 
 
-def check_factors(factors: Sequence[Factor]) -> None:
-    """Raise InvalidValueError if there is none, or if two vary the same."""
+def check_factors(factors: Sequence[Factor], base: Setting, parts: Sequence[Part]) -> None:
+    """Raise InvalidValueError if there is none, two vary the same, or a height is implausible."""
     names = [factor.name for factor in factors]
     if not names:
         raise InvalidValueError('missing factor: expected at least one, such as height=20mm:0.2')
     for name in names:
         if names.count(name) > 1:
             raise InvalidValueError(f'invalid factors: expected {name} only once')
+    heights = [factor.high for factor in factors if factor.name == 'height']
+    for part in parts:
+        check_height(part, max(heights, default=base.conditions.height))
 
 
 def point_values(factors: Sequence[Factor], points: Array) -> list[dict[str, float]]:

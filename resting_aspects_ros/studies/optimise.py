@@ -240,7 +240,7 @@ def optimise(
     loaded = given_part(part)
     base = given_setting(surface, conditions, surroundings, action)
     factors = tuple(read_factor(name, _range(given), base) for name, given in vary.items())
-    check_factors(factors)
+    check_factors(factors, base, [loaded])
     check_seed(seed)
     check_confidence(confidence)
     check_budget(budget, len(factors))

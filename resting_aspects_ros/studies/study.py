@@ -127,7 +127,7 @@ class StudySpec:
     confidence: float = CONFIDENCE
 
     def __post_init__(self) -> None:
-        check_factors(self.factors)
+        check_factors(self.factors, self.base, self.parts)
         check_seed(self.seed)
         check_confidence(self.confidence)
         if not isinstance(self.tolerance, int | float) or not 0 < self.tolerance < 1:

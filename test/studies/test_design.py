@@ -82,11 +82,11 @@ def test_invalid_factor_is_refused(text, message):
 def test_the_same_factor_twice_is_refused():
     factor = parse_factor('restitution=0:1', PLAIN)
     with pytest.raises(InvalidValueError, match='restitution only once'):
-        check_factors([factor, factor])
+        check_factors([factor, factor], PLAIN, [])
     with pytest.raises(InvalidValueError, match='restitution only once'):
         parse_ranges(['restitution=0:1', 'restitution = 0.2:1'])
     with pytest.raises(InvalidValueError, match='missing factor'):
-        check_factors([])
+        check_factors([], PLAIN, [])
 
 
 @pytest.mark.parametrize('logarithmic', [False, True])

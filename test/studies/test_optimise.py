@@ -140,6 +140,7 @@ def test_impossible_start_is_not_compared(here):
         ({'height': '1mm:2mm'}, {'wanted': [1], 'budget': 10}, 'invalid budget 10'),
         ({'height': '1mm:2mm'}, {'wanted': [1], 'confidence': 2}, 'invalid confidence'),
         ({'height': '1mm:2mm'}, {'wanted': [1], 'seed': -1}, 'invalid seed'),
+        ({'height': '5mm:60'}, {'wanted': [1]}, 'invalid height 60 m'),
     ],
 )
 def test_invalid_input_is_named(vary, given, message, here):

@@ -222,6 +222,8 @@ def test_surroundings_vary(here):
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),
+        ({'conditions': {'height': 60}}, 'invalid height 60 m'),
+        ({'vary': {'height': '0.1:60'}}, 'invalid height 60 m'),
         ({'drops': 0}, 'drops'),
         ({'parts': ['tetrahedron', 'tetrahedron']}, 'expected different names'),
     ],
