@@ -30,7 +30,12 @@ from resting_aspects_ros.cli.options import (
     requested_part,
     requested_precision,
 )
-from resting_aspects_ros.errors import InvalidValueError, OutputError, RestingAspectsError
+from resting_aspects_ros.errors import (
+    InvalidValueError,
+    OutputError,
+    RestingAspectsError,
+    StoppedError,
+)
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.conditions import QUANTITIES, Noise, quantities_of
 from resting_aspects_ros.simulation.limits import DEFAULT_SEED
@@ -165,8 +170,8 @@ def _result(
             writers = [stack.enter_context(poses_file(*each)) for each in files]
             try:
                 result, failure = partial_result(partial(simulate, consumers=writers))
-                if failure is not None and not (result and result.distribution.drops):
-                    raise failure  # earlier files are kept
+                if not (result and result.distribution.drops):  # earlier files are kept
+                    raise failure or StoppedError('interrupted before the first drop')
             except OutputError as error:
                 result = error.result
                 raise
