@@ -145,11 +145,11 @@ class _Dumper(yaml.SafeDumper):
 
 
 # Text such as 12e34 is written with quotation marks, because the loader would read a number.
-for _kind in (_Loader, _Dumper):
-    _kind.add_implicit_resolver(
+for _side in (_Loader, _Dumper):
+    _side.add_implicit_resolver(
         _INT, re.compile(r'[-+]?(?:0|[1-9][0-9_]*|0x[0-9a-fA-F]+)$'), list('-+0123456789')
     )
-    _kind.add_implicit_resolver(
+    _side.add_implicit_resolver(
         _FLOAT,
         re.compile(
             r'(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?'

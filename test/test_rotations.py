@@ -58,6 +58,7 @@ def test_rotated_points_agree_with_scipy():
     )
 
 
+@pytest.mark.slow
 @given(quaternions)
 @example((0.0, 0.0, 1.0, 0.0))
 @example((0.0, 0.0, 0.0, -1.0))

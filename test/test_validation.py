@@ -36,7 +36,7 @@ def test_counted_sides_are_some_aspects_of_the_bodies():
         assert 0 < len(case.ids) < len(case.aspects), case.name
         assert 0 < case.count < case.rolls
     (side,) = (case for case in known if case.name.endswith('on its side'))
-    assert [a.rolls for a in side.aspects.aspects if a.id in side.ids] == [True]
+    assert [a.rolls for a in side.aspects if a.id in side.ids] == [True]
 
 
 def test_deviance_is_twice_the_log_likelihood_ratio():
@@ -96,6 +96,7 @@ def dropper(part):
     workers.stop()
 
 
+@pytest.mark.slow
 def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch):
     n = 2000
     monkeypatch.setattr(validate_convergence, 'DROPS', n)
@@ -173,6 +174,7 @@ def test_decision_adds_up_to_all_drops(dropper, monkeypatch):
     assert float(decided[9]) > float(decided[8])
 
 
+@pytest.mark.slow
 def test_difference_of_equal_engines_is_within_chance():
     generator = np.random.default_rng(1)
     p, n, samples = [0.5, 0.3, 0.19, 0.01], 1000, 400

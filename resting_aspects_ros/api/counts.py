@@ -137,7 +137,7 @@ def counts_of_run(
     source: str, distribution: Distribution, run: RunDescription, *, complete: bool
 ) -> CountedDrops:
     """Return the counts of a run; ``complete``: all drops that were requested are counted."""
-    aspects = distribution.aspects.aspects
+    aspects = distribution.aspects
     return CountedDrops(
         source,
         single_groups(aspect.id for aspect in aspects),
@@ -166,7 +166,7 @@ def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> C
         return given
     classes = given.classes
     if aspects is not None:
-        classes = tuple(aspect.symmetry_class for aspect in aspects.aspects)
+        classes = tuple(aspect.symmetry_class for aspect in aspects)
     if classes is None:
         raise InvalidValueError(
             f'{given.source!r} counts by aspect and has no symmetry classes: expected a log, a '
@@ -227,10 +227,10 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
     )
     if given.by_class:
         what, many = 'a class', 'classes'
-        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects.aspects}))
+        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects}))
     else:
         what, many = 'an aspect', 'aspects'
-        ids = tuple(aspect.id for aspect in aspects.aspects)
+        ids = tuple(aspect.id for aspect in aspects)
     if given.groups != single_groups(ids):
         raise InvalidValueError(
             f'invalid {many} [{", ".join(given.names)}] in --against {path!r}: expected those of '

@@ -401,7 +401,7 @@ def forecast_from(
         from resting_aspects_ros.api.grasps import check_grasps
 
         check_grasps(grasps, placements_of(result.part, aspects), sorted(ids))
-    rows = classes if by_class else [(aspect,) for aspect in aspects.aspects]
+    rows = classes if by_class else [(aspect,) for aspect in aspects]
     view = result.by_class() if by_class else result
     model = FeederModel(
         drop=view.drop.counts,

@@ -246,7 +246,7 @@ def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
 
 def _warn_if_missing(aspects: AspectSet, ids: tuple[int, ...], rests: RestingPoses | None) -> None:
     """Warn of aspects that do not occur in surroundings, from which no action can start."""
-    missing = [str(a.id) for a in aspects.aspects if a.id not in ids]
+    missing = [str(a.id) for a in aspects if a.id not in ids]
     if missing and rests is not None:
         warn(
             f'no part came to rest in aspect {", ".join(missing)} in {len(rests)} drops in these '

@@ -148,7 +148,7 @@ class ReorientResult(Result):
         """Return the document that `resting_aspects reorient --json` prints."""
         run = self.run.document()
         actions, by_precision = run.pop('drops'), run.pop('precision')
-        rows = zip(self.drop.aspects.aspects, self.drop.counts, self.drop.intervals(), strict=True)
+        rows = zip(self.drop.aspects, self.drop.counts, self.drop.intervals(), strict=True)
         document: dict[str, object] = {
             'schema_version': SCHEMA_VERSION,
             **run,

@@ -207,7 +207,7 @@ def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence
 
 
 def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:
-    return aspects_text(tuple(result.matrix.aspects.aspects[k - 1] for k in sorted(set(wanted))))
+    return aspects_text(tuple(result.matrix.aspects[k - 1] for k in sorted(set(wanted))))
 
 
 def retention_page(result: 'RetentionResult') -> Page:

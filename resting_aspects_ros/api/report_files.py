@@ -212,7 +212,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     if part is None or contacts is None:
         return None
     planes = contact_planes(scene_of(part, result.run.conditions))
-    drawn = picture_part(part, distribution.aspects.aspects)
+    drawn = picture_part(part, distribution.aspects)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
@@ -228,7 +228,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
 def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
     """Return the colour of the first aspect on which the part lies, lighter than its contacts."""
     lies = next((code for code in contacts if code > NONE), None)
-    colour = np.array(rgb(GREY if lies is None else aspect_colour(aspects.aspects[lies - 1])))
+    colour = np.array(rgb(GREY if lies is None else aspect_colour(aspects[lies - 1])))
     return np.asarray(0.65 * colour + 0.35)
 
 

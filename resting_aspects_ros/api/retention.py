@@ -86,7 +86,7 @@ class RetentionResult(Result):
             'mesh_sha256': self.part.mesh_sha256,
             'disturbances_asked': asked,
             'complete': self.complete,
-            'aspects': [aspect_fields(each, self.part) for each in self.aspects.aspects],
+            'aspects': [aspect_fields(each, self.part) for each in self.aspects],
             'curves': [retention_fields(curve) for curve in self.curves],
         }
 
@@ -173,7 +173,7 @@ def retention(
         drops=per_height * lift.size,
         **new_run(),
         landscape=landscape,
-        starts=disturbance_starts(loaded, aspects.aspects, lift, given),
+        starts=disturbance_starts(loaded, aspects, lift, given),
         engine=engine,
     )
     tally = RetentionTally(aspects, lift, run.drops)
@@ -224,9 +224,7 @@ class RetentionTally:
             RetentionCurve(
                 aspect.id, aspect.min_barrier, lift[n > 0], gone[n > 0], n[n > 0], confidence
             )
-            for aspect, lift, gone, n in zip(
-                self.aspects.aspects, self.lift, left, parts, strict=True
-            )
+            for aspect, lift, gone, n in zip(self.aspects, self.lift, left, parts, strict=True)
             if n.any()
         )
 
@@ -243,7 +241,7 @@ def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> A
             f'{MAX_LIFT:g} m'
         )
     rows = []
-    for aspect in aspects.aspects:
+    for aspect in aspects:
         barrier = aspect.min_barrier if np.isfinite(aspect.min_barrier) else NO_BARRIER * radius
         limit = max_lift
         if limit is None:

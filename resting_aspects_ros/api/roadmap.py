@@ -47,7 +47,7 @@ def roadmap_document(
         each pair of aspects and each action that has a count, including pairs of an aspect with
         itself. All of them are untested.
     """
-    aspects = distribution.aspects.aspects
+    aspects = distribution.aspects
     weights = [None] * len(aspects) if csa_weights is None else numbers(np.asarray(csa_weights))
     drops = distribution.drops
     return {
@@ -108,7 +108,7 @@ def _contacts(aspect: int, count: int, contacts: Placements | None) -> dict[str,
 
 def _transitions(name: str, matrix: TransitionMatrix) -> list[dict[str, object]]:
     """Return an entry for each pair of aspects that the action was seen to connect."""
-    ids = [aspect.id for aspect in matrix.aspects.aspects]
+    ids = [aspect.id for aspect in matrix.aspects]
     probability, actions, (lower, upper) = matrix.probability, matrix.actions, matrix.bounds()
     return [
         {

@@ -5,6 +5,7 @@ from collections.abc import Sequence, Sized
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
@@ -113,8 +114,8 @@ PUBLISHED_FIELDS = tuple(each.name for each in dataclasses.fields(Aspect) if eac
 
 
 @dataclass(frozen=True, eq=False)
-class AspectSet:
-    """All aspects of a part, ordered by id, and its symmetry, if known.
+class AspectSet(Sequence[Aspect]):
+    """The sequence of all aspects of a part, ordered by id, and its symmetry, if known.
 
     ``floor_normal`` (3,) is that of the plane on which they lie, tray frame; None: vertical.
     """
@@ -126,6 +127,14 @@ class AspectSet:
 
     def __len__(self) -> int:
         return len(self.aspects)
+
+    @overload
+    def __getitem__(self, index: int) -> Aspect: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Aspect, ...]: ...
+    def __getitem__(self, index: int | slice) -> Aspect | tuple[Aspect, ...]:
+        """Return the aspect with the id ``index`` + 1, or several."""
+        return self.aspects[index]
 
     def matches(self, other: 'AspectSet') -> bool:
         """Return whether the ids of both sets stand for the same aspects."""
@@ -218,10 +227,10 @@ class AspectSet:
 def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float) -> AspectSet:
     """Return the aspects with their symmetry classes; ``radius`` is R, m."""
     group = np.arange(len(aspects))
-    down = np.array([aspect.down_in_part for aspect in aspects.aspects]).reshape(-1, 3)
+    down = np.array([aspect.down_in_part for aspect in aspects]).reshape(-1, 3)
     for rotation in symmetry.rotations:
         for k, image in enumerate((aspects.locate(down @ rotation.T)[0] - 1).tolist()):
-            if aspects.aspects[k].sweep is aspects.aspects[image].sweep:
+            if aspects[k].sweep is aspects[image].sweep:
                 group[group == max(group[k], group[image])] = min(group[k], group[image])
     if symmetry.axis is not None:
         # Rotations about the axis map aspects to each other that have the same height and the same
@@ -229,7 +238,7 @@ def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float)
         kinds = list(Sweep)
         keys = [
             (a.com_height / radius, a.down_in_part @ symmetry.axis, kinds.index(a.sweep))
-            for a in aspects.aspects
+            for a in aspects
         ]
         for k, one in enumerate(keys):
             alike = np.abs(np.array(keys) - one).max(axis=1) < CLASS_TOLERANCE
@@ -237,7 +246,7 @@ def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float)
             group[np.isin(group, group[alike])] = min(first, group[k])
     _, classes, sizes = np.unique(group, return_inverse=True, return_counts=True)
     # The mean, because a minimum of the mesh halfway between two aspects is joined with only one.
-    share = np.bincount(classes, weights=[a.basin_share for a in aspects.aspects]) / sizes
+    share = np.bincount(classes, weights=[a.basin_share for a in aspects]) / sizes
     return AspectSet(
         aspects.part_sha256,
         tuple(
@@ -247,7 +256,7 @@ def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float)
                 symmetry_class=int(c) + 1,
                 multiplicity=int(sizes[c]),
             )
-            for a, c in zip(aspects.aspects, classes, strict=True)
+            for a, c in zip(aspects, classes, strict=True)
         ),
         symmetry,
     )
@@ -352,4 +361,4 @@ def nearest_aspect(aspects: AspectSet, orientation: Array) -> NearestAspect | No
     ids, angles = aspects.locate(down_in_part(orientation[None]))
     if not ids[0]:
         return None
-    return NearestAspect(aspects.aspects[int(ids[0]) - 1], float(angles[0]))
+    return NearestAspect(aspects[int(ids[0]) - 1], float(angles[0]))

@@ -61,7 +61,7 @@ class RestingShape:
         face of a curved aspect is the curved side up to its edges. NotDefinedError if there is no
         edge between the curved side and another aspect.
         """
-        return np.array([self.facet_angles[self._face(a)].sum() for a in self.aspects.aspects])
+        return np.array([self.facet_angles[self._face(a)].sum() for a in self.aspects])
 
     def polygons(self) -> list[tuple[Array, float]]:
         """Return for each aspect the corners of its face (n, 2), m, and its com_height, m.
@@ -69,7 +69,7 @@ class RestingShape:
         The corners are counter-clockwise. NotDefinedError if an aspect rests on a curved side.
         """
         hull, polygons = self.landscape.hull, []
-        for aspect in self.aspects.aspects:
+        for aspect in self.aspects:
             if aspect.sweep.curved:
                 raise NotDefinedError(f'aspect {aspect.id} rests on a curved side, not a polygon')
             corners = np.unique(np.concatenate([hull.corners(f) for f in self._face(aspect)]))
@@ -134,7 +134,7 @@ def stability(shape: RestingShape) -> Array:
 
 def energy_barrier(shape: RestingShape) -> Array:
     """Return the minimum energy that moves the part out of each aspect, with m g = 1."""
-    return np.array([aspect.min_barrier for aspect in shape.aspects.aspects])
+    return np.array([aspect.min_barrier for aspect in shape.aspects])
 
 
 def quasi_static(shape: RestingShape) -> Array:
@@ -150,11 +150,11 @@ def quasi_static(shape: RestingShape) -> Array:
 
 def rolling(shape: RestingShape) -> Array:
     """Return the exact share of directions from which the part rolls into each aspect."""
-    return np.array([aspect.basin_share for aspect in shape.aspects.aspects])
+    return np.array([aspect.basin_share for aspect in shape.aspects])
 
 
 def _heights(shape: RestingShape) -> Array:
-    return np.array([aspect.com_height for aspect in shape.aspects.aspects])
+    return np.array([aspect.com_height for aspect in shape.aspects])
 
 
 def _critical(polygon: Array, height: float) -> float:
@@ -268,7 +268,7 @@ class Estimate:
 
     def class_probabilities(self) -> Array:
         """Return the probability (c,) of each symmetry class, by number from 1."""
-        numbers = [aspect.symmetry_class for aspect in self.aspects.aspects]
+        numbers = [aspect.symmetry_class for aspect in self.aspects]
         return np.asarray(np.bincount(numbers, weights=self.probabilities)[1:])
 
 

@@ -437,7 +437,7 @@ def class_of_contacts(aspects: AspectSet, contacts: tuple[int, ...]) -> tuple[in
     symmetry = aspects.symmetry
     if symmetry is None or not len(aspects):
         return contacts
-    down = np.array([aspect.down_in_part for aspect in aspects.aspects])
+    down = np.array([aspect.down_in_part for aspect in aspects])
     found = []
     for rotation in symmetry.rotations:
         ids = aspects.locate(down @ rotation.T)[0].tolist()

@@ -359,7 +359,7 @@ def agreement_table(
     table = Table(title, headings, texts={DOWN: None})
     drops = distribution.drops
     rows = zip(
-        distribution.aspects.aspects,
+        distribution.aspects,
         distribution.counts,
         distribution.intervals(),
         agreement.cluster_of,
@@ -465,9 +465,7 @@ def agreement_fields(
     places : two of (n,) int, indices of all compared poses, and their lines in the file.
     """
     index, line = places
-    rows = zip(
-        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
-    )
+    rows = zip(distribution.aspects, distribution.counts, distribution.intervals(), strict=True)
     return {
         'unclassified': distribution.unclassified,
         'agreed': int(agreement.agree.sum()),

@@ -46,7 +46,7 @@ def distribution_document(
         aspect. ``classes`` are the symmetry classes, whose counts are sums.
     """
     classes = distribution.by_class()
-    rows = zip(distribution.aspects.aspects, _shares(distribution), strict=True)
+    rows = zip(distribution.aspects, _shares(distribution), strict=True)
     class_rows = zip(distribution.aspects.classes(), _shares(classes), strict=True)
     own: dict[str, object] = {
         'drops': distribution.drops,
@@ -90,7 +90,7 @@ def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
         document['symmetry'] = aspects.symmetry.kind
         document['symmetry_order'] = aspects.symmetry.order
         document['symmetry_axis'] = None if axis is None else numbers(axis)
-    document['aspects'] = [aspect_fields(aspect, part) for aspect in aspects.aspects]
+    document['aspects'] = [aspect_fields(aspect, part) for aspect in aspects]
     return document
 
 

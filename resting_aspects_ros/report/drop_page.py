@@ -226,7 +226,7 @@ class DrawnRows:
     def __init__(self, distribution: Distribution, part: Part | None, pixels: int = 0) -> None:
         self.rows = class_rows(distribution)
         self.outside = outside_rows(distribution)
-        self.part = part and picture_part(part, distribution.aspects.aspects)
+        self.part = part and picture_part(part, distribution.aspects)
         aspects = [row.aspects[0] for row in self.rows]
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
         order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)

@@ -128,7 +128,7 @@ def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
 
 def merged_text(aspects: AspectSet) -> str:
     """Describe the barriers that were ignored to find the aspects; empty if there are none."""
-    having = tuple(aspect for aspect in aspects.aspects if aspect.merged > 0)
+    having = tuple(aspect for aspect in aspects if aspect.merged > 0)
     if not having:
         return ''
     highest = max(1e-3, 1000 * max(aspect.merged for aspect in having))
@@ -169,7 +169,7 @@ def shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
 def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = False) -> Table:
     """Return a table of a part's symmetry classes, or of each aspect, without counts of drops."""
     classes = aspects.classes()
-    rows = [(aspect,) for aspect in aspects.aspects] if each else classes
+    rows = [(aspect,) for aspect in aspects] if each else classes
     headings = (
         aspects_heading(rows),
         'class',

@@ -231,7 +231,7 @@ def class_rows(distribution: Distribution) -> list[Row]:
 def aspect_rows(distribution: Distribution) -> list[Row]:
     """Return a row for each aspect, even if several aspects look the same."""
     rows = zip(
-        distribution.aspects.aspects,
+        distribution.aspects,
         distribution.counts.tolist(),
         distribution.intervals(),
         distribution.model_intervals(),

@@ -111,7 +111,7 @@ _VERDICTS = ('same', 'mirrored', 'distinct')
 
 def members(outline: Outline, aspects: AspectSet) -> tuple[Aspect, ...]:
     """Return the aspects of the symmetry class of an outline."""
-    return tuple(aspect for aspect in aspects.aspects if aspect.id in outline.aspects)
+    return tuple(aspect for aspect in aspects if aspect.id in outline.aspects)
 
 
 def outline_table(

@@ -84,7 +84,7 @@ def aspect_groups(aspects: AspectSet, weights: Array) -> list[Group]:
         How important each aspect is in the figure, 0 or more.
     """
     by_class = len(aspects) > MAX_GROUPS
-    rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
+    rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
     total = np.array([weights[[aspect.id - 1 for aspect in row]].sum() for row in rows])
     shown = set(np.argsort(-total, kind='stable')[:MAX_GROUPS].tolist())
     groups = [group_of(row) for k, row in enumerate(rows) if k in shown]
@@ -314,7 +314,7 @@ def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> lis
     """
     lines: list[Line] = []
     for curve in curves:
-        aspect = aspects.aspects[curve.aspect - 1]
+        aspect = aspects[curve.aspect - 1]
         for k, line in enumerate(lines):
             if line.group.aspects[0].symmetry_class == aspect.symmetry_class and _same_lift(
                 line.curve.lift, curve.lift

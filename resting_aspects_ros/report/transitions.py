@@ -51,7 +51,7 @@ Rows = Sequence[tuple[Aspect, ...]]
 
 def table_rows(aspects: AspectSet, *, by_class: bool) -> list[tuple[Aspect, ...]]:
     """Return the aspects of each row of a table: each aspect, or each symmetry class."""
-    return aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
+    return aspects.classes() if by_class else [(aspect,) for aspect in aspects]
 
 
 def suffix_of(action: str, actions: Sequence[str]) -> str:
@@ -463,7 +463,7 @@ def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:
     aspects = matrix.aspects
     members = [[aspect.id for aspect in alike] for alike in aspects.classes()]
     by_class = _fields(matrix.by_class(), [a[0].symmetry_class for a in aspects.classes()])
-    by_aspect = _fields(matrix, [aspect.id for aspect in aspects.aspects])
+    by_aspect = _fields(matrix, [aspect.id for aspect in aspects])
     return {**by_aspect, 'classes': {'members': members, **by_class}}
 
 
@@ -500,7 +500,7 @@ def long_run_fields(
         ``unreachable``: the ids of aspects in no closed class, and of aspects to which no dropped
         part and no action leads.
     """
-    ids = [aspect.id for aspect in aspects.aspects]
+    ids = [aspect.id for aspect in aspects]
     closed = zip(long_run.closed, long_run.weights.tolist(), long_run.stationary, strict=True)
     return {
         'long_run': numbers(long_run.shares),

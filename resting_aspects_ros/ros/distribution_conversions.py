@@ -65,7 +65,7 @@ def aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> l
     """Return the messages for aspects with the fields of their shares."""
     return [
         Aspect(**_aspect_fields(aspect), **share)
-        for aspect, share in zip(aspects.aspects, shares, strict=True)
+        for aspect, share in zip(aspects, shares, strict=True)
     ]
 
 

@@ -388,7 +388,7 @@ def starts_of(
     InvalidValueError
         If no drop ended in an aspect.
     """
-    wanted = [a for a in aspects.aspects if not ids or a.id in ids]
+    wanted = [a for a in aspects if not ids or a.id in ids]
     if scene.level:
         return rest_starts(part, wanted, action, conditions)
     if rests is None:

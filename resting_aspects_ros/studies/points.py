@@ -168,7 +168,7 @@ class Simulation:
         if scene.level:
             starts = [
                 (starts_of(*given, ids=(aspect.id,)), count)
-                for aspect, count in zip(aspects.aspects, found.tolist(), strict=False)
+                for aspect, count in zip(aspects, found.tolist(), strict=False)
             ]
         else:
             at_rest = pose_starts(*given, RestingPoses.join(poses))

@@ -277,7 +277,7 @@ def orientations_on(
     if not len(aspects):
         raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
     found: list[Orientation] = []
-    for aspect, share in zip(aspects.aspects, shares, strict=True):
+    for aspect, share in zip(aspects, shares, strict=True):
         corners = rotate(aspect.orientation, part.vertices - part.centre_of_mass)
         order = vertical_order(aspects.symmetry, aspect.down_in_part)
         for yaw in _pushed(part, aspect, corners, wall_height).yaws(wall_friction, order):

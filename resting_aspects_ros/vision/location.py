@@ -245,7 +245,7 @@ class Placement:
         return CameraPose(aspect, number, float(x), float(y), -_wrapped(-float(yaw)))
 
     def _aspect(self, number: int) -> Aspect:
-        return self.aspects.aspects[number - 1]
+        return self.aspects[number - 1]
 
 
 def checked_pose(

@@ -106,7 +106,7 @@ class Views:
 
 def find_views(part: Part, aspects: AspectSet, outline: Outline) -> Views:
     """Return the outlines of a class by roll."""
-    aspect = aspects.aspects[outline.aspect - 1]
+    aspect = aspects[outline.aspect - 1]
     main = shape_of(outline.polygon)
     single = Views(
         aspect, (main,), aspect.orientation[None], np.zeros(1), np.zeros(1, np.int64), np.ones(1)

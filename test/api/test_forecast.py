@@ -130,7 +130,7 @@ def test_times_of_the_action_are_used_by_default():
     assert (times.vibrate, times.settle, times.place) == pytest.approx((1.0, 0.0, 0.5))
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     'wrong',
     [

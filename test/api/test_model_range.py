@@ -48,6 +48,7 @@ def test_uncertainty_that_part_and_conditions_exclude_costs_no_drop(dropped):
     assert 'released' in result.no_model_range
 
 
+@pytest.mark.slow
 def test_symmetric_aspects_share_the_range_of_their_class(workers):
     cylinder = ra.load_part('cylinder_d20_h20')
     found = ra.drop(cylinder, 4000, workers=workers).distribution
@@ -111,6 +112,7 @@ def test_range_that_was_not_requested_is_no_omission(dropped):
     assert result.document()['aspects'][0]['model_lower'] is None
 
 
+@pytest.mark.slow
 def test_document_is_read_back_with_its_range(dropped, tmp_path):
     result = dropped()
     result.save_json(tmp_path / 'result.json')

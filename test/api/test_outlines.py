@@ -31,6 +31,7 @@ def test_box_outlines_are_its_sides(box):
     assert box.part.name == 'box_10x20x30'
 
 
+@pytest.mark.slow
 def test_part_can_be_a_file(tmp_path):
     path = tmp_path / 'ball.stl'
     trimesh.creation.icosphere(3, radius=10).export(path)
@@ -86,6 +87,7 @@ def shoelace(ring):
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
 
 
+@pytest.mark.slow
 def test_holes_are_clockwise():
     document = json.loads(ra.outlines('washer').to_json())
     flat = max(document['outlines'], key=lambda each: each['area'])

@@ -150,7 +150,7 @@ def test_retention_matches_the_document(part, results):
     aspects = results[0].matrix.aspects
     curves = tuple(
         RetentionCurve(a.id, a.min_barrier, LIFT, np.array([0, 3, 50, 90]), np.full(4, 100), 0.95)
-        for a in aspects.aspects
+        for a in aspects
     )
     page = retention_page(RetentionResult(curves, aspects, RUN, part('box_10x20x30'), True))
     assert page.file == RETENTION_PAGE

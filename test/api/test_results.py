@@ -41,6 +41,7 @@ def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
     assert one.p_value == other.p_value
 
 
+@pytest.mark.slow
 def test_wrong_arguments_of_estimate_are_named(dropped, tmp_path):
     with pytest.raises(ra.InvalidValueError, match='guess'):
         ra.estimate('box_10x20x30', ['guess'])

@@ -138,6 +138,7 @@ def test_csv_has_a_line_for_each_row(simulated, tmp_path):
     assert set(lines[0]) >= ROW_KEYS
 
 
+@pytest.mark.slow
 def test_page_has_rows_track_and_flow(simulated, tmp_path):
     page = simulated.report(tmp_path)
     assert {file.name for file in tmp_path.iterdir()} >= {

@@ -34,7 +34,7 @@ def mesh_of(part):
 
 
 def downs(aspects):
-    return np.array([a.down_in_part for a in aspects.aspects])
+    return np.array([a.down_in_part for a in aspects])
 
 
 @pytest.mark.quick_cases(1)
@@ -44,7 +44,7 @@ def downs(aspects):
 def test_platonic_solids_have_one_aspect_for_each_face(solid, mesh, faces):
     aspects = find_aspects(solid(turned(mesh, a_turn(1))))
     assert len(aspects) == faces
-    share = [a.basin_share for a in aspects.aspects]
+    share = [a.basin_share for a in aspects]
     np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
 
 
@@ -150,7 +150,7 @@ def test_orientation_of_each_aspect_is_in_the_aspect(part):
 def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
     aspects = find_aspects(part('box_10x20x30'))
     tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
-    for aspect in aspects.aspects:
+    for aspect in aspects:
         pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
         assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]
 
@@ -167,7 +167,7 @@ def test_classify_agrees_with_exhaustive_search(part):
 def test_classify_accepts_zero_or_one_pose(part):
     aspects = find_aspects(part('l_bracket'))
     assert aspects.classify(np.zeros((0, 4))).shape == (0,)
-    one = orientation_with_down(aspects.aspects[2].down_in_part)
+    one = orientation_with_down(aspects[2].down_in_part)
     before = one.copy()
     assert aspects.classify(one).tolist() == [3]
     np.testing.assert_array_equal(one, before)
@@ -236,7 +236,7 @@ def test_shares_are_equal_in_a_class_and_sum_to_one(solids, solid):
     # With three steps a fillet has a minimum halfway, which falls to one side.
     for name, arguments in (*INVARIANT[::3], ('rounded_prism', (8, 9, 1.5, 3))):
         aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
-        assert sum(a.basin_share for a in aspects.aspects) == pytest.approx(1, abs=1e-9)
+        assert sum(a.basin_share for a in aspects) == pytest.approx(1, abs=1e-9)
         for alike in aspects.classes():
             assert {a.multiplicity for a in alike} == {len(alike)}
             assert len({a.basin_share for a in alike}) == 1
@@ -245,12 +245,12 @@ def test_shares_are_equal_in_a_class_and_sum_to_one(solids, solid):
 def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
     half = {0: 5e-3, 1: 10e-3, 2: 15e-3}
     aspects = find_aspects(solid(trimesh.creation.box((10, 20, 30))))
-    for aspect in aspects.aspects:
+    for aspect in aspects:
         axis = int(np.abs(aspect.down_in_part).argmax())
         rises = {k: np.hypot(h, half[axis]) - half[axis] for k, h in half.items() if k != axis}
         nearest = min(rises, key=rises.get)
         assert aspect.min_barrier == pytest.approx(rises[nearest], rel=1e-5)  # float32
-        over = aspects.aspects[aspect.neighbour - 1].down_in_part
+        over = aspects[aspect.neighbour - 1].down_in_part
         assert int(np.abs(over).argmax()) == nearest
         # It rests on the rectangle of the other two sides.
         sides = sorted(half[k] for k in half if k != axis)

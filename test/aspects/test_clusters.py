@@ -176,7 +176,7 @@ def test_agreement_of_every_pose_in_a_small_example():
 
 def test_differences_list_the_poses_and_both_results(part):
     aspects = find_aspects(part('box_10x20x30'))
-    flat = np.array([a.orientation for a in aspects.aspects] * 2)
+    flat = np.array([a.orientation for a in aspects] * 2)
     tilt = Rotation.from_rotvec([np.radians(20), 0, 0])
     flat[3] = (tilt * Rotation.from_quat(flat[3])).as_quat()
     down = down_in_part(flat)

@@ -91,7 +91,7 @@ def test_face_of_two_facets_is_counted_once(solids, shape):
     """The die of Baktash et al. has unstable facets within a degree of the faces it rests on."""
     mesh = solids.binom3()
     of = shape(mesh)
-    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    down = np.array([a.down_in_part for a in of.aspects])
     assert len(down) == 4
     corners = mesh.triangles - mesh.center_mass
     a, b, c = (corners[:, k] for k in range(3))
@@ -108,7 +108,7 @@ def test_face_of_two_facets_is_counted_once(solids, shape):
 
 def test_rolling_estimate_of_the_die_binom3(solids, shape):
     found = estimate(shape(solids.binom3()), 'rolling')
-    leans_back = [a.down_in_part[0] < 0 for a in found.aspects.aspects]
+    leans_back = [a.down_in_part[0] < 0 for a in found.aspects]
     # 255 of 329 rolls ended on those two.
     expected = np.where(leans_back, 0.375, 0.125)
     np.testing.assert_allclose(found.probabilities, expected, atol=0.01)
@@ -133,7 +133,7 @@ def test_unstable_facet_adds_its_share_to_the_next_side(solids, shape):
     base = np.array([(x, y, 0.0) for x in (-5, 5) for y in (-4, 4)])
     top = np.array([(24 + x, y, 20.0) for x in (-3, 3) for y in (-2.5, 2.5)])
     of = shape(solids.hull(np.concatenate([base, top])))
-    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    down = np.array([a.down_in_part for a in of.aspects])
     assert len(down) == 4
     assert np.abs(down[:, 2]).max() < 0.9
     body = of.landscape.hull
@@ -202,7 +202,7 @@ def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
 @pytest.mark.slow
 def test_cylinder_with_fillets_has_a_face_and_a_pill_has_none(solids, shape):
     filleted = shape(solids.rounded_cylinder(10.0, 20.0, 1.0, 48, 6))
-    side = np.array([a.rolls for a in filleted.aspects.aspects])
+    side = np.array([a.rolls for a in filleted.aspects])
     # The cylinder and its ends up to the fillets, seen from the middle.
     around, end = 2 * 9 / np.hypot(9, 10), 1 - 10 / np.hypot(10, 9)
     expected = np.where(side, around, end) / (around + 2 * end)

@@ -58,7 +58,7 @@ def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
         assert len(landscape.minima) - saddles + maxima(landscape) == 2
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-3:]])
 def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     part = solid(getattr(solids, name)(*arguments))
@@ -163,7 +163,7 @@ def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickn
     assert landscape.basin_shares[side].sum() == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('name', 'arguments'),
     [
@@ -207,6 +207,7 @@ def test_shares_are_positive_and_sum_to_one(solids, solid, name, arguments):
     np.testing.assert_array_equal(np.sort(groups), np.arange(len(landscape.minima)))
 
 
+@pytest.mark.slow
 def test_a_lens_as_thin_as_the_noise_of_its_facets_has_basins(solids, solid):
     """Facets are merged that fit each other up to COPLANAR: some corners have no way down."""
     landscape = Landscape(solid(solids.ellipsoid(30, 20, 0.01, 4)))

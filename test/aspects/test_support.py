@@ -178,6 +178,7 @@ def test_noise_of_a_scan_leaves_a_side_flat(solid):
     assert descriptions(solid(mesh))[:1] == ['flat side 10 x 20 mm']
 
 
+@pytest.mark.slow
 def test_support_is_described_without_the_mesh(part):
     bracket = part('l_bracket')
     aspects = find_aspects(bracket).aspects
@@ -216,7 +217,7 @@ def side(block, turn, plane):
     """The aspect whose down direction is the direction into a plane, in the part frame."""
     down = turn.inv().apply(-plane.normal)
     _, aspects = block
-    return max(aspects.aspects, key=lambda a: a.down_in_part @ down).id
+    return max(aspects, key=lambda a: a.down_in_part @ down).id
 
 
 def test_sides_on_floor_and_wall_are_those_of_the_pose(block):
@@ -256,7 +257,7 @@ def test_margin_of_the_engine_counts_as_contact(block):
 def test_class_of_contacts_agrees_with_brute_force(block):
     """Two pairs are in one class if and only if a rotation of the box maps them to each other."""
     _, aspects = block
-    down = np.array([a.down_in_part for a in aspects.aspects])
+    down = np.array([a.down_in_part for a in aspects])
     ids = range(1, len(down) + 1)
     # The rotations of a box with three different sides: by half a turn about each axis.
     half_turns = [np.diag(s) for s in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
@@ -293,6 +294,7 @@ def test_rotation_about_a_touched_plane_is_free():
     np.testing.assert_allclose(angles, 0, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('normal', [None, np.array([0.0, 0.6, 0.8])])
 def test_rotations_about_the_axis_of_a_body_of_revolution_are_free(normal):
     axis, flip = np.array([0.6, 0.0, 0.8]), Rotation.from_rotvec([0.0, np.pi, 0.0])

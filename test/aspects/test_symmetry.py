@@ -249,7 +249,7 @@ def test_order_of_finite_groups(solid, name):
     assert_is_group(symmetry)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', AXIAL)
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
@@ -295,9 +295,10 @@ def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, tu
     make, order, classes = SLENDER[name]
     aspects = find_aspects(solid(solids.turned(make(), turn)))
     assert found(aspects.symmetry) == ('finite', order)
-    assert [a.symmetry_class for a in aspects.aspects] == classes
+    assert [a.symmetry_class for a in aspects] == classes
 
 
+@pytest.mark.slow
 def test_slopes_of_one_side_do_not_limit_the_order(solid):
     """The ends of a hexagonal prism are pyramids whose slopes are joined to one side."""
     rim = [(x, y, z) for x, y in circle(10, 6) for z in (-10, 10)]
@@ -307,7 +308,7 @@ def test_slopes_of_one_side_do_not_limit_the_order(solid):
             trimesh.convex.convex_hull([*rim, *np.eye(3)[[2, 2]] * [[10 + slope], [-10 - slope]]])
         )
     )
-    assert len(aspects.aspects) == 8
+    assert len(aspects) == 8
     assert found(aspects.symmetry) == ('finite', 12)
 
 
@@ -328,7 +329,7 @@ def test_groups_of_the_example_parts(part, name):
     assert_maps_corners(shape, symmetry.rotations)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', 'icosahedron'])
 def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
@@ -370,6 +371,7 @@ def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divid
         assert_is_group(symmetry)
 
 
+@pytest.mark.slow
 def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
     holes = [uneven(2, 30, c, seed) for seed, c in enumerate(circle(5, 3))]
     part = solid(plate(uneven(10, 64), 3, holes))
@@ -378,6 +380,7 @@ def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
 
 
+@pytest.mark.slow
 def test_rotation_of_an_n_gon_has_order_n(solid):
     rotations = find_symmetry(solid(FINITE['prism_7'][0]()), NO_LANDMARKS).rotations
     upright = rotations[rotations[:, 2, 2] > 0]
@@ -413,6 +416,7 @@ def test_a_mesh_that_is_not_closed_has_the_symmetry_of_its_surface(solid):
     assert found(find_symmetry(solid(tube, **given), NO_LANDMARKS)) == ('axial', 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('gap', 'order'), [(1e-3, 8), (1e-2, 4)])
 def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     # Of the radius, between where a side is and where a quarter turn brings the others.
@@ -422,6 +426,7 @@ def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     assert found(find_aspects(part).symmetry) == ('finite', order)
 
 
+@pytest.mark.slow
 def test_modelled_thread_keeps_the_sides_of_a_hexagon_in_one_class(solid):
     part = solid(threaded_nut(5.5, 2.4, 0.5, 1.23, 0.27))
     assert not np.isnan(part.volume)
@@ -430,7 +435,7 @@ def test_modelled_thread_keeps_the_sides_of_a_hexagon_in_one_class(solid):
     assert_is_group(aspects.symmetry)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('depth', 'sizes'), [(0.05, [1, 1, 4]), (0.01, [2, 4])])
 def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes):
     square, pocket = (circle(r, 4, phase=np.pi / 4) for r in (10, 1))
@@ -439,6 +444,7 @@ def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes
     assert sorted(len(members) for members in classes) == sizes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('share', 'classes'), [(0.99, [2, 4]), (1.001, [6])])
 def test_one_percent_of_a_length_splits_the_sides_of_a_cube(solid, share, classes):
     aspects = find_aspects(solid(box((10, 10, 10 * share))))

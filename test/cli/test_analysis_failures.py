@@ -49,7 +49,7 @@ def broken(*_, **__):
     return 1 / 0
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize('place', COMMANDS)
 def test_failure_is_named_and_everything_else_is_written(place, run, tmp_path, monkeypatch):
     words, named, files = COMMANDS[place]

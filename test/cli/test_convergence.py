@@ -16,6 +16,7 @@ from resting_aspects_ros.statistics.distribution import count_poses
 DROPS = 2000
 
 
+@pytest.mark.slow
 def test_shift_compares_the_same_drops_with_half_the_time_step(part, surfaces):
     bracket = part('l_bracket')
     result = ra.drop(bracket, DROPS, check_convergence=True)
@@ -31,6 +32,7 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(part, surfaces):
     assert found.lower <= found.shift <= found.upper
 
 
+@pytest.mark.slow
 def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
     update = DropProgress.update
 
@@ -48,6 +50,7 @@ def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
     assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
 
 
+@pytest.mark.slow
 def test_run_without_resting_parts_has_a_result(run, tmp_path):
     ended = run(
         'drop', 'l_bracket', '--drops', 2, '--restitution', 1, '--friction', 0,

@@ -27,6 +27,7 @@ def heights(document):
     return [aspect['com_height'] for aspect in document['aspects']]
 
 
+@pytest.mark.slow
 def test_a_mesh_file_has_the_unit_of_its_flag(dropped, box, tmp_path):
     (tmp_path / 'in.here').mkdir()
     box.export(tmp_path / 'in.here' / 'my-box.ply')
@@ -34,6 +35,7 @@ def test_a_mesh_file_has_the_unit_of_its_flag(dropped, box, tmp_path):
     assert heights(document) == pytest.approx([25.4 * height for height in BOX])
 
 
+@pytest.mark.slow
 def test_yaml_beside_a_mesh_file_is_used(dropped, refused, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     text = 'unit: in\ndensity: 2700\ncentre_of_mass: [0, 0, 5]\n'
@@ -48,6 +50,7 @@ def test_yaml_beside_a_mesh_file_is_used(dropped, refused, box, tmp_path):
     assert all(word in line for word in ("'cm'", "'in'", "'box.yaml'"))
 
 
+@pytest.mark.slow
 def test_parts_of_another_folder(dropped, box, tmp_path):
     (tmp_path / 'mine').mkdir()
     box.export(tmp_path / 'mine' / 'brick.stl')

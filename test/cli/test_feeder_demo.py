@@ -192,6 +192,7 @@ def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
     assert before < changed == cell.watch._clock_changed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('has_begun', [True, False])
 def test_what_was_found_is_written_if_a_node_ends(run, monkeypatch, tmp_path, has_begun):
     def fail(demo, _layout):

@@ -42,6 +42,7 @@ def test_sentence_compares_the_run_with_the_interval(changed, said):
     assert '61 s' in text
 
 
+@pytest.mark.slow
 def test_picture_shows_outlines_and_is_small(part, tmp_path):
     known, generator = known_part(part('l_bracket')), np.random.default_rng(1)
     camera = TrayCamera((0.2, 0.2), 5.0)

@@ -141,6 +141,7 @@ def test_ctrl_c_before_the_first_drop_keeps_earlier_files(run, at_update, tmp_pa
     assert {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()} == before
 
 
+@pytest.mark.slow
 def test_engine_that_cannot_start_keeps_earlier_files(run, monkeypatch, tmp_path):
     def fail(*_):
         raise EngineError('no device')

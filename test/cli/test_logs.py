@@ -217,6 +217,7 @@ def test_recover_does_not_change_a_log_being_written(run, log, tmp_path):
     assert 'recovered' in run('recover', two).stdout
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('words', ['compare LOG LOG', 'drop --drops 1 --from-log LOG'])
 def test_unfinished_log_is_used_with_a_warning(run, log, words):
     closed, cut = log('closed'), log('cut', 2)
@@ -288,7 +289,7 @@ def table(poses):
 COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [

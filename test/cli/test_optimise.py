@@ -12,6 +12,7 @@ FEW = ('--budget', 1920, '--workers', 1)
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
 
+@pytest.mark.slow
 def test_full_disk_does_not_lose_the_result(run, monkeypatch):
     def full(*_):
         raise OutputError('points.csv cannot be written: No space left on device')
@@ -23,6 +24,7 @@ def test_full_disk_does_not_lose_the_result(run, monkeypatch):
     assert json.loads(ended.stdout)['complete']
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('checks', 'text'), [(60, 'The search ended early'), (0, '')])
 def test_interrupted_search_shows_what_is_known(run, monkeypatch, checks, text):
     asked = []

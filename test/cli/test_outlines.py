@@ -18,6 +18,7 @@ def done(run):
     return text
 
 
+@pytest.mark.slow
 def test_files_are_listed(done, tmp_path):
     text = ' '.join(done('washer', '--out', 'o', '--px-per-mm', '4').split())
     names = {path.name for path in (tmp_path / 'o').iterdir()}

@@ -46,6 +46,7 @@ def test_surface_of_the_file_is_used_by_its_name(run, own):
     assert (shipped['surface'], shipped['friction']) == ('steel', 0.15)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_the_file_is_carried_through(run, own):
     words = ('--surfaces', own, '--surface', 'ice', '--drops', '16', '--json')
     ended = run('drop', 'tetrahedron', *words)
@@ -53,6 +54,7 @@ def test_uncertainty_of_the_file_is_carried_through(run, own):
     assert json.loads(ended.stdout)['model_uncertain'] == list(DRAWS)
 
 
+@pytest.mark.slow
 def test_study_on_an_own_surface_is_continued_without_the_file(run, own, tmp_path):
     words = ['--points', '2', '--drops', '2', '--out', tmp_path / 's']
     given = ['study', 'tetrahedron', '--vary', 'height=20mm:40mm', '--surface', 'ice']

@@ -124,6 +124,7 @@ def test_missing_file_of_a_split_bag_is_named(log, split, run):
     assert one_error_line(run('info', folder)).endswith('bag_1.mcap')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('suffix', ['zstd', 'zst'])
 def test_compressed_file_is_read(log, tmp_path, suffix, run):
     (original,) = log.glob('*.mcap')

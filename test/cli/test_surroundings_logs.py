@@ -39,7 +39,7 @@ def written(folder, part, found, surfaces):
     """Write a run of made-up poses in surroundings; return its log, its poses and the counts."""
     conditions = dataclasses.replace(surfaces.get(), surroundings=found)
     planned = plan_drops(part, conditions, drops=DROPS, seed=3)
-    lies = np.tile(planned.empty.aspects.aspects[0].orientation, (DROPS, 1))
+    lies = np.tile(planned.empty.aspects[0].orientation, (DROPS, 1))
     orientation = in_tray_axes(planned.job.scene, lies)
     position = np.tile([0.0, 0.0, 0.5], (DROPS, 1))
     poses = RestingPoses(

@@ -44,6 +44,7 @@ def test_files_are_written(done, tmp_path):
         assert len(list(csv.DictReader(file))) == len(document['orientations'])
 
 
+@pytest.mark.slow
 def test_flags_of_the_track_are_in_the_document(done):
     words = ('--width', '40mm', '--roll', '10deg', '--speed', '80mm/s', '--fill', '0.5')
     walls = ('--wall-height', '20mm', '--wall-friction', '0.1')

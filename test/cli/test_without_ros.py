@@ -60,12 +60,14 @@ def ended(tmp_path_factory, environment):
     return folder, dict(zip(commands, json.loads(process.stdout), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('command', RUN)
 def test_commands_without_ros_run(ended, command):
     code, _, errors = ended[1][command]
     assert code == 0, errors
 
 
+@pytest.mark.slow
 def test_drops_have_the_same_answer(ended, run):
     folder, found = ended
     here = run('drop', 'hex_nut', '--drops', '300').stdout.splitlines()[:8]

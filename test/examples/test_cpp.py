@@ -155,7 +155,7 @@ def test_the_tutorial_computes_the_poses_of_the_suite(compile_cpp, tmp_path):
     """The C++ of the tutorial and the Python interface give the same pose in the robot's frame."""
     (block,) = code('docs/tutorials/camera_to_robot.md', 'cpp')
     known = known_part('l_bracket')
-    aspect = known.aspects.aspects[2]
+    aspect = known.aspects[2]
     x, y, yaw = 0.012, 0.004, 0.7
     pose = locate_part(known, aspect.id, x, y, yaw)[0]
     # The same pose at (0, 0, 0) has R_a and h; the robot is turned by a quarter and moved.

@@ -130,6 +130,7 @@ def test_rate_is_that_of_single_parts_on_a_tray(forecasts, row, broken):
     assert expected == pytest.approx(rate, abs=4 * error + 0.015 * rate)
 
 
+@pytest.mark.slow
 def test_without_a_broken_assumption_the_rate_is_that_of_the_forecast(forecasts):
     discs = [Footprint(0, 0, RADIUS)] * 3
     tray = Tray((SIDE, SIDE), CLEARANCE)
@@ -144,6 +145,7 @@ def test_without_a_broken_assumption_the_rate_is_that_of_the_forecast(forecasts)
     assert high == found.upper
 
 
+@pytest.mark.slow
 def test_lost_parts_are_missing_in_both():
     rows = np.column_stack([0.9 * TRANSITIONS, [40, 40, 40]]).astype(np.int64)
     discs = [Footprint(0, 0, RADIUS)] * 3
@@ -153,6 +155,7 @@ def test_lost_parts_are_missing_in_both():
         assert each.rate == pytest.approx(found.rate * (1 + each.change), rel=0.005)
 
 
+@pytest.mark.slow
 def test_overlapping_discs_are_free_as_often_as_random_points():
     """Without a border, parts at independent places are free with exp(-density x area)."""
     disc, tray = [Footprint(0, 0, 0.002)], Tray((1.0, 1.0), 0.006)

@@ -45,6 +45,7 @@ def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
 
 
+@pytest.mark.slow
 def test_runs_are_within_the_prediction_interval(monkeypatch):
     """Runs three times as long as those that the interval follows from."""
     monkeypatch.setattr(tray_simulation, 'CYCLES', 30)

@@ -137,6 +137,7 @@ def test_longer_spread_is_never_worth_more(spread, factor):
     assert long < short
 
 
+@pytest.mark.slow
 def test_expected_rate_is_the_forecast_on_average(model):
     """With the decisions of the forecast's cycle, the expected rates average to its rate."""
     plain = dataclasses.replace(model, spread=None)

@@ -67,6 +67,7 @@ def test_free_share_of_points_is_exponential_at_low_density():
     assert found == pytest.approx(math.exp(-math.pi * 0.03**2 * 59), abs=TOLERANCE)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.usefixtures('low_density')
 @pytest.mark.parametrize(
     'part', [Footprint(0.03, 0.02), Footprint(0, 0, 0.01), Footprint(0.04, 0)]
@@ -85,6 +86,7 @@ def test_two_points_on_a_square_have_their_closed_form():
         assert found == pytest.approx(1 - near, abs=2 * TOLERANCE)
 
 
+@pytest.mark.slow
 def test_larger_outlines_are_free_less_often():
     footprints = [Footprint(0.04, 0.03), Footprint(0.01, 0.01)]
     found = free_shares(TRAY, footprints, np.array([0.5, 0.5]), 1, 15).at(15)
@@ -102,23 +104,27 @@ def test_free_shares_fall_with_number_clearance_and_gripper():
         assert other.at(10)[0] < table.at(10)[0] - TOLERANCE
 
 
+@pytest.mark.slow
 def test_gripper_within_the_part_blocks_nothing():
     inside = free_shares(Tray((0.2, 0.2), 0.0, Footprint(0.02, 0.01)), [PART], ALONE, 1)
     assert (inside.free == 1).all()
 
 
+@pytest.mark.slow
 def test_rare_class_is_known_as_well_as_a_common_one():
     footprints = [PART, PART]
     found = free_shares(TRAY, footprints, np.array([0.999, 0.001]), 1, 12).at(12)
     assert found[1] == pytest.approx(found[0], abs=2 * TOLERANCE)
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_table(monkeypatch):
     monkeypatch.setattr(footprint, 'PLACED', 1000)
     one, other = (free_shares(TRAY, [PART], ALONE, 5).free for _ in range(2))
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_table_ends_at_the_coverage_up_to_which_the_model_holds():
     number = coverage_limit(TRAY, [PART], ALONE)
     assert coverage(TRAY, [PART], ALONE, number) <= MAX_COVERAGE
@@ -126,6 +132,7 @@ def test_table_ends_at_the_coverage_up_to_which_the_model_holds():
     assert len(free_shares(Tray((0.2, 0.2), 0.0), [PART], ALONE, 1).free) == number
 
 
+@pytest.mark.slow
 def test_number_that_does_not_fit_is_refused():
     table = free_shares(TRAY, [PART], ALONE, 1, 60)
     assert table.full

@@ -158,6 +158,7 @@ def test_without_clearance_all_parts_are_picked():
     assert found.state.picks.variance == pytest.approx(0, abs=1e-9)  # a difference of squares
 
 
+@pytest.mark.slow
 def test_action_without_effect_fills_the_tray_with_unpickable_parts():
     """Aspect 0 is not pickable, and the action changes nothing: the tray fills with it."""
     found = forecast(changed(transitions=100 * np.eye(3, 7, dtype=np.int64)))
@@ -171,6 +172,7 @@ def test_action_without_effect_fills_the_tray_with_unpickable_parts():
     assert 0 < many.upper < 0.1
 
 
+@pytest.mark.slow
 def test_aspect_that_never_occurs_gives_no_parts():
     found = forecast(
         changed(
@@ -238,7 +240,7 @@ def test_more_counts_and_longer_runs_narrow_the_intervals():
     assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('times', 'resource'),
     [
@@ -273,6 +275,7 @@ def test_model_needs_counts_and_a_pickable_aspect():
         changed(max_picks=0)
 
 
+@pytest.mark.slow
 def test_forecast_is_finite_if_a_single_part_is_always_picked():
     # Parts fall into a pickable class, and are in the other one only after a flip.
     moves = np.zeros((3, 7), dtype=np.int64)

@@ -181,6 +181,7 @@ def test_damaged_logs_are_read_correctly_or_rejected(sample, closed, kind, at, b
 STRIDES = [997, pytest.param(41, marks=[pytest.mark.slow])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('stride', STRIDES)
 def test_log_with_any_flipped_byte_is_rejected(sample, stride):
     """Checksums cover all but the magic bytes; a reader of the index may not read the place."""
@@ -331,7 +332,7 @@ print(status.split('VmHWM:')[1].split()[0])
 """
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('packed', [zeros_zstd, zeros_lz4])
 @pytest.mark.parametrize('declared', [None, 1000, MAX_RECORD])
 def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):

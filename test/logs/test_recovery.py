@@ -61,6 +61,7 @@ def information(folder):
     return yaml.safe_load(text)['rosbag2_bagfile_information']
 
 
+@pytest.mark.slow
 def test_truncated_log_keeps_all_flushed_messages(tmp_path):
     log, ends = write(tmp_path / 'made')
     log.close()

@@ -68,13 +68,14 @@ def assert_stands(mesh, part, aspect):
 # Without DDS
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['l_bracket', 'washer'])
 def test_meshes_show_the_part_in_each_aspect(part, name):
     part = part(name)
     aspects = find_aspects(part)
     message = PartMarkers(part, aspects).message(no_drops(aspects), STAMP)
     meshes, texts = split(message)
-    for aspect in aspects.aspects:
+    for aspect in aspects:
         mesh, text = meshes[aspect.id], texts[aspect.id]
         assert_stands(mesh, part, aspect)
         assert mesh.type == Marker.TRIANGLE_LIST

@@ -177,7 +177,7 @@ def test_distributions_of_other_aspects_are_removed(run, aspects, poses, solid):
     described = {}
     tallies, sha = Tallies(described.get), solid.part_sha256
     whole = count_poses(aspects, poses)
-    fewer = AspectSet(sha, aspects.aspects[:-1])
+    fewer = AspectSet(sha, aspects[:-1])
     wrong = dataclasses.replace(whole, aspects=fewer, counts=np.array([1, 1, 1]))
     tallies.add(run('a', seed=1), whole)
     tallies.add(run('b', seed=2), wrong)

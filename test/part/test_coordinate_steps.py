@@ -149,6 +149,7 @@ def test_one_decimal_is_coarse_for_a_tilted_part(shape, number, text):
     assert any(f'{COARSE} 0.1 mm' in note for note in notes)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('decimals', [2, 3])
 def test_cylinder_of_rounded_text_has_three_aspects_or_a_warning(decimals):
     mesh = ROUND['cylinder'].copy()

@@ -36,6 +36,7 @@ def test_brackets_are_cut_at_their_inner_corners(part, name, count):
     assert total == pytest.approx(shape.volume * (1 + found.volume_error), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_pieces_have_the_hull_of_the_part(part):
     shape = part('u_bracket')
     together = np.concatenate(convex_pieces(shape).corners)
@@ -69,6 +70,7 @@ def test_round_hole_is_approximated_within_the_threshold(solid):
     assert 0 < found.volume_error < 0.1
 
 
+@pytest.mark.slow
 def test_same_part_has_the_same_pieces_bit_for_bit(part, capfd):
     shape = part('l_bracket')
     first = convex_pieces(shape)

@@ -145,7 +145,7 @@ def tree(request, monkeypatch):
     return lambda triangles: TriangleTree(triangles, np.zeros(len(triangles)))
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 def test_near_and_nearest_agree_with_exhaustive_search(tree):
     triangles = fan(100)
     points = np.random.default_rng(1).uniform(-1, 1, (80, 3)) * [1, 1, 0.8]

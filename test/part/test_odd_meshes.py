@@ -121,7 +121,7 @@ def seconds(text, mesh_format):
     return time.perf_counter() - start
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('kind', ADVERSARIAL)
 def test_text_of_two_megabytes_is_checked_in_linear_time(kind):

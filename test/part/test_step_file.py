@@ -52,6 +52,7 @@ def check_box(part, sides, centre, **tolerance):
     assert len(ra.find_aspects(part)) == 6
 
 
+@pytest.mark.slow
 def test_box_has_its_size_and_aspects(save):
     path = save(step_text(*BOX), 'Box 1.step')
     part = load_part(path)
@@ -73,6 +74,7 @@ def test_other_unit_than_that_of_the_file_is_refused(save):
         load_part(save(step_text(*BOX)), unit='cm')
 
 
+@pytest.mark.slow
 def test_cylinder_is_within_the_deviation_of_its_formula(save):
     """Its polygon of n corners is within the deviation of the circle, and so is its area."""
     file = StepFile()
@@ -94,6 +96,7 @@ def test_cavity_belongs_to_its_solid(save):
     assert body(2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('order', [(0, 1, 2), (1, 2, 0)])
 def test_sheets_and_wires_are_left_out_and_named(save, order):
     """One sheet lies above the box, one begins at an edge of it."""
@@ -113,6 +116,7 @@ def test_sheets_and_wires_are_left_out_and_named(save, order):
     assert 'block' not in warning
 
 
+@pytest.mark.slow
 def test_sheet_that_is_a_product_is_left_out(save):
     file = StepFile()
     surface = 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION'
@@ -234,6 +238,7 @@ def thin_tube(wall, turn=0.025):
     return file
 
 
+@pytest.mark.slow
 def test_gap_of_the_triangles_is_closed_by_other_deviations(save):
     wall = 0.002
     part = load_part(save(thin_tube(wall)))

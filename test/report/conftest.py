@@ -42,7 +42,7 @@ def make_report():
         part, *, drops=1000, unseen=(), measured=False, interval='wilson', confidence=0.95, **more
     ):
         aspects = find_aspects(part)
-        weights = np.array([a.basin_share for a in aspects.aspects])
+        weights = np.array([a.basin_share for a in aspects])
         weights[[k - 1 for k in unseen]] = 0.0
         counts = np.random.default_rng(4).multinomial(
             drops - 3 * drops // 100, weights / weights.sum()

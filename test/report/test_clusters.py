@@ -41,7 +41,7 @@ def test_largest_clusters_have_rows_and_the_rest_share_one(lines, more):
 @pytest.mark.parametrize(('ids', 'agree', 'near'), [([1, 1, 1, 2], 4, 0), ([1, 1, 0, 2], 3, 1)])
 def test_differences_near_aspects_are_counted(part, lines, ids, agree, near):
     aspects = find_aspects(part('box_10x20x30'))
-    down = np.array([a.down_in_part for a in aspects.aspects])[[0, 0, 0, 1]]
+    down = np.array([a.down_in_part for a in aspects])[[0, 0, 0, 1]]
     clusters = find_clusters(down, 0.1)
     agreement = find_agreement(np.array(ids), len(aspects), clusters)
     differences = find_differences(agreement, aspects, down)

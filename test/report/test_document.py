@@ -48,7 +48,7 @@ def test_numbers_match_the_distribution(distribution):
     assert (document['confidence'], document['interval']) == (0.95, 'wilson')
     for written, aspect, count, interval in zip(
         document['aspects'],
-        distribution.aspects.aspects,
+        distribution.aspects,
         distribution.counts.tolist(),
         distribution.intervals(),
         strict=True,

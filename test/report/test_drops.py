@@ -55,9 +55,7 @@ def test_rows_match_the_distribution(aspects, rows):
     assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
     assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
     assert [row['words'] for row in found[5:]] == ['unclassified', 'failed']
-    for row, aspect, interval in zip(
-        found, aspects.aspects, distribution.intervals(), strict=False
-    ):
+    for row, aspect, interval in zip(found, aspects, distribution.intervals(), strict=False):
         for name in ('probability', 'lower', 'upper'):
             shown = row[name]
             assert float(shown) == pytest.approx(

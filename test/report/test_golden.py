@@ -83,7 +83,7 @@ def test_estimates(part):
     bracket = part('l_bracket')
     aspects = find_aspects(bracket)
     estimates, _ = estimate_each(RestingShape(bracket, aspects), METHODS)
-    rows = [(aspect,) for aspect in aspects.aspects]
+    rows = [(aspect,) for aspect in aspects]
     shares = {name: each.probabilities for name, each in estimates.items()}
     tally = DropCounts(np.array([300, 260, 200, 130, 90]), 20, 0, 0)
     rng = np.random.default_rng(1)
@@ -159,6 +159,7 @@ def test_transitions(nut):
     )
 
 
+@pytest.mark.slow
 def test_outlines(part):
     found = outlines(part('l_bracket'))
     check(

@@ -118,7 +118,7 @@ def test_numbers_match_the_distribution(page, bracket):
     rows = [each for each in page.all('li') if 'data-row' in each]
     for row, aspect, count, interval in zip(
         rows,
-        bracket.distribution.aspects.aspects,
+        bracket.distribution.aspects,
         bracket.distribution.counts,
         bracket.distribution.intervals(),
         strict=False,
@@ -168,6 +168,7 @@ def test_bands_end_with_the_intervals_of_the_rows(part, make_report):
         assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
+@pytest.mark.slow
 def test_sections_without_data_are_omitted(part, make_report, written):
     report = make_report(part('tetrahedron'), history=None)
     folder = written(report)
@@ -192,7 +193,7 @@ def test_pictures_have_the_colour_of_the_aspect(page, bracket):
     for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
         assert 'oblique' in oblique['alt']
         assert 'from above' in above['alt']
-        colour = aspect_colour(bracket.distribution.aspects.aspects[k])
+        colour = aspect_colour(bracket.distribution.aspects[k])
         for each in (oblique, above):
             pixels = decoded(each)
             assert pixels.shape == (PIXELS, PIXELS, 4)
@@ -218,7 +219,7 @@ def test_scene_poses_match_the_aspects(page, bracket):
         points * part.hull_radius + part.centre_of_mass, part.vertices, atol=1e-8
     )
     np.testing.assert_array_equal(faces, part.faces)
-    for row, aspect in zip(scene['rows'], bracket.distribution.aspects.aspects, strict=True):
+    for row, aspect in zip(scene['rows'], bracket.distribution.aspects, strict=True):
         lying = rotate(np.array(row['quaternion']), points)
         assert lying[:, 2].min() + row['height'] == pytest.approx(0, abs=1e-6)
         assert row['height'] * part.hull_radius == pytest.approx(aspect.com_height, rel=1e-6)

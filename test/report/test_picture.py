@@ -67,6 +67,7 @@ def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings('error')
 def test_picture_without_drops_or_aspects(distribution, bracket):
     for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):

@@ -25,12 +25,12 @@ def counted(aspects, seed=5, actions=1000):
 
 def curves_of(aspects, lift, seed=3, parts=300):
     generator = np.random.default_rng(seed)
-    shares = [0.95 / (1 + (2 * min(a.min_barrier, 1.0) / lift) ** 3) for a in aspects.aspects]
+    shares = [0.95 / (1 + (2 * min(a.min_barrier, 1.0) / lift) ** 3) for a in aspects]
     return [
         RetentionCurve(
             a.id, a.min_barrier, lift, generator.binomial(parts, p), np.full(len(lift), parts), 0.9
         )
-        for a, p in zip(aspects.aspects, shares, strict=True)
+        for a, p in zip(aspects, shares, strict=True)
     ]
 
 

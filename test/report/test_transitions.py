@@ -26,7 +26,7 @@ def bracket(part):
 @pytest.fixture(scope='module')
 def thirty(many_sided):
     aspects = find_aspects(many_sided)
-    return AspectSet(aspects.part_sha256, aspects.aspects[:30])
+    return AspectSet(aspects.part_sha256, aspects[:30])
 
 
 def body(found):

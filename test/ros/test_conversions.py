@@ -296,7 +296,7 @@ def test_distribution_round_trip(part):
     assert again.counts.tolist() == counts.tolist()
     assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
     assert (again.lost, again.sliding, again.contacts) == (4, 5, None)
-    for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
+    for one, other in zip(again.aspects, aspects, strict=True):
         for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
             assert getattr(one, field) == getattr(other, field)
         for field in ('com_height', 'basin_share', 'min_barrier'):

@@ -140,6 +140,7 @@ def test_work_of_a_killed_process_is_repeated(make_worker, node, functions, tmp_
     assert len(set(pids.read_text().split())) == 2
 
 
+@pytest.mark.slow
 def test_function_that_kills_each_process_fails_alone(make_worker, node, run, functions, tmp_path):
     worker, pids = make_worker(), tmp_path / 'pids'
     other = node.executor.create_task(worker.run, operator.add, 2, 3)
@@ -156,6 +157,7 @@ def test_work_on_a_busy_machine_is_not_too_slow(make_worker, run, functions):
     assert run(worker, functions.compute_on_a_busy_processor, 0.4) > 1.2
 
 
+@pytest.mark.slow
 def test_next_function_runs_after_too_much_processor_time(make_worker, run):
     worker = make_worker(seconds=0.5)
     with pytest.raises(FileLimitError, match=r'0\.5 s of processor time'):
@@ -163,6 +165,7 @@ def test_next_function_runs_after_too_much_processor_time(make_worker, run):
     assert run(worker, operator.add, 2, 3) == 5
 
 
+@pytest.mark.slow
 def test_next_function_runs_after_one_that_hangs(make_worker, run, tmp_path, monkeypatch):
     monkeypatch.setattr(file_worker, 'CHECK_PERIOD', 0.1)
     worker = make_worker(seconds=0.5)

@@ -116,7 +116,7 @@ def test_matrix_round_trip(message, result, part):
     assert (again.interval, again.confidence) == ('wilson', 0.9)
     assert (again.energy_growth, again.sliding) == (0.02, 5)
     np.testing.assert_array_equal(again.by_class().counts, made.matrix.by_class().counts)
-    assert [aspect.id for aspect in again.aspects.aspects] == [1, 2, 3, 4]
+    assert [aspect.id for aspect in again.aspects] == [1, 2, 3, 4]
     assert again.aspects.part_sha256 == part('tetrahedron').part_sha256
 
 

@@ -95,6 +95,7 @@ def test_worker_exception_is_reported(planned, workers, monkeypatch):
         chunks_of(*planned, workers)
 
 
+@pytest.mark.slow
 def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch):
     versions = chunks.worker_versions()
     assert versions.keys() == {'resting_aspects_ros', 'numba', 'pybullet', 'numpy'}

@@ -45,7 +45,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
@@ -60,7 +60,7 @@ def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, 
     assert len(outside) == faces
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
 def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
     shape = part('l_bracket')
@@ -74,6 +74,7 @@ def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
     assert abs(int(a) - int(b)) < 3.3 * math.sqrt(a + b)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 250)])
 def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
     shape = part('l_bracket')
@@ -83,7 +84,7 @@ def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
     np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
     assert (poses.orientation[:, 3] >= 0).all()
     aspects = find_aspects(shape)
-    heights = np.array([a.com_height for a in aspects.aspects])
+    heights = np.array([a.com_height for a in aspects])
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     np.testing.assert_allclose(
         centre[:, 2],
@@ -197,8 +198,8 @@ def image_groups(shape, aspects):
     """
     axes = shape.principal_axes
     corners = (shape.hull_vertices - shape.centre_of_mass) @ axes
-    down = np.array([a.down_in_part for a in aspects.aspects]) @ axes
-    group = np.array([a.symmetry_class for a in aspects.aspects])
+    down = np.array([a.down_in_part for a in aspects]) @ axes
+    group = np.array([a.symmetry_class for a in aspects])
     for signs in SIGNS:
         gaps = np.linalg.norm(corners[:, None] * signs - corners, axis=2).min(axis=1)
         if gaps.max() < 1e-6 * shape.hull_radius:

@@ -104,6 +104,7 @@ def test_excessive_energy_growth_fails_a_drop(looks, growth, status):
     assert (poses.status[1:] == RestStatus.SETTLED).all()
 
 
+@pytest.mark.slow
 def test_energy_growth_accumulates_over_checks(looks):
     # A quarter of the energy more at each of three looks.
     job, once = looks([1.15])

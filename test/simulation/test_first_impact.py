@@ -57,7 +57,7 @@ def on_one_corner(hull, normal, generator):
             return turn, corners[first]
 
 
-@pytest.mark.quick_cases(9)
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize('name', ['t_prism', 'u_bracket'])
 @pytest.mark.parametrize('where', WORLDS)
 def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where, name):

@@ -35,6 +35,7 @@ print('equal')
 """
 
 
+@pytest.mark.slow
 def test_threads_of_a_gpu_make_the_same_drops():
     simulated = {'NUMBA_ENABLE_CUDASIM': '1', 'NUMBA_DISABLE_JIT': '1'}
     run = subprocess.run(

@@ -13,6 +13,9 @@ from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import depth_of
 
+# One test worker compiles the single impact, which takes half a minute.
+pytestmark = pytest.mark.xdist_group('law of contact')
+
 UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 NONE = np.zeros((1, 3))
 

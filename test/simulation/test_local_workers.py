@@ -64,7 +64,7 @@ def test_default_is_a_worker_per_allowed_core():
         os.sched_setaffinity(0, allowed)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('engine', 'count'),
     [(KERNEL, 1), (KERNEL, 7), (BULLET, 2)],
@@ -81,6 +81,7 @@ def test_poses_do_not_depend_on_the_workers(
     assert_same_poses(RestingPoses.join(chunks), drop_range(job, first, first + drops))
 
 
+@pytest.mark.slow
 def test_runs_of_both_engines_share_the_workers(job_of, make_workers, assert_same_poses):
     workers = make_workers(2)
     asked = [(job_of(engine), k, k + 3) for k in (0, 40) for engine in (KERNEL, BULLET)]
@@ -190,6 +191,7 @@ def ended(pid):
             os.close(end)
 
 
+@pytest.mark.slow
 def test_error_in_a_worker_reaches_the_caller(job, make_processes):
     workers = make_processes(1)
     with pytest.raises(ValueError, match='counter must be positive'):
@@ -197,7 +199,7 @@ def test_error_in_a_worker_reaches_the_caller(job, make_processes):
     assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
 def test_signals_for_the_parent_do_not_end_a_worker(
     number, job, make_processes, assert_same_poses

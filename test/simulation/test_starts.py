@@ -289,7 +289,7 @@ def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, nam
     fillets = name == 'filleted_box'
     shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 100
     aspects = find_aspects(shape)
-    kept = [a for a in aspects.aspects if a.min_barrier > 0.1 * shape.hull_radius]
+    kept = [a for a in aspects if a.min_barrier > 0.1 * shape.hull_radius]
     lift = np.array([[0.98 * a.min_barrier] for a in kept])
     starts = disturbance_starts(shape, kept, lift, mat)
     job = make_job(shape, mat, 1, until_still=True, starts=starts)

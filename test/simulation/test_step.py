@@ -177,6 +177,7 @@ def test_subsets_of_drops_are_bit_identical(part, mat, assert_same_poses):
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
+@pytest.mark.slow
 def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
     shape = part('u_bracket')
     aspects = find_aspects(shape)
@@ -185,7 +186,7 @@ def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
     rows = np.arange(GROUP) % len(aspects)
     np.testing.assert_array_equal(aspects.classify(states.orientation), rows + 1)
     np.testing.assert_array_equal(states.velocity, np.tile([0.2, 0, 0], (GROUP, 1)))
-    heights = np.array([aspect.com_height for aspect in aspects.aspects])
+    heights = np.array([aspect.com_height for aspect in aspects])
     np.testing.assert_allclose(
         states.position[:, 2], 0.02 + heights[rows], atol=1e-3 * shape.hull_radius
     )
@@ -193,7 +194,7 @@ def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
     # air, when the first leg is.
     front = states.position[:, 0] / shape.hull_radius
     assert (front < 0).all()
-    assert {aspect.id for aspect in aspects.aspects} > {*(rows[front < -0.1] + 1)} != set()
+    assert {aspect.id for aspect in aspects} > {*(rows[front < -0.1] + 1)} != set()
 
 
 @pytest.fixture(scope='module')
@@ -222,6 +223,7 @@ def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
     assert poses.time_to_rest[stays] == pytest.approx(limit, abs=hooked.time_unit)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('height', [0.05, 20.0])  # the second falls for longer than 20 T
 def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat, height):
     job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, step_height=height))
@@ -257,6 +259,7 @@ def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat, heig
     assert (status == RestStatus.SETTLED).all()
 
 
+@pytest.mark.slow
 def test_real_shape_of_the_part_counts_at_the_edge(hooked):
     hull = rotate(hooked.axes, hooked.hull) * hooked.radius
     convex = with_edge(hooked, pieces=(hull,))

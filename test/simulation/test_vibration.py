@@ -173,6 +173,7 @@ def point_mass(vibration, friction, until, step=4e-6):
     return times, found - np.array([px, pz]).T
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('ratio', [0.98, 1.05, 2.0])
 def test_block_hops_if_the_plate_accelerates_by_more_than_g(part, mat, ratio):
     # Without friction, blocks glide off the plate at different times; a lost part is where it was.
@@ -201,7 +202,7 @@ def test_block_hops_if_the_plate_accelerates_by_more_than_g(part, mat, ratio):
         assert np.abs(height - expected).max() < 0.03 * expected.max() + 4e-6
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('amplitude', 'phase'), [(0.3, 1.0), (0.9, 0.0), (0.9, 2.5), (1.5, 1.0)])
 def test_plate_conveys_a_block_as_far_as_a_point_mass(solid, mat, amplitude, phase):
     """With vertical accelerations below and above g, and a horizontal one above friction."""
@@ -288,12 +289,14 @@ def same_rows(counts, others):
     return chi2.sf(statistic, freedom)
 
 
+@pytest.mark.slow
 def test_finer_steps_keep_the_transitions(part, mat):
     shape = part('l_bracket')
     counts = [transitions(shape, mat, 1000, refinement=refinement) for refinement in (1, 4)]
     assert same_rows(*counts) > LEVEL
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
 def test_actions_do_not_depend_on_other_actions(part, mat, assert_same_poses, engine):
     short = dataclasses.replace(STRONG, frequency=50.0, duration=0.2, plate_size=0.06)
@@ -310,7 +313,7 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     # While the plate moves along, its edge does, too.
     small = dataclasses.replace(STRONG, plate_size=0.05, horizontal_amplitude=0.0)
     aspects = find_aspects(shape)
-    starts = rest_starts(shape, aspects.aspects, small, mat)
+    starts = rest_starts(shape, aspects, small, mat)
     job, run = plan_run(
         shape, mat, seed=1, drops=n, run_id='', started=0, starts=starts, engine=engine
     )
@@ -431,6 +434,7 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
         vibration_job(shape, mat.changed(gravity=1e-5), wild)
 
 
+@pytest.mark.slow
 def test_shipped_vibrations_fit_the_example_parts(part, mat):
     known = Actions.read(actions_file())
     shipped = [known.get(name) for name in known.names()]

@@ -71,7 +71,7 @@ def test_every_interval_method_uses_all_drops_as_n(method, confidence):
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300))
 def test_each_pose_is_counted_exactly_once(aspects, seed, n):
     generator = np.random.default_rng(seed)
-    at_rest = np.array([a.orientation for a in aspects.aspects])
+    at_rest = np.array([a.orientation for a in aspects])
     orientation = np.where(
         generator.random((n, 1)) < 0.7,
         at_rest[generator.integers(5, size=n)],
@@ -113,7 +113,7 @@ def test_distributions_of_different_drops_can_be_added(aspects):
 
 
 def test_distributions_of_different_parts_cannot_be_added(aspects):
-    other = no_drops(AspectSet('another', aspects.aspects))
+    other = no_drops(AspectSet('another', tuple(aspects)))
     with pytest.raises(ValueError, match=r'^distributions of different parts cannot be added$'):
         no_drops(aspects) + other
 
@@ -121,7 +121,7 @@ def test_distributions_of_different_parts_cannot_be_added(aspects):
 @pytest.fixture(scope='module')
 def poses(aspects):
     rng = np.random.default_rng(5)
-    shown = np.array([each.orientation for each in aspects.aspects])
+    shown = np.array([each.orientation for each in aspects])
     orientation = shown[rng.integers(0, 5, 3000)]
     lost = rng.random(3000) < 0.05
     orientation[lost] = random_orientations(rng, int(lost.sum()))

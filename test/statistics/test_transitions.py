@@ -81,7 +81,7 @@ def test_by_class_counts_each_action_by_the_classes_of_its_aspects(aspects, seed
     start, end = generator.integers(6, size=n), generator.integers(10, size=n)
     matrix = no_actions(aspects)
     np.add.at(matrix.counts, (start, end), 1)
-    number = [a.symmetry_class - 1 for a in aspects.aspects] + [3, 4, 5, 6]
+    number = [a.symmetry_class - 1 for a in aspects] + [3, 4, 5, 6]
     expected = np.zeros((3, 7), dtype=np.int64)
     for i, j in zip(start.tolist(), end.tolist(), strict=True):
         expected[number[i], number[j]] += 1
@@ -97,7 +97,7 @@ def test_matrices_of_different_actions_can_be_added(aspects):
     total = first + second + no_actions(aspects)
     assert total.counts.tolist() == (first.counts + second.counts).tolist()
     assert total.energy_growth == 0.2
-    other = no_actions(AspectSet('another', aspects.aspects))
+    other = no_actions(AspectSet('another', tuple(aspects)))
     with pytest.raises(ValueError, match='different parts'):
         first + other
 

@@ -26,7 +26,7 @@ TABLES = {
 }
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'factors'),
     [('one point', (HEIGHT,)), *((name, (HEIGHT, FRICTION)) for name in TABLES)],

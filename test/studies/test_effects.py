@@ -212,6 +212,7 @@ def test_factor_that_moves_the_shares_is_worth_measuring(cylinder):
     assert effects.indices.total[0, 1] < 0.1
 
 
+@pytest.mark.slow
 def test_verdicts_have_few_errors(cylinder, monkeypatch):
     """A change of exactly the tolerance is called larger in at most 5 % of the studies."""
     monkeypatch.setattr(effects_module, 'RESAMPLES', 2)

@@ -85,7 +85,7 @@ def test_classes_are_resolved_to_their_aspects():
     assert objective.text == f'largest share of aspects {members[0]} and {members[1]}'
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('wanted', 'message'),
     [

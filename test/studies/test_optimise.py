@@ -42,7 +42,7 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
     assert (header, len(rows)) == ('height,friction,1+2,other', len(found.points))
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [1, 2, 3])
 def test_best_has_the_best_value_of_the_compared_conditions(here, seed):
     # No conditions are better than others for a tetrahedron, so that the fresh drops decide.

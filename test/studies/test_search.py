@@ -52,6 +52,7 @@ def searched(drop, factors, total=200_000, seed=1, levels=0, **given):
     return points, best_points(points, SHARE, total, seed)
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.parametrize('factors', [1, 2, 3, 4])
 @pytest.mark.parametrize(('share', 'most', 'loss'), [(peak, 0.7, 0.02), (slope, 0.6, 0.03)])
 def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
@@ -128,6 +129,7 @@ def test_flat_range_is_that_of_the_known_function():
     np.testing.assert_allclose(ranges, [[good.min(), good.max()]] * 5, atol=0.025)
 
 
+@pytest.mark.slow
 def test_factor_without_effect_is_called_one_with_effect_as_rarely_as_stated():
     found = [curve_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(60)]
     assert sum(curve.matters for curve in found) <= binom.ppf(0.999, 60, 0.05)

@@ -51,6 +51,7 @@ def test_latest_of_many_changes_wins_without_a_queue(bracket, shown):
     assert len(bracket._results) <= KEPT
 
 
+@pytest.mark.slow
 def test_no_thread_is_left(pool, opener, shown, tmp_path):
     from resting_aspects_ros.studio.room import Room
 
@@ -80,6 +81,7 @@ def test_without_live_changes_wait(bracket, shown):
     assert 'friction 0.7' in shown.wait('bars', complete, before)['caption']
 
 
+@pytest.mark.slow
 def test_more_drops_and_precision(bracket, shown):
     bracket.change('more', True)
     assert shown.wait('bars', lambda m: complete(m) and '8000 drops' in m['caption'])
@@ -149,6 +151,7 @@ def test_broken_file_leaves_the_old_part(bracket, shown, tmp_path):
     assert 'friction 0.3' in shown.wait('bars', complete, before)['caption']
 
 
+@pytest.mark.slow
 def test_other_part_forgets_what_was_pickable(bracket, shown):
     bracket.change('pickable.5', True)
     before = shown.count
@@ -158,6 +161,7 @@ def test_other_part_forgets_what_was_pickable(bracket, shown):
     assert bracket.settings.pickable == frozenset()
 
 
+@pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
     bracket.change('tab', 'compare')
     shown.wait('compare')
@@ -182,6 +186,7 @@ def test_counts_by_hand_are_compared_as_the_command_does(bracket, shown, tmp_pat
     assert largest in html
 
 
+@pytest.mark.slow
 def test_numbers_are_in_the_unit_of_their_control():
     height = QUANTITIES['height']
     assert number_of('height', height, '60') == ra.drop('tetrahedron', 1).run.conditions.height

@@ -70,6 +70,7 @@ def test_most_parts_that_lie_flat_have_the_certain_outcome(box, trap, values, ou
     assert OUTCOMES[int(counts.argmax())] == outcome
 
 
+@pytest.mark.slow
 def test_a_blade_and_a_riser_move_what_reaches_them(box, rows_of):
     part, flat = box
     tall = next(row for row in rows_of(part) if row.height > 0.029)

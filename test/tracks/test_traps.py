@@ -242,6 +242,7 @@ def test_a_trap_whose_bands_never_end_is_not_proposed(part, rows_of):
     assert all(trap.kind != 'wiper' for trap in found.designs[0].traps)
 
 
+@pytest.mark.slow
 def test_a_triangle_is_proposed_for_mirror_images(part, rows_of):
     shape = part('l_bracket')
     rows = rows_of(shape)

@@ -66,12 +66,14 @@ def test_shipped_tracks_are_read_and_name_their_source(file):
     assert read_track(document).traps == given_track(file.stem).traps
 
 
+@pytest.mark.slow
 def test_a_wanted_row_that_falls_off_the_track_is_refused():
     # The centre of mass of the flat nut is 8.5 mm from the wall.
     with pytest.raises(InvalidValueError, match=r'wanted orientation 1: .* 8 mm .* 8\.50 mm'):
         tracked(want=1, width='8mm')
 
 
+@pytest.mark.slow
 def test_rows_that_fall_off_before_the_traps_are_counted():
     found = tracked([{'kind': 'wiper', 'height': '30mm'}], width='9mm')
     assert flags(found)['falls_off'] == [3]  # its centre of mass is 9.8 mm from the wall
@@ -87,6 +89,7 @@ def test_dimensions_in_a_wrong_unit_are_warned_of():
         tracked([{'kind': 'wiper', 'height': 12.7e-6}])
 
 
+@pytest.mark.slow
 def test_contradictory_traps_let_nothing_pass():
     # The wiper passes what is lower than 10 mm, and the cover holds what is higher than 5 mm.
     traps = [{'kind': 'wiper', 'height': '10mm'}, {'kind': 'hold_down', 'height': '5mm'}]
@@ -98,6 +101,7 @@ def test_contradictory_traps_let_nothing_pass():
     assert any('No part in row 1' in text and 'Trap 2' in text for text in found.sentences)
 
 
+@pytest.mark.slow
 def test_a_wall_that_is_lower_than_all_but_the_foot_of_a_part(solid):
     # A pin of 2 mm below a plate of 20 x 20 mm, which tips over no wall above 0.
     pin = trimesh.creation.cylinder(radius=8, height=10)
@@ -115,6 +119,7 @@ def test_the_number_of_simulated_parts_is_checked():
             ra.track('hex_nut', {'width': '40mm'}, simulate=wrong)
 
 
+@pytest.mark.slow
 def test_unknown_rows_and_actions_are_refused():
     with pytest.raises(InvalidValueError, match='wanted orientation 9'):
         tracked(want=9)

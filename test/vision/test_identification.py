@@ -126,7 +126,7 @@ def test_mirror_image_is_the_part_turned_over(known):
     assert found.best.posterior > 0.99
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('name', NAMES)
 def test_other_class_that_fits_the_mirror_image_is_named(known, name):
     candidate = known(name)
@@ -156,6 +156,7 @@ def test_missing_hole_is_another_outline(known):
     assert identify(disc, [washer]).best is None
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', NAMES)
 def test_another_part_is_none_of_these(known, name):
     others = [known(each) for each in NAMES if each != name]
@@ -181,7 +182,7 @@ def test_different_parts_that_touch(known):
 
 def test_every_pose_of_a_turned_part_is_found(known):
     candidate = known('l_bracket')
-    for aspect in candidate.aspects.aspects:
+    for aspect in candidate.aspects:
         for yaw in np.linspace(-3, 3, 5):
             orientation = turned_about_vertical(aspect.orientation, yaw)
             seen = affinity.translate(seen_outline(candidate.part, orientation), 0.05, 0.02)

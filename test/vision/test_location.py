@@ -91,7 +91,7 @@ def test_rolled_part_keeps_its_yaw(placements, part):
     all_placements = placements('cylinder_d20_h20')
     (rolling,) = [each for each in all_placements if len(each.outline.aspects) == 1]
     (pose, *_) = rolling.poses(0.1, 0.2, 0.5)
-    axis = rolling.aspects.aspects[0].axis
+    axis = rolling.aspects[0].axis
     for angle in (1.0, np.pi, -2.0):
         roll = Rotation.from_quat(pose.orientation) * Rotation.from_rotvec(angle * axis)
         centre = np.array([0.1, 0.2, rolling.outline.com_height])

@@ -185,7 +185,7 @@ def test_circles_of_different_meshes_are_equal():
     assert not same_outline(one, shapely.Polygon(circle(100), [circle(48, 4.6)]))
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'pair', 'verdict'),
     [

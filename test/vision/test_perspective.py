@@ -92,7 +92,7 @@ def random_image(known, generator):
     k = generator.choice(len(known.outlines), p=known.shares)
     aspect = generator.choice(known.outlines[k].aspects)
     yaw = Rotation.from_euler('z', generator.uniform(-np.pi, np.pi))
-    turned = yaw * Rotation.from_quat(known.aspects.aspects[aspect - 1].orientation)
+    turned = yaw * Rotation.from_quat(known.aspects[aspect - 1].orientation)
     x, y = generator.uniform(-0.12, 0.12, 2)
     seen = image(known.part, turned.as_quat(), x, y)
     return k, (x, y), noisy(seen, random_noise(generator), generator)
@@ -171,7 +171,7 @@ def test_key_on_its_edge_is_not_taken_for_the_other_class(solid, known_of, heigh
         assert (found.best.x, found.best.y) == pytest.approx((x, -x / 2), abs=1e-5)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['angle', 'wedge'])
 def test_mirror_image_beside_the_foot_point_is_named(known, name):
     """The coordinates of the image and of the camera have y down."""

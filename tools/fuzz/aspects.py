@@ -42,9 +42,9 @@ def differences(shape: Shape, part: Part, truth: Landscape) -> Iterator[str]:
     by_mesh = CERTAIN * shape.depth * scale + tolerance
     if shape.aspects is not None and len(aspects) != shape.aspects:
         yield f'{len(aspects)} aspects instead of {shape.aspects}'
-    if abs(sum(a.basin_share for a in aspects.aspects) - 1) > 1e-3:
+    if abs(sum(a.basin_share for a in aspects) - 1) > 1e-3:
         yield 'the basins do not add up to 1'
-    for a in aspects.aspects:
+    for a in aspects:
         heights = truth.height(a.directions[: a.level])
         below = by_mesh + NOISE * a.com_height if a.sweep.curved else tolerance
         checked = heights if a.sweep.curved else heights[:1]
@@ -61,7 +61,7 @@ def differences(shape: Shape, part: Part, truth: Landscape) -> Iterator[str]:
 def _owners(aspects: AspectSet, truth: Landscape) -> Array:
     """Return the index (f,) of the aspect that each triangle is a rest of, or -1."""
     group = np.full(len(truth.heights), -1)
-    for k, a in enumerate(aspects.aspects):
+    for k, a in enumerate(aspects):
         nearest = (truth.normals @ a.directions.T).max(axis=1)
         group[nearest > np.cos(SAME_REST)] = k
     return group
@@ -72,7 +72,7 @@ def _barriers(aspects: AspectSet, truth: Landscape, tolerance: float) -> Iterato
     if len(aspects) < 2:
         return
     passes = truth.lowest_passes(_owners(aspects, truth))
-    for a, top in zip(aspects.aspects, passes, strict=True):
+    for a, top in zip(aspects, passes, strict=True):
         highest = truth.height(a.directions[: a.level]).max()
         # A pass to an ignored minimum leads back.
         if abs(top - highest - a.min_barrier) > tolerance + a.merged:
@@ -81,8 +81,8 @@ def _barriers(aspects: AspectSet, truth: Landscape, tolerance: float) -> Iterato
 
 def _minima(aspects: AspectSet, truth: Landscape, tolerance: float, limit: float) -> Iterator[str]:
     """Yield minima that are in no aspect, although their barrier is above all that is ignored."""
-    ignored = max((a.merged for a in aspects.aspects), default=0.0)
-    directions = np.concatenate([a.directions for a in aspects.aspects])
+    ignored = max((a.merged for a in aspects), default=0.0)
+    directions = np.concatenate([a.directions for a in aspects])
     for k, barrier in truth.minima():
         normal = truth.normals[k]
         if barrier > ignored + tolerance and (directions @ normal).max() < np.cos(limit):

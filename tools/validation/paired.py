@@ -64,7 +64,7 @@ class Shifts:
 
 def class_indices(aspects: AspectSet) -> Counts:
     """Return the index of the symmetry class of each aspect, from 0."""
-    return np.array([aspect.symmetry_class - 1 for aspect in aspects.aspects])
+    return np.array([aspect.symmetry_class - 1 for aspect in aspects])
 
 
 def ends(dropper: Dropper, job: DropJob, aspects: AspectSet, labels: Counts, n: int) -> Counts:
@@ -110,7 +110,7 @@ def action_job(
     With at least ``per_class`` actions from each symmetry class.
     """
     conditions, aspects = dropper.surfaces.get(), find_aspects(part)
-    starts = rest_starts(part, aspects.aspects, action, conditions)
+    starts = rest_starts(part, aspects, action, conditions)
     fewest = min(len(members) for members in aspects.classes())
     n = len(aspects) * -(-per_class // fewest)
     before = class_indices(aspects)[np.arange(n) % len(aspects)]

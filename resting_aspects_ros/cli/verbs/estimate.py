@@ -61,7 +61,7 @@ def show_estimates(result: EstimateResult, *, each: bool) -> None:
         for name, found in ((name, result.estimates.get(name)) for name in methods)
     }
     aspects = result.aspects
-    rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
+    rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
     title = f'{result.part.name}: probability by method, %'
     if against is not None:
         title = f'{title}\nagainst {against.title}'

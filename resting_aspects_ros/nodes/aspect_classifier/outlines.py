@@ -136,7 +136,7 @@ class OutlineStore:
         outlines: tuple[Outline, ...] = ()
         try:
             outlines = await self._files.run(checked_outlines, part, aspects)
-            basins = class_shares(outlines, [each.basin_share for each in aspects.aspects])
+            basins = class_shares(outlines, [each.basin_share for each in aspects])
             entry.known = KnownPart(part, aspects, outlines, basins)
         except RestingAspectsError as error:
             entry.problem = f'the outlines of {name} cannot be computed: {error}'

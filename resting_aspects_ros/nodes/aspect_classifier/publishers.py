@@ -67,12 +67,12 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        standing = aspect_poses(part, aspects.aspects)
-        triangles = part.vertices[message_faces(part, aspects.aspects)].reshape(-1, 3)
+        standing = aspect_poses(part, aspects)
+        triangles = part.vertices[message_faces(part, aspects)].reshape(-1, 3)
         points = [_point(point) for point in triangles]
         self._meshes = [
             _mesh(one, aspect_colour(aspect), points)
-            for one, aspect in zip(standing, aspects.aspects, strict=True)
+            for one, aspect in zip(standing, aspects, strict=True)
         ]
         self._texts = [_text(one, part.hull_radius) for one in standing]
 
@@ -95,7 +95,7 @@ def labels(distribution: Distribution) -> list[str]:
 
     The number of digits depends on the number of drops.
     """
-    rows = zip(distribution.aspects.aspects, distribution.intervals(), strict=True)
+    rows = zip(distribution.aspects, distribution.intervals(), strict=True)
     return [
         f'{aspect.id}: {probability_text(interval) if distribution.drops else "no drops"}'
         for aspect, interval in rows

@@ -374,7 +374,7 @@ def read_groups(
         raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
     ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
     groups = _named_groups(numbers, kind, aspects)
-    left = {a.id for a in aspects.aspects} - {k for ids in groups.values() for k in ids}
+    left = {a.id for a in aspects} - {k for ids in groups.values() for k in ids}
     rest = _rest(rest, drops, sum(numbers.values()) + ignored, left)
     if left:
         groups[REST], numbers[REST] = tuple(sorted(left)), rest
@@ -447,26 +447,26 @@ def _side_ids(kind: str, name: str, aspects: AspectSet) -> tuple[int, ...]:
     axes = {'box': {'x': 0, 'y': 1, 'z': 2}, 'cylinder': {'end': 2, 'side': 2}}.get(kind, {})
     if name not in axes:
         return ()
-    along = np.array([abs(a.down_in_part[axes[name]]) for a in aspects.aspects])
+    along = np.array([abs(a.down_in_part[axes[name]]) for a in aspects])
     inside = (along > np.cos(AXIS_ANGLE)) != (name == 'side')
-    return tuple(a.id for a, chosen in zip(aspects.aspects, inside, strict=True) if chosen)
+    return tuple(a.id for a, chosen in zip(aspects, inside, strict=True) if chosen)
 
 
 def _ids(name: str, aspects: AspectSet) -> tuple[int, ...]:
     """Return the ids of the aspects of a class, classes or an aspect; raises InvalidValueError."""
     prefix, _, digits = name.partition('_')
     if prefix == 'aspect' and digits.isascii() and digits.isdecimal():
-        found = [a.id for a in aspects.aspects if str(a.id) == digits.lstrip('0')]
+        found = [a.id for a in aspects if str(a.id) == digits.lstrip('0')]
         known = f'aspects 1 to {len(aspects)}'
     else:
         group = parse_group(name)
-        classes = {a.symmetry_class for a in aspects.aspects}
+        classes = {a.symmetry_class for a in aspects}
         if group is None:
             raise InvalidValueError(
                 f'invalid name {shown(name)} of a count: expected {EXPECTED["count"]}'
             )
         inside = set(group) <= classes
-        found = [a.id for a in aspects.aspects if inside and a.symmetry_class in group]
+        found = [a.id for a in aspects if inside and a.symmetry_class in group]
         known = f'classes 1 to {max(classes)}'
     if not found:
         raise InvalidValueError(

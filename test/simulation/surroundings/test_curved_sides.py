@@ -58,7 +58,7 @@ def test_triangles_that_all_matter_are_kept():
     assert len(found.triangles) == len(ball.faces)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('squares', [12, 30])
 def test_facets_of_a_curved_side_are_not_flat_sides(squares):
     """They are wider than the narrowest flat side, but bend by less than the tolerance."""

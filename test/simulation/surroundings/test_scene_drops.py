@@ -72,6 +72,7 @@ def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind,
         assert_same_poses(drop_range(job, first, end), many.between(first, end))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('engine', 'count'),
     [(KERNEL, 3), pytest.param(BULLET, 3, marks=pytest.mark.slow)],
@@ -105,6 +106,7 @@ def test_parts_beyond_the_edge_of_a_track_are_lost(part, make):
     assert (in_scene[poses.status == RestStatus.LOST, 2] < 0).all()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 50)])
 def test_parts_on_a_steep_slope_slide(part, make, rubber, engine, n):
     shape = part('tetrahedron')

@@ -57,9 +57,9 @@ def test_counts_by_class_aspect_and_rest(given, drops, ids, counts, box):
 def test_sides_of_a_cylinder():
     aspects = find_aspects(make_solid(CountedEntry(cylinder=(10, 10)), Path()))
     ids, _, counts = groups({'end': 38, 'side': 62}, aspects, kind='cylinder')
-    ends = {a.id for a in aspects.aspects if abs(a.down_in_part[2]) > 0.9}
+    ends = {a.id for a in aspects if abs(a.down_in_part[2]) > 0.9}
     assert set(ids[0]) == ends
-    assert set(ids[1]) == {a.id for a in aspects.aspects} - ends
+    assert set(ids[1]) == {a.id for a in aspects} - ends
     assert counts.tolist() == [38, 62]
 
 

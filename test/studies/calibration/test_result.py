@@ -17,6 +17,7 @@ def result(agreeing):
     return summarise(agreeing, 1)
 
 
+@pytest.mark.slow
 def test_what_the_counts_do_not_determine_is_said(invented):
     few = summarise(invented.fit([(9, 10), (5, 10), (3, 10)]), 1)
     said = ' '.join(statements(few))
