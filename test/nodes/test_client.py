@@ -67,7 +67,6 @@ def test_client_without_a_node_receives_progress(client, counts):
     assert (done[0] < 1500, done[-1]) == (True, 1500)
 
 
-@pytest.mark.slow
 def test_only_known_accepts_any_number_of_drops(client):
     known = client.get_distribution('u_bracket', drops=7, seed=57)
     again = client.get_distribution('u_bracket', seed=57, only_known=True)
@@ -255,7 +254,6 @@ def test_future_works_with_spin_until_future_complete(suite, spinning):
         rclpy.shutdown()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('timeout', [None, 600.0])
 def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     """Its drops are kept, after a cancel and after a timeout."""
@@ -313,7 +311,6 @@ def test_timeout_without_a_suite(unanswered_client, namespace):
     assert f'no aspect_classifier answers on {namespace}/get_distribution' in str(error.value)
 
 
-@pytest.mark.slow
 def test_missing_suite_is_reported_once(namespace, in_namespace, monkeypatch):
     monkeypatch.setattr(connection, 'WARN_DELAY', 0.2)
     results = []

@@ -3,7 +3,6 @@
 from functools import partial
 
 import numpy as np
-import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
@@ -44,7 +43,6 @@ def shows(shown, expected):
     return shown and [numbers(pose) for pose in shown[-1].poses] == expected
 
 
-@pytest.mark.slow
 def test_poses_are_the_newest_of_the_newest_run(suite):
     batches = suite.client.poses()
     shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)

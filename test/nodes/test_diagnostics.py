@@ -83,7 +83,6 @@ def test_missing_and_uncounted_drops_are_reported(
 CONSUMERS = ('aspect_classifier', 'drop_recorder')
 
 
-@pytest.mark.slow
 def test_replayer_counts_as_a_source_of_poses(
     suite, diagnostics, start, batches, write_log, tmp_path_factory, wait
 ):
@@ -100,7 +99,7 @@ def test_replayer_counts_as_a_source_of_poses(
     suite.start_again('drop_simulator')
 
 
-@pytest.mark.slow
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('node', 'level', 'expected'),
     [

@@ -127,7 +127,7 @@ def test_subscription_receives_the_latched_distribution(dropped, run_snippet):
     assert printed in run_snippet(snippet('create_subscription'), lambda text: printed in text)
 
 
-@pytest.mark.slow
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('word', ['ReentrantCallbackGroup', 'remove_pending_request'])
 def test_program_requests_a_distribution(run_snippet, word):
     code = snippet(word).replace('drops=1000', 'drops=60')
@@ -152,7 +152,6 @@ def test_the_controller_of_the_tutorial_follows_a_distribution(run_snippet):
     assert re.search(r'\d+\.\d% can be picked \(.*% to .*%\), \d+ drops', output)
 
 
-@pytest.mark.slow
 def test_client_requests_the_transitions_of_an_action(run_snippet):
     small = snippet('transition_matrix_from').replace('per_aspect=100', 'per_aspect=4, drops=20')
     matrix, shares, *_ = run_snippet(small).splitlines()
@@ -163,7 +162,6 @@ def test_client_requests_the_transitions_of_an_action(run_snippet):
     assert sum(shares) == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.slow
 def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
     suite.client.wait(lambda: len(suite.client.parts()) == 4, 'descriptions of all parts')
     code = snippet('list_parts')

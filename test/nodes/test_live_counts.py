@@ -130,7 +130,6 @@ def status(machine, diagnostics_of):
     return status
 
 
-@pytest.mark.slow
 def test_counts_before_the_part_is_known_wait_for_it(machine, status):
     _, message, _ = status(lambda _, text, __: 'wait' in text)
     assert message == f'counts of {PART} wait: no such part is offered'
@@ -274,7 +273,6 @@ def test_invalid_forecast_has_a_status(ask, fields, code, message):
     assert message in found.status.message
 
 
-@pytest.mark.slow
 def test_totals_survive_a_restart_of_the_classifier(machine, start, logs):
     machine.send([5, 7], session='latched')
     machine.posterior(lambda each: each.parts > 300)

@@ -137,7 +137,6 @@ def test_newest_log_of_each_part_is_read_first(tmp_path):
     assert logs_in(tmp_path / 'none') == []
 
 
-@pytest.mark.slow
 def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespace, tmp_path):
     log = write()
     text = tmp_path / 'nut_20990131T120000Z_4f1c'  # the log that is read first
@@ -154,7 +153,6 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     assert f'{cut.parent.name}: it is not closed: ' in warning
 
 
-@pytest.mark.slow
 def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):
     """The folder hangs, as a network file system can, until something is written to a pipe."""
     os.mkfifo(tmp_path / 'pipe')

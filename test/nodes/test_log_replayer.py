@@ -95,7 +95,6 @@ def assert_same(distribution, recorded):
     assert distribution == recorded
 
 
-@pytest.mark.slow
 def test_new_classifier_counts_the_replayed_drops(
     start, connect, namespace, replay, log, recorded, last_distribution
 ):
@@ -133,7 +132,6 @@ def test_topics_have_the_replayer_namespace_and_recorded_qos(received, replay, l
         # DDS does not report the depth: the test of late subscribers checks it.
 
 
-@pytest.mark.slow
 def test_late_subscriber_receives_latched_topics_after_the_end(
     connect, namespace, replay, listen_raw, log, recorded, diagnostics_of
 ):
@@ -153,7 +151,6 @@ def test_late_subscriber_receives_latched_topics_after_the_end(
     assert (values['log'], values['messages published']) == (str(log), str(count))
 
 
-@pytest.mark.slow
 def test_clock_follows_the_log_and_a_second_one_is_reported(
     connect, namespace, replay, log, diagnostics_of
 ):
@@ -176,7 +173,6 @@ def test_clock_follows_the_log_and_a_second_one_is_reported(
     )
 
 
-@pytest.mark.slow
 def test_services_pause_and_resume(received, replay, log):
     client, topics = received
     replayer = replay(log, rate=0.05)

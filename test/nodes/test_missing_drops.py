@@ -178,7 +178,6 @@ def test_request_whose_messages_are_lost_requests_them_again(simulator, client):
     assert simulator.asked == [('', 0, DROPS), ('lost', 0, DROPS)]
 
 
-@pytest.mark.slow
 def test_drops_before_unrecoverable_ones_are_known(simulator, client, known, outcome):
     refusal = Status(code=Status.FAILED, message='the engine is broken')
     holed = [('made', 0, 10, False), ('made', 20, 40, True)]

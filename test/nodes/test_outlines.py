@@ -80,7 +80,6 @@ def test_latched_outlines_are_those_of_the_part(vision, part):
     assert received == deserialize_message(serialize_message(expected), PartOutlines)
 
 
-@pytest.mark.slow
 def test_prior_is_the_newest_distribution(vision, part, seen):
     name = 'u_bracket'
     loaded = part(name)
@@ -96,7 +95,6 @@ def test_prior_is_the_newest_distribution(vision, part, seen):
     assert found.prior != before
 
 
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('points', 'reason'),
     [

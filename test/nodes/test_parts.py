@@ -87,7 +87,6 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     assert 'known parts: box_10x20x30, tetrahedron' in message
 
 
-@pytest.mark.slow
 def test_broken_mesh_is_reported_once(suite, listed, folder):
     simulator = suite.nodes['drop_simulator']
     (folder / 'broken.stl').write_bytes(b'no mesh')

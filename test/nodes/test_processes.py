@@ -92,7 +92,7 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
     )
 
 
-@pytest.mark.slow
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('node', 'parameters', 'message'),
     [
@@ -232,7 +232,6 @@ def batches_in(log, topic):
         return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('kills', [2, pytest.param(20, marks=SLOW)])
 def test_killed_recorder_loses_no_reported_drops(
     kills, connect, start_process, namespace, batches, wait, tmp_path

@@ -131,7 +131,6 @@ def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path, canceled):
 
 
 # Last: it ends the recorder.
-@pytest.mark.slow
 def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=9)
 

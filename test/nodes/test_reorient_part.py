@@ -191,7 +191,6 @@ def test_invalid_goal_is_aborted_with_a_message(suite, fields, code, message):
     assert goal.result.transitions == TransitionMatrix()
 
 
-@pytest.mark.slow
 def test_actions_before_a_cancel_are_kept(suite):
     received = suite.client.listen(TransitionMatrix, 'transitions/box_10x20x30', LATCHED)
     goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20, seed=SEED)

@@ -79,7 +79,6 @@ def test_surroundings_are_described_recorded_and_shown(suite, answer):
     )
 
 
-@pytest.mark.slow
 def test_actions_in_surroundings_are_those_of_the_python_interface(suite):
     options = {'drops': 250, 'seed': 4}
     goal = suite.client.reorient(PART, 'tap', 5, surroundings='l_chute', **options)
