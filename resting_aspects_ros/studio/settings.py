@@ -179,6 +179,10 @@ class Settings:
             self, classes=classes, pickable=frozenset(), counts={}, fit=False
         )
 
+    def same_conditions(self) -> 'Settings':
+        """Return the settings with the conditions of the first side on the second one."""
+        return dataclasses.replace(self, other=self.conditions)
+
 
 # -- Changes --------------------------------------------------------------------------------------
 

@@ -270,6 +270,8 @@ def _show_track(work: Work) -> None:
 
 # -- Compare: two parts, or two conditions, side by side ------------------------------------------
 
+BOTH_DIFFER = 'Not only the part but also the conditions of A and B differ.'
+
 
 def _compare_controls(settings: Settings, _opened: Opened) -> str:
     """Return the part and the conditions of the second side."""
@@ -296,6 +298,8 @@ def _show_comparison(work: Work) -> None:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
         items += comparison_items(class_rows(a.distribution), found.comparison, found.sides)
     else:
+        if work.settings.other != work.settings.conditions:
+            items.append(Text(BOTH_DIFFER, 'note'))
         items += _designs(work.opened, second, a, b)
     work.show('compare', items)
 
