@@ -40,7 +40,7 @@ from resting_aspects_ros.report.outlines import (
     pair_table,
     svg_drawing,
 )
-from resting_aspects_ros.report.page import Gallery, Item, Text, Tile, items_html
+from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
@@ -237,6 +237,7 @@ def _level_note(work: Work, text: str) -> list[Item]:
 
 # -- Track: which traps of a bowl or linear feeder pass only the wanted orientation ---------------
 
+TRACK_WORDS = ('Row', 'Share', 'Margin', 'Jam', 'Unknown')
 NO_DESIGN = 'No traps pass only the wanted row. The table shows all rows.'
 ON_A_PLANE = 'The shares are those of drops on a level plane: surroundings have no effect on them.'
 
@@ -257,7 +258,14 @@ def _show_track(work: Work) -> None:
         'tolerance': rail.tolerance,
         'seed': settings.seed,
     }
-    found = work.made(design_track, work.opened.part, options, 'drops')
+    of_drops = work.progress('drops')
+
+    def progress(done: int, total: int) -> None:
+        of_drops(done, total)
+        if done == total:  # what follows takes longer than the drops
+            work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
+
+    found = work.made(design_track, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
     items = _level_note(work, ON_A_PLANE)
@@ -265,6 +273,8 @@ def _show_track(work: Work) -> None:
         items.append(Text(NO_DESIGN, 'verdict'))
     items += [Text(sentence, 'plain') for sentence in found.sentences]
     items += section_items(reversed(found.best.page().sections))  # the traps first
+    words = [f'{term}: {text}' for term, text in reading('track').items() if term in TRACK_WORDS]
+    items.append(Fold('what the words mean', words))
     work.show('track', items)
 
 

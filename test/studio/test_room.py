@@ -162,6 +162,14 @@ def test_other_part_forgets_what_was_pickable(bracket, shown):
 
 
 @pytest.mark.slow
+def test_track_tells_that_it_looks_for_traps_and_explains_its_words(bracket, shown):
+    bracket.change('tab', 'track')
+    html = shown.wait('track', lambda m: 'Traps' in m['html'])['html']
+    assert 'Unknown: statics' in html
+    assert any('traps that pass row 1' in m['text'] for m in shown.of('progress'))
+
+
+@pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
     bracket.change('surface', 'steel')
     bracket.change('tab', 'compare')
