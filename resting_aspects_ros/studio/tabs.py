@@ -5,6 +5,8 @@ the reports. `page.py` has the titles. Read `_show_outlines` first, the simplest
 """
 
 import base64
+import dataclasses
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -363,7 +365,8 @@ def _show_counts(work: Work) -> None:
         return
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
-    html = items_html(list(comparison_items(rows, found.comparison, found.sides)))
+    sides = dataclasses.replace(found.sides, labels=('simulated', 'counted'))
+    html = items_html(list(comparison_items(rows, found.comparison, sides)))
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)
@@ -379,7 +382,11 @@ def _fitted(work: Work) -> CalibrationResult:
     if source.path is None:
         part['part'] = source.given
     else:
-        part |= {'mesh': str(source.path), 'unit': work.opened.part.unit}
+        # The result names the part as this file is named.
+        mesh = source.path.with_name(work.opened.part.name + source.path.suffix)
+        if not mesh.exists():
+            shutil.copyfile(source.path, mesh)
+        part |= {'mesh': str(mesh), 'unit': work.opened.part.unit}
     for number in range(1, work.settings.classes + 1):
         part['counts'].setdefault(str(number), 0)
     counts = {

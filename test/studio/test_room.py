@@ -199,6 +199,7 @@ def test_counts_by_hand_are_compared_as_the_command_does(bracket, shown, tmp_pat
     found = ra.compare(ra.drop('l_bracket', 2000), path)
     largest = f'{100 * abs(found.comparison.largest_deviation):.1f}'
     assert largest in html
+    assert 'simulated - counted' in html
 
 
 @pytest.mark.slow
