@@ -308,7 +308,9 @@ def _show_comparison(work: Work) -> None:
     items: list[Item] = [_side('A', a), _side('B', b)]
     if second.part.part_sha256 == work.opened.part.part_sha256:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
-        items += comparison_items(class_rows(a.distribution), found.comparison, found.sides)
+        # Pictures show the classes: no directions in the part.
+        sides = dataclasses.replace(found.sides, down=None)
+        items += comparison_items(class_rows(a.distribution), found.comparison, sides)
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))
@@ -365,7 +367,7 @@ def _show_counts(work: Work) -> None:
         return
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
-    sides = dataclasses.replace(found.sides, labels=('simulated', 'counted'))
+    sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
     html = items_html(list(comparison_items(rows, found.comparison, sides)))
     work.publish('counts', {'html': html})
     if work.settings.fit:

@@ -200,6 +200,7 @@ def test_counts_by_hand_are_compared_as_the_command_does(bracket, shown, tmp_pat
     largest = f'{100 * abs(found.comparison.largest_deviation):.1f}'
     assert largest in html
     assert 'simulated - counted' in html
+    assert 'down in part' not in html
 
 
 @pytest.mark.slow
