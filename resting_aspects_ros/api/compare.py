@@ -17,6 +17,7 @@ from resting_aspects_ros.api.count_files import (
     read_transitions,
 )
 from resting_aspects_ros.api.counts import (
+    DESIGNS,
     CountedDrops,
     check_same_part,
     common_groups,
@@ -161,10 +162,13 @@ def compare(
 
 def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
     """Raise InvalidValueError if an aspect of one is not an aspect of the other."""
-    check_same_part(
-        (f'A, {a.source!r},', a.part, a.part_sha256),
-        (f'B, {b.source!r},', b.part, b.part_sha256),
-    )
+    try:
+        check_same_part(
+            (f'A, {a.source!r},', a.part, a.part_sha256),
+            (f'B, {b.source!r},', b.part, b.part_sha256),
+        )
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{error}. {DESIGNS}') from None
     if a.members == b.members:
         return
     # Counts that the suite wrote have all aspects of the part, so they are the reference.

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.counts import (
+    DESIGNS,
     MAX_BYTES,
     CountedDrops,
     check_counts,
@@ -33,6 +34,7 @@ from resting_aspects_ros.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.input_files import MAX_COUNTED, CsvTable, open_text
 from resting_aspects_ros.logs.bag import is_log
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
+from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
@@ -76,6 +78,10 @@ def read_counts(path: Path) -> CountedDrops:
         raise InvalidValueError(
             f'invalid counts file {shown(str(path))}: expected {COUNTS_FILES}; counts in YAML, on '
             'a surface, are for `calibrate`'
+        )
+    if path.suffix.lower()[1:] in FILE_FORMATS:
+        raise InvalidValueError(
+            f'invalid counts file {shown(str(path))}, a mesh: expected {COUNTS_FILES}. {DESIGNS}'
         )
     if is_log(path):
         given = _last_of_log(path)

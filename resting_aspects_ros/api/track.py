@@ -349,8 +349,9 @@ def _advice(
                 for x, y in cut[0].points
             )
             yield (
-                f'A triangular cut-out with the corners {corners} mm passes row {want} and '
-                f'rejects row {other}, with a margin of {margin_text(cut[1])}.'
+                f'A triangular cut-out with the corners {corners} mm (along the track, from the '
+                f'wall) passes row {want} and rejects row {other}, with a margin of '
+                f'{margin_text(cut[1])}.'
             )
         elif _camera_separates(part, by_id[want], by_id[other]):
             yield f'A camera (a sensor) separates row {want} from row {other}.'

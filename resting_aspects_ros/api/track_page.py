@@ -5,7 +5,16 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.report_files import part_facts, run_facts
-from resting_aspects_ros.report.page import Chart, Item, Page, Section, Text, file_names, reading
+from resting_aspects_ros.report.page import (
+    Chart,
+    Fold,
+    Item,
+    Page,
+    Section,
+    Text,
+    file_names,
+    reading,
+)
 from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.show import flow_figure, track_figure
@@ -15,6 +24,7 @@ if TYPE_CHECKING:
     from resting_aspects_ros.api.track_result import TrackResult
 
 PAGE, FIGURES = 'track.html', ('orientations', 'track', 'flow')
+MANY_ROWS = 12  # a longer table of the traps is shown on request
 
 
 def track_page(result: 'TrackResult') -> Page:
@@ -45,6 +55,7 @@ def track_page(result: 'TrackResult') -> Page:
     if names:
         draw = partial(track_figure, found.track.surface.width, names, result.cuts())
         flow = partial(flow_figure, found, names)
+        long = len(result.rows) > MANY_ROWS
         items: list[Item] = [
             Chart(
                 'track',
@@ -53,7 +64,8 @@ def track_page(result: 'TrackResult') -> Page:
                 'To scale, from above, with the first wanted orientation before the traps.',
                 partial(draw, result.wanted_outline()),
             ),
-            *of_traps,
+            *([Fold('what each trap does to each row', of_traps[:1])] if long else of_traps[:1]),
+            *of_traps[1:],
             Chart(
                 'flow',
                 'Share of the parts before and after each trap, by row',

@@ -515,6 +515,7 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     members = class_of(aspect.neighbour, classes)
     same = members == row.aspects
     target = 'an aspect that looks the same' if same else aspects_text(members)
+    target = target.replace('aspect ', 'aspect\N{NO-BREAK SPACE}')  # no number alone in a line
     return f'{1000 * aspect.min_barrier:.3g} mm, to {target}'
 
 

@@ -37,7 +37,7 @@ from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, inter
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
 # also with the model range, and with the mean of each aspect as well; and in a table of single
 # aspects, which also has the column DOWN, unless that is wider than usual.
-_REST_WIDTH, _REST_WIDTH_WITH_RANGE, _REST_WIDTH_OF_SEVERAL, _REST_WIDTH_OF_EACH = 26, 21, 14, 20
+_REST_WIDTH, _REST_WIDTH_WITH_RANGE, _REST_WIDTH_OF_SEVERAL, _REST_WIDTH_OF_EACH = 26, 24, 14, 20
 # Width of the column DOWN of a part that does not roll.
 _DOWN_WIDTH = 19
 # Heading of the model range.

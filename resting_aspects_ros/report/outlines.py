@@ -277,7 +277,7 @@ def _group_text(
         one, other = (numbers_text(groups[number]) for number in inside[0])
         return (
             f'Classes {one} and {other} show mirror images of each other. Only a match that does '
-            f'not accept mirrored outlines distinguishes them; it needs a resolution of '
+            f'not accept mirrored outlines distinguishes them; it must resolve details of '
             f'{sizes[0]} mm.'
         )
     numbers = sorted({k for pair in inside for number in pair for k in groups[number]})

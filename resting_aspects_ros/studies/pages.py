@@ -427,19 +427,23 @@ def comparison_items(
             f'{difference:+.1f} points\n{100 * each.lower:+.1f} to {100 * each.upper:+.1f}',
         )
     yield table
+    means = 'Shares are means over the points that both have. ' if len(first.drops) > 1 else ''
     yield (
-        'Shares and differences are means over the points that both have; small: '
-        f'{100 * confidence:g} % intervals. The designs are {found.apart:.2g} of the part radius '
+        f'{means}The difference is {second.name} minus {first.name}, in percentage points; small: '
+        f'{100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the part radius '
         'apart on average.'
     )
-    alone = [
-        f'{case.name}: {", ".join(names)}'
-        for case, shared in (
-            (first, {each.first for each in found.shared}),
-            (second, {each.second for each in found.shared}),
-        )
-        if (names := [n for k, n in enumerate(case.class_names, 1) if k not in shared])
-    ]
+    both = (first.drops > 0) & (second.drops > 0)
+    alone = []
+    for case, shared in (
+        (first, {each.first for each in found.shared}),
+        (second, {each.second for each in found.shared}),
+    ):
+        shares = 100 * (case.classes[both] / case.drops[both, None]).mean(axis=0)
+        numbered = enumerate(zip(case.class_names, shares.tolist(), strict=True), start=1)
+        names = [f'{name} ({share:.1f} %)' for k, (name, share) in numbered if k not in shared]
+        if names:
+            alone.append(f'{case.name}: {", ".join(names)}')
     if alone:
         yield f'Only in one of them: {"; ".join(alone)}.'
 

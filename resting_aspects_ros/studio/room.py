@@ -253,6 +253,9 @@ class Room:
                 if side == 'first':
                     self.settings = self.settings.for_part(len(opened.names))
                     self._show_part(opened)
+                else:
+                    # What another part changes shows only under the same conditions.
+                    self.settings = self.settings.same_conditions()
                 self._revise()
                 self._wake()
         if not newer():

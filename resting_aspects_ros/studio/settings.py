@@ -91,7 +91,7 @@ CELL = {
 RAIL = {
     'width': quantities_of(Surface)['width'],
     'roll': quantities_of(Surface)['roll'],
-    'wall_friction': quantities_of(Wall)['friction'],
+    'wall_friction': dataclasses.replace(quantities_of(Wall)['friction'], label='wall friction'),
     'speed': quantities_of(Track)['speed'],
     'fill': quantities_of(Track)['fill'],
     'tolerance': Quantity('tolerance', 'm', 'half width of the dimensions of parts', high=0.1),
@@ -178,6 +178,10 @@ class Settings:
         return dataclasses.replace(
             self, classes=classes, pickable=frozenset(), counts={}, fit=False
         )
+
+    def same_conditions(self) -> 'Settings':
+        """Return the settings with the conditions of the first side on the second one."""
+        return dataclasses.replace(self, other=self.conditions)
 
 
 # -- Changes --------------------------------------------------------------------------------------

@@ -5,6 +5,8 @@ the reports. `page.py` has the titles. Read `_show_outlines` first, the simplest
 """
 
 import base64
+import dataclasses
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -40,7 +42,7 @@ from resting_aspects_ros.report.outlines import (
     pair_table,
     svg_drawing,
 )
-from resting_aspects_ros.report.page import Gallery, Item, Text, Tile, items_html
+from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
@@ -237,6 +239,7 @@ def _level_note(work: Work, text: str) -> list[Item]:
 
 # -- Track: which traps of a bowl or linear feeder pass only the wanted orientation ---------------
 
+TRACK_WORDS = ('Row', 'Share', 'Margin', 'Jam', 'Unknown')
 NO_DESIGN = 'No traps pass only the wanted row. The table shows all rows.'
 ON_A_PLANE = 'The shares are those of drops on a level plane: surroundings have no effect on them.'
 
@@ -257,7 +260,14 @@ def _show_track(work: Work) -> None:
         'tolerance': rail.tolerance,
         'seed': settings.seed,
     }
-    found = work.made(design_track, work.opened.part, options, 'drops')
+    of_drops = work.progress('drops')
+
+    def progress(done: int, total: int) -> None:
+        of_drops(done, total)
+        if done == total:  # what follows takes longer than the drops
+            work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
+
+    found = work.made(design_track, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
     items = _level_note(work, ON_A_PLANE)
@@ -265,10 +275,14 @@ def _show_track(work: Work) -> None:
         items.append(Text(NO_DESIGN, 'verdict'))
     items += [Text(sentence, 'plain') for sentence in found.sentences]
     items += section_items(reversed(found.best.page().sections))  # the traps first
+    words = [f'{term}: {text}' for term, text in reading('track').items() if term in TRACK_WORDS]
+    items.append(Fold('what the words mean', words))
     work.show('track', items)
 
 
 # -- Compare: two parts, or two conditions, side by side ------------------------------------------
+
+BOTH_DIFFER = 'Not only the part but also the conditions of A and B differ.'
 
 
 def _compare_controls(settings: Settings, _opened: Opened) -> str:
@@ -294,8 +308,12 @@ def _show_comparison(work: Work) -> None:
     items: list[Item] = [_side('A', a), _side('B', b)]
     if second.part.part_sha256 == work.opened.part.part_sha256:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
-        items += comparison_items(class_rows(a.distribution), found.comparison, found.sides)
+        # Pictures show the classes: no directions in the part.
+        sides = dataclasses.replace(found.sides, down=None)
+        items += comparison_items(class_rows(a.distribution), found.comparison, sides)
     else:
+        if work.settings.other != work.settings.conditions:
+            items.append(Text(BOTH_DIFFER, 'note'))
         items += _designs(work.opened, second, a, b)
     work.show('compare', items)
 
@@ -349,7 +367,8 @@ def _show_counts(work: Work) -> None:
         return
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
-    html = items_html(list(comparison_items(rows, found.comparison, found.sides)))
+    sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
+    html = items_html(list(comparison_items(rows, found.comparison, sides)))
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)
@@ -365,7 +384,11 @@ def _fitted(work: Work) -> CalibrationResult:
     if source.path is None:
         part['part'] = source.given
     else:
-        part |= {'mesh': str(source.path), 'unit': work.opened.part.unit}
+        # The result names the part as this file is named.
+        mesh = source.path.with_name(work.opened.part.name + source.path.suffix)
+        if not mesh.exists():
+            shutil.copyfile(source.path, mesh)
+        part |= {'mesh': str(mesh), 'unit': work.opened.part.unit}
     for number in range(1, work.settings.classes + 1):
         part['counts'].setdefault(str(number), 0)
     counts = {

@@ -82,8 +82,10 @@ def test_a_result_is_compared_with_a_count_by_class(dropped, tmp_path):
 
 def test_what_cannot_be_compared_is_refused(dropped, workers):
     other = ra.drop('tetrahedron', drops=30, model_range=False, workers=workers)
-    with pytest.raises(ra.InvalidValueError, match='different parts'):
+    with pytest.raises(ra.InvalidValueError, match=r'different parts: .* drop OLD.stl NEW.stl'):
         ra.compare(dropped[0], other)
+    with pytest.raises(ra.InvalidValueError, match=r'a mesh: .* drop OLD.stl NEW.stl'):
+        ra.compare(dropped[0], 'nut.STL')
     with pytest.warns(ra.RestingAspectsWarning, match='300 drops of A and B are the same'):
         ra.compare(dropped[0], dropped[0])
 

@@ -131,7 +131,7 @@ def test_numbers_match_the_distribution(page, bracket):
         assert share == pytest.approx(count / 10, abs=0.06) or 'never seen' in said
         height = float(re.search(r'centre of mass ?([\d.]+) mm', said)[1])
         assert height == pytest.approx(1000 * aspect.com_height, abs=0.006)
-        pattern = r'minimum barrier ?([\d.]+) mm, to aspect (\d+)'
+        pattern = r'minimum barrier ?([\d.]+) mm, to aspect\s(\d+)'
         rise, to = re.search(pattern, said).groups()
         assert float(rise) == pytest.approx(1000 * aspect.min_barrier, rel=0.006)
         assert int(to) == aspect.neighbour

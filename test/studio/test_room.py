@@ -16,7 +16,7 @@ from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
 from resting_aspects_ros.studio.rows import Source, pickable_text
 from resting_aspects_ros.studio.settings import Settings, changed, number_of
-from resting_aspects_ros.studio.tabs import TABS
+from resting_aspects_ros.studio.tabs import BOTH_DIFFER, TABS
 
 
 def complete(message):
@@ -162,13 +162,28 @@ def test_other_part_forgets_what_was_pickable(bracket, shown):
 
 
 @pytest.mark.slow
+def test_track_tells_that_it_looks_for_traps_and_explains_its_words(bracket, shown):
+    bracket.change('tab', 'track')
+    html = shown.wait('track', lambda m: 'Traps' in m['html'])['html']
+    assert 'Unknown: statics' in html
+    assert any('traps that pass row 1' in m['text'] for m in shown.of('progress'))
+
+
+@pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
+    bracket.change('surface', 'steel')
     bracket.change('tab', 'compare')
     shown.wait('compare')
     before = shown.count
     bracket.open(Source('angle_45x30x8'), 'second')
     html = shown.wait('compare', lambda m: 'angle_45x30x8' in m['html'], before)['html']
+    assert html.count('drops on steel') == 2
+    assert BOTH_DIFFER not in html
     assert 'points' in html or 'share no aspects' in html
+    assert 'href' not in html
+    before = shown.count
+    bracket.change('other.surface', 'rubber_mat')
+    shown.wait('compare', lambda m: BOTH_DIFFER in m['html'], before)
     assert bracket.work().opened.part.name == 'l_bracket'
 
 
@@ -184,6 +199,8 @@ def test_counts_by_hand_are_compared_as_the_command_does(bracket, shown, tmp_pat
     found = ra.compare(ra.drop('l_bracket', 2000), path)
     largest = f'{100 * abs(found.comparison.largest_deviation):.1f}'
     assert largest in html
+    assert 'simulated - counted' in html
+    assert 'down in part' not in html
 
 
 @pytest.mark.slow
