@@ -168,6 +168,7 @@ def locate_part(
     Parameters
     ----------
     part : KnownPart, Part, str or Path
+        Others than a KnownPart are prepared at each call, which takes most of the time.
     aspect : int
         Id of the aspect.
     x, y : float
@@ -194,7 +195,8 @@ def locate_part(
     >>> [pose.aspect for pose in poses], [pose.yaw_known for pose in poses]
     ([1], [True])
     """
-    known = part if isinstance(part, KnownPart) else known_part(part)
+    # The poses do not depend on the shares, so that the part need not be dropped for them.
+    known = part if isinstance(part, KnownPart) else known_part(part, {1: 1.0})
     for placement in known.placements:
         if not isinstance(aspect, bool) and aspect in placement.outline.aspects:
             poses = placement.poses(x, y, yaw)

@@ -127,6 +127,14 @@ def test_located_pose_gives_the_outline_back(bracket):
         assert len(others) == (aspect > 2)
 
 
+def test_a_part_is_located_without_a_drop(monkeypatch, bracket):
+    monkeypatch.setattr('resting_aspects_ros.api.identify.drop', None)
+    (expected,) = locate_part(bracket, 1, 0.1, 0.05, 1.0)
+    (pose,) = locate_part('l_bracket', 1, 0.1, 0.05, 1.0)
+    np.testing.assert_array_equal(pose.position, expected.position)
+    np.testing.assert_array_equal(pose.orientation, expected.orientation)
+
+
 @pytest.mark.slow
 def test_the_requested_aspect_is_located_first():
     poses = locate_part('box_10x20x30', 2, 0, 0, 0)

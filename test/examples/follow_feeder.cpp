@@ -16,10 +16,21 @@ int main()
   const bool first = best_candidate(answer) == &answer.candidates.front();
   answer.touching_probability = 0.6;
   const bool touching = best_candidate(answer) == nullptr;
-  FeederAdvice advice;
-  advice.epoch = 7;
-  advice.choice = FeederAdvice::PICK;
   std::cout << request.outer.points.size() << ' ' << request.outer.points[1].x << ' ' <<
-    request.parts.front() << ' ' << none << first << touching << ' ' <<
-    action_of(advice, 5, 2) << '|' << action_of(advice, 5, 3) << std::endl;
+    request.parts.front() << ' ' << none << first << touching << ' ';
+  FeederAdvice advice;
+  advice.choice = FeederAdvice::PICK;
+  Epochs epochs;
+  const auto print = [&](std::uint64_t epoch, std::uint64_t new_results) {
+      advice.epoch = epoch;
+      epochs.results += new_results;
+      std::cout << action_of(advice, epochs) << '|';
+    };
+  print(5, 0);
+  print(7, 2);
+  print(7, 1);
+  print(0, 0);  // of a controller that was started again
+  print(0, 1);
+  print(1, 0);
+  std::cout << std::endl;
 }

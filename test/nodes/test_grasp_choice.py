@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
 from resting_aspects_ros.feeding.image_advice import advise_image
 from resting_aspects_ros.feeding.tray_state import Detection, Image
+from resting_aspects_ros.nodes.feeder_controller import model_updates
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
     pickable_ids,
@@ -39,6 +41,16 @@ def fed(part, settings):
     return read_fed_part(
         serialize_message(part_msg(part('l_bracket'))), 'l_bracket', settings.grasps
     )
+
+
+def test_warnings_of_a_part_are_left_to_the_simulator(part):
+    unusual = dataclasses.replace(part('l_bracket'), warnings=('the mesh is unusual',))
+    data = serialize_message(part_msg(unusual))
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter('error')
+        patch.setattr(model_updates, 'part_from', lambda _: unusual)
+        fed = read_fed_part(data, 'l_bracket')
+    assert fed.known.part.part_sha256 == unusual.part_sha256
 
 
 @pytest.fixture(scope='module')

@@ -52,12 +52,9 @@ void run(const rclcpp::Node::SharedPtr & node)
   const auto part = node->declare_parameter("part", std::string("l_bracket"));
   identify(node, part);
   const auto results = node->create_publisher<PickResult>("pick_result", rclcpp::QoS(10));
-  std::uint64_t epoch = 0, reported = 0;
-  bool first = true;
+  Epochs epochs;
   const auto follow = [&](const FeederAdvice & advice) {
-      epoch = first ? advice.epoch : epoch;
-      first = false;
-      const auto action = action_of(advice, epoch, reported);
+      const auto action = action_of(advice, epochs);
       if (action.empty()) {
         return;  // of before the last result
       }
@@ -71,7 +68,7 @@ void run(const rclcpp::Node::SharedPtr & node)
         result.detection = pick.detection;
         result.result = PickResult::PICKED;
         results->publish(result);
-        ++reported;
+        ++epochs.results;
       }
     };
   // The QoS of the publisher: a late subscriber receives the newest message at once.

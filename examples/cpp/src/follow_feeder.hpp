@@ -37,15 +37,33 @@ inline const resting_aspects_interfaces::msg::PartCandidate * best_candidate(
   return &answer.candidates.front();
 }
 
-// Returns the action that the advice is to do now. `results` is the number of messages that this
-// program has published on pick_result since it received an advice with `epoch` first: an advice that
-// does not contain them yet may name parts that were picked, and must not be followed.
+// Which advice is current: an advice of before the last result may name parts that were picked.
+struct Epochs
+{
+  bool known = false;
+  std::uint64_t first = 0, last = 0;  // epoch of the first advice, and of the newest one
+  std::uint64_t results = 0;  // messages that this program has published on pick_result since the first
+
+  // Returns whether an advice with this epoch contains all results. A controller that was started
+  // again counts epochs from 0: a lower epoch than before begins anew.
+  bool is_current(std::uint64_t epoch)
+  {
+    if (!known || epoch < last) {
+      known = true;
+      first = epoch;
+      results = 0;
+    }
+    last = epoch;
+    return epoch >= first + results;
+  }
+};
+
+// Returns the action that the advice is to do now, or nothing if it must not be followed.
 inline std::string action_of(
-  const resting_aspects_interfaces::msg::FeederAdvice & advice, std::uint64_t epoch,
-  std::uint64_t results)
+  const resting_aspects_interfaces::msg::FeederAdvice & advice, Epochs & epochs)
 {
   using Advice = resting_aspects_interfaces::msg::FeederAdvice;
-  if (advice.epoch < epoch + results) {
+  if (!epochs.is_current(advice.epoch)) {
     return "";
   }
   switch (advice.choice) {

@@ -1,5 +1,6 @@
 """Follows the part of a controller, its distribution and its transitions, and builds the model."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -151,7 +152,8 @@ def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> Fed
     """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
     message = deserialize_message(data, PartDescription)
     check_description(message, name)
-    part = part_from(message)
+    # drop_simulator has logged the warnings of the part.
+    part = dataclasses.replace(part_from(message), warnings=())
     known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
     check_grasps(grasps, known.placements, ())
     classes = known.aspects.classes()
