@@ -346,19 +346,19 @@ async def _upload(request: web.Request) -> web.Response:
     folder = Path(tempfile.mkdtemp(dir=seat.room.folder))
     path = folder / f'part.{ending}'
     size = 0
-    try:
-        with path.open('wb') as file:
-            async for chunk in request.content.iter_chunked(1 << 20):
-                size += len(chunk)
-                if size > MAX_UPLOAD:
-                    raise web.HTTPRequestEntityTooLarge(MAX_UPLOAD, size)
-                file.write(chunk)
-    except BaseException as error:  # such as a full disk, or a tab that is closed
-        shutil.rmtree(folder, ignore_errors=True)
-        if isinstance(error, OSError):
+    with contextlib.ExitStack() as cleanup:  # after a full disk, or if the tab is closed
+        cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
+        try:
+            with path.open('wb') as file:
+                async for chunk in request.content.iter_chunked(1 << 20):
+                    size += len(chunk)
+                    if size > MAX_UPLOAD:
+                        raise web.HTTPRequestEntityTooLarge(MAX_UPLOAD, size)
+                    file.write(chunk)
+        except OSError as error:
             reason = error.strerror or error
             raise web.HTTPInsufficientStorage(text=f'{name} was not stored: {reason}') from None
-        raise
+        cleanup.pop_all()
     from resting_aspects_ros.studio.rows import Source
 
     seat.room.open(Source(name, path), side)
