@@ -65,6 +65,8 @@ NEWTON, SLIP = 12, 1e-6
 DIRECTIONS, BISECTIONS = 24, 40
 # Hulls of at most this number of corners are searched completely for those that touch.
 FEW = 24
+# Heights of corners are equal within this.
+ABOUT = 1e-9
 # A part that is further below a plane than this has failed.
 DEEP = 0.5
 # Required distance below a barrier, m g R, of the energy that decides an aspect.
@@ -274,8 +276,9 @@ def _scan(p, starts, near, found, values, mark, epoch, low, n, a, b, z, vz, g, m
             if h < best:
                 best, low, moved = h, k, True
     lowest = z + best
-    speed = sqrt(_dot(a, a)) + max(0.0, -vz)
-    pull = sqrt(_dot(b, b)) + max(0.0, -g)
+    # Rate and acceleration of the lowest corner, which the others have to overtake.
+    rate = vz + a[0] * p[0, low] + a[1] * p[1, low] + a[2] * p[2, low]
+    pull = g + b[0] * p[0, low] + b[1] * p[1, low] + b[2] * p[2, low]
     count, done = 1, 0
     found[0] = low
     mark[low] = epoch
@@ -290,7 +293,10 @@ def _scan(p, starts, near, found, values, mark, epoch, low, n, a, b, z, vz, g, m
         if h < gap:
             slowest = min(slowest, d)
         first = _touch(h, d, q, gap, first)
-        if h > max(gap, (speed + pull * first / 2) * first):
+        # Beyond a corner that can come neither below the gap nor below the lowest corner, none can.
+        closer = (max(0.0, rate - d) + max(0.0, pull - q) * first / 2) * first
+        falls = (max(0.0, -d) + max(0.0, -q) * first / 2) * first
+        if h > max(gap + falls, lowest + closer + ABOUT):
             continue
         for i in range(starts[k], starts[k + 1]):
             j = near[i]
