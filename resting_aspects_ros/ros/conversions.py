@@ -18,6 +18,7 @@ from resting_aspects_interfaces.msg import (
     SurroundingsDescription,
 )
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from resting_aspects_interfaces.msg import Surroundings as SurroundingsMsg
 from shape_msgs.msg import Mesh, MeshTriangle, Plane
 from std_msgs.msg import Header
 
@@ -34,13 +35,11 @@ from resting_aspects_ros.simulation.job import (
     check_run_id,
 )
 from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, SceneBody
-from resting_aspects_ros.simulation.surroundings import Surroundings, surroundings_from
-from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, mesh_file
+from resting_aspects_ros.simulation.surroundings import Surroundings, described_surroundings
+from resting_aspects_ros.simulation.surroundings_kinds import mesh_file
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 NANOSECONDS = 1_000_000_000
-# Maximum length of the JSON document of surroundings; those of the suite have 300 characters.
-MAX_DOCUMENT = 100_000
 # Maximum number of drops in a message with poses.
 MAX_POSES = 10_000
 # Columns of a message with poses, and the number of values of each drop.
@@ -54,6 +53,8 @@ POSE_COLUMNS = {
 }
 # Fields of the tensor in geometry_msgs/Inertia, in the order of the upper triangle.
 INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Fields of a message with the texts of a mesh surface.
+_MESH_FIELDS = {'mesh': 'mesh', 'unit': 'mesh_unit', 'mesh_sha256': 'mesh_sha256'}
 # Corners of the unit cube, and its triangles, which point outward.
 _CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 _FACES = (
@@ -85,7 +86,7 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
     return DropConditions(
         surface=conditions.surface,
         height_of=int(conditions.height_of),
-        surroundings=conditions.surroundings_key,
+        surroundings=surroundings_msg(conditions.surroundings),
         **values,
     )
 
@@ -104,13 +105,43 @@ def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
     )
 
 
-def surroundings_of(document: str) -> Surroundings | None:
-    """Return the surroundings of a JSON document, without the mesh; InvalidValueError."""
-    if len(document) > MAX_DOCUMENT:
+def surroundings_msg(found: Surroundings | None) -> SurroundingsMsg:
+    """Return the message for the values of surroundings; None is an infinite level plane."""
+    if found is None or found.level:
+        return SurroundingsMsg()
+    groups = {**found.bodies, 'release': found.release}
+    values = found.shape.numbers | {
+        f'{group}.{name}': value for group, each in groups.items() for name, value in each.items()
+    }
+    q = found.orientation
+    return SurroundingsMsg(
+        kind=found.shape.kind,
+        name=found.name,
+        names=list(values),
+        values=list(values.values()),
+        orientation=[] if q is None else [Quaternion(**dict(zip('xyzw', q, strict=True)))],
+        **{_MESH_FIELDS[name]: text for name, text in found.shape.texts.items()},
+    )
+
+
+def surroundings_of(msg: SurroundingsMsg) -> Surroundings | None:
+    """Return the surroundings in a message, without a mesh; None for one without a kind.
+
+    Raises InvalidValueError for an invalid value.
+    """
+    if not msg.kind and not msg.names:
+        return None
+    values = dict(zip(msg.names, msg.values, strict=False))
+    if not len(values) == len(msg.names) == len(msg.values):
         raise InvalidValueError(
-            f'invalid surroundings {shown(document)}: expected at most {MAX_DOCUMENT} characters'
+            f'invalid names of surroundings: expected {len(msg.values)} different names, one of '
+            'each value'
         )
-    return surroundings_from(document)
+    texts = {name: getattr(msg, field) for name, field in _MESH_FIELDS.items()}
+    document = {'kind': msg.kind} | {name: text for name, text in texts.items() if text}
+    for each in msg.orientation:
+        document['orientation'] = (each.x, each.y, each.z, each.w)
+    return described_surroundings(document, values, msg.name)
 
 
 def run_msg(run: Run) -> RunDescription:
@@ -249,7 +280,7 @@ def serialized_part(data: bytes) -> Part:
 # -- surroundings ---------------------------------------------------------------------------------
 
 
-def surroundings_msg(run: Run, scene: Scene, frame: str = FRAME) -> SurroundingsDescription:
+def description_msg(run: Run, scene: Scene, frame: str = FRAME) -> SurroundingsDescription:
     """Return the message that describes the surroundings of a run completely."""
     found = run.conditions.surroundings
     assert found is not None  # the scene is that of the surroundings
@@ -257,15 +288,12 @@ def surroundings_msg(run: Run, scene: Scene, frame: str = FRAME) -> Surroundings
         header=Header(stamp=time_msg(run.started), frame_id=frame),
         part=run.part,
         run_id=run.run_id,
-        name=found.name or found.shape.kind,
-        document=found.key,
+        surroundings=surroundings_msg(found),
         text=found.text,
         bodies=[_body_msg(scene, body) for body in scene.bodies],
     )
-    if isinstance(found.shape, MeshSurface):
-        mesh = found.shape.file
-        assert mesh is not None  # otherwise there is no scene
-        message.mesh_file, message.mesh_sha256, message.mesh = mesh.name, mesh.sha256, mesh.data
+    if found.shape.file is not None:
+        message.mesh = found.shape.file.data
     return message
 
 
@@ -274,18 +302,17 @@ def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
 
     Parses a mesh file: a node calls it in a FileWorker. Raises InvalidValueError or PartError.
     """
-    mesh = None
-    if message.mesh_sha256:
-        label = f'mesh {shown(message.mesh_file)} of the surroundings of {shown(message.part)}'
-        mesh = mesh_file(bytes(message.mesh), message.mesh_file, label)
-        if mesh.sha256 != message.mesh_sha256:
-            raise InvalidValueError(
-                f'invalid {label}: expected the hash {shown(message.mesh_sha256)}'
-            )
-    found = surroundings_from(message.document, mesh)
+    found = surroundings_of(message.surroundings)
     if found is None:
-        raise InvalidValueError("invalid document '' of surroundings: expected a JSON document")
-    return replace(found, name=message.name)
+        raise InvalidValueError("invalid kind '' of surroundings: expected one")
+    name, sha256 = message.surroundings.mesh, message.surroundings.mesh_sha256
+    if sha256:
+        label = f'mesh {shown(name)} of the surroundings of {shown(message.part)}'
+        mesh = mesh_file(bytes(message.mesh), name, label)
+        if mesh.sha256 != sha256:
+            raise InvalidValueError(f'invalid {label}: expected the hash {shown(sha256)}')
+        found = replace(found, shape=replace(found.shape, file=mesh))
+    return found
 
 
 def serialized_surroundings(data: bytes) -> Surroundings:

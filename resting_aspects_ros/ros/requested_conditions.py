@@ -8,11 +8,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, did_you_mean, shown
 from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
-from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, surroundings_of
+from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.ros.parameters import Parameter, on_change
@@ -24,7 +24,7 @@ from resting_aspects_ros.simulation.conditions import (
     surroundings_folder,
 )
 from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
-from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
+from resting_aspects_ros.simulation.surroundings_kinds import MeshFile, MeshSurface
 
 SURFACE = Parameter(
     'surface',
@@ -111,29 +111,35 @@ def read_named(folder: Path, name: str) -> Surroundings:
     names = names_in(folder)
     if name not in names:
         raise InvalidValueError(
-            f'invalid surroundings {shown(name)}: expected a JSON document, or one of '
-            f'{", ".join(names)}'
+            f'invalid surroundings {shown(name)}: expected one of {", ".join(names)}'
+            f'{did_you_mean(name, names)}'
         )
     return named_surroundings(folder / f'{name}.yaml')
 
 
-def read_all(folder: Path) -> dict[str, Surroundings | str]:
-    """Return all surroundings in a folder, or why one is unusable; runs in a FileWorker."""
-    found: dict[str, Surroundings | str] = {}
+def read_meshes(folder: Path) -> tuple[dict[str, MeshFile], list[str]]:
+    """Return the meshes of all surroundings in a folder by their hashes, and what is unusable.
+
+    Runs in a FileWorker.
+    """
+    found: dict[str, MeshFile] = {}
+    problems = []
     for name in names_in(folder):
         try:
-            found[name] = read_named(folder, name)
+            mesh = read_named(folder, name).shape.file
         except RestingAspectsError as error:
-            found[name] = str(error)
-    return found
+            problems.append(str(error))
+            continue
+        if mesh is not None:
+            found[mesh.sha256] = mesh
+    return found, problems
 
 
 class RequestedSurroundings:
     """Finds the surroundings that goals and requests name.
 
-    Files are read in a FileWorker, and again for each request, so that a changed file is used. A
-    document with a mesh is accepted only if the mesh belongs to surroundings of the folder:
-    clients send no paths.
+    Files are read in a FileWorker, and again for each request, so that a changed file is used.
+    Clients send no paths: the mesh of given surroundings must be one of the folder.
     """
 
     def __init__(self, node: Node, folder: str, files: FileWorker) -> None:
@@ -144,7 +150,6 @@ class RequestedSurroundings:
             )
         self._node = node
         self._files = files
-        self._known: dict[str, Surroundings] = {}  # with meshes and names, by key
 
     async def conditions(
         self, surfaces: Surfaces, request: Any, default: DropConditions
@@ -154,46 +159,33 @@ class RequestedSurroundings:
         They are the given conditions, else those of the named surface in the given surroundings;
         without a surface the default.
         """
-        if request.conditions:
-            message = request.conditions[0]
-            around, message.surroundings = await self.find(message.surroundings), ''
-            given = dataclasses.replace(conditions_from(message), surroundings=around)
-            return surfaces.named(given)
-        found = surfaces.get(request.surface) if request.surface else default
-        return dataclasses.replace(found, surroundings=await self.find(request.surroundings))
+        if not request.conditions:
+            found = surfaces.get(request.surface) if request.surface else default
+            return dataclasses.replace(found, surroundings=await self.named(request.surroundings))
+        message = request.conditions[0]
+        given = surfaces.named(conditions_from(message))
+        around = given.surroundings
+        if around is None:
+            around = await self.named(message.surroundings.name)
+        elif not around.known:
+            around = await self._with_mesh(around)
+        return dataclasses.replace(given, surroundings=around)
 
-    async def find(self, requested: str) -> Surroundings | None:
-        """Return surroundings that are given by name or by a JSON document; None if empty."""
-        if not requested:
-            return None
-        if not requested.lstrip().startswith('{'):
-            named = await self._files.run(read_named, self._folder, requested)
-            self._known[named.key] = named
-            return named
-        found = surroundings_of(requested)
-        if found is None or found.key in self._known:
-            return found and self._known[found.key]
-        # For the mesh of the document, or the name of surroundings that another node resolved.
-        await self._read_all()
-        found = self._known.get(found.key, found)
-        if isinstance(found.shape, MeshSurface) and found.shape.file is None:
-            shapes = (each.shape for each in self._known.values())
-            meshes = (each.file for each in shapes if isinstance(each, MeshSurface))
-            sha256 = found.shape.mesh_sha256
-            mesh = next((each for each in meshes if each and each.sha256 == sha256), None)
-            if mesh is None:
-                raise InvalidValueError(
-                    f'invalid mesh {shown(found.shape.mesh)} of surroundings: expected one of the '
-                    f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
-                )
-            shape = dataclasses.replace(found.shape, file=mesh)
-            found = dataclasses.replace(found, shape=shape)
-        return found
+    async def named(self, name: str) -> Surroundings | None:
+        """Return the surroundings with a name; None for an empty one."""
+        return await self._files.run(read_named, self._folder, name) if name else None
 
-    async def _read_all(self) -> None:
-        found = await self._files.run(read_all, self._folder)
-        for each in found.values():
-            if isinstance(each, str):
-                self._node.get_logger().warning(each)
-            else:
-                self._known[each.key] = each
+    async def _with_mesh(self, around: Surroundings) -> Surroundings:
+        """Return the surroundings of a mesh whose file is known by its hash, with the mesh."""
+        meshes, problems = await self._files.run(read_meshes, self._folder)
+        for each in problems:
+            self._node.get_logger().warning(each)
+        shape = around.shape
+        assert isinstance(shape, MeshSurface)  # other kinds are always known
+        if shape.mesh_sha256 not in meshes:
+            raise InvalidValueError(
+                f'invalid mesh {shown(shape.mesh)} of surroundings: expected one of the '
+                f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
+            )
+        shape = dataclasses.replace(shape, file=meshes[shape.mesh_sha256])
+        return dataclasses.replace(around, shape=shape)

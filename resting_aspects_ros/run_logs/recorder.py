@@ -27,9 +27,9 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import (
     MAX_POSES,
     NANOSECONDS,
+    description_msg,
     part_msg,
     poses_msgs,
-    surroundings_msg,
     time_msg,
 )
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -166,8 +166,8 @@ class RunRecorder:
     ) -> None:
         """Write the description of the surroundings, and their mesh as an attachment."""
         mesh = None
-        if surroundings.mesh_file:
-            name = Path(surroundings.mesh_file).name
+        if surroundings.surroundings.mesh:
+            name = Path(surroundings.surroundings.mesh).name
             media_type = f'model/{Path(name).suffix.lower().lstrip(".")}'
             mesh = name, media_type, bytes(surroundings.mesh)
         self.has_surroundings = self.write(topic, data, log_time, log_time, mesh)
@@ -265,7 +265,7 @@ class LocalRunLog:
         scene = scene_of(part, run.conditions)
         if not scene.level:
             topic = _topic(f'{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, SURROUNDINGS_QOS)
-            around = surroundings_msg(run, scene)
+            around = description_msg(run, scene)
             recorder.write_surroundings(topic, serialize_message(around), around, time.time_ns())
 
     @property

@@ -327,25 +327,34 @@ def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surr
     return make_surroundings(values, base.name, mesh)
 
 
-def surroundings_from(text: str, mesh: MeshFile | None = None) -> Surroundings | None:
+def surroundings_from(text: str) -> Surroundings | None:
     """Return the surroundings with a key, or of a JSON document; None for an empty one.
 
-    Reads no file: without ``mesh``, a mesh surface has only the name and the hash of its mesh.
-    Raises InvalidValueError.
+    See described_surroundings. Raises InvalidValueError.
     """
     if not text:
         return None
     try:
-        document = json.loads(text)
-        if isinstance(document, dict) and document.get('kind') == MeshSurface.kind:
-            sha256 = document.get('mesh_sha256')
-            if not isinstance(sha256, str) or not sha256:
-                raise InvalidValueError(
-                    f'invalid mesh_sha256 {shown(sha256)}: expected the hash of the mesh'
-                )
-        return make_surroundings(document, mesh=mesh)
+        return described_surroundings(json.loads(text))
     except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'invalid surroundings {shown(text)}: {error}') from None
+
+
+def described_surroundings(
+    document: Any, changes: Mapping[str, Any] | None = None, name: str = ''
+) -> Surroundings:
+    """Return the surroundings of a description that somebody else sent; reads no file.
+
+    A mesh surface has only the name and the hash of its mesh. See named_surroundings for the
+    changes. Raises InvalidValueError.
+    """
+    kind, values, _ = described_kind('surroundings', document, KINDS)
+    sha256 = values.get('mesh_sha256')
+    if kind == MeshSurface.kind and not (isinstance(sha256, str) and sha256):
+        raise InvalidValueError(
+            f'invalid mesh_sha256 {shown(sha256)}: expected the hash of the mesh'
+        )
+    return make_surroundings(_changed(document, changes or {}), name)
 
 
 def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = None) -> Surroundings:

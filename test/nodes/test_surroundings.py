@@ -1,6 +1,6 @@
 """Goals and requests in surroundings: from the drop to the log."""
 
-import json
+import copy
 
 import pytest
 from rclpy.serialization import deserialize_message
@@ -12,6 +12,7 @@ from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import SURROUNDINGS_TYPE
 from resting_aspects_ros.nodes.aspect_classifier.publishers import BODIES
+from resting_aspects_ros.ros.conversions import surroundings_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import LATCHED, SURROUNDINGS_MARKERS, SURROUNDINGS_QOS
 
@@ -27,7 +28,7 @@ def answer(suite):
 def test_a_request_in_a_chute_counts_contacts(suite, answer):
     assert answer.status.code == Status.OK, answer.status.message
     message = answer.distribution
-    assert message.run.conditions.surroundings == ra.surroundings('l_chute').key
+    assert message.run.conditions.surroundings == surroundings_msg(ra.surroundings('l_chute'))
     found = distribution_from(message)
     assert found.drops == 40
     assert found.contacts.planes == ('belt', 'wall')
@@ -47,11 +48,13 @@ def test_only_the_same_surroundings_match(suite, answer):
     known = {'only_known': True, 'seed': [18]}
     same = suite.client.ask(PART, 40, surroundings='l_chute', **known)
     assert same.distribution.run.run_id == answer.distribution.run.run_id
-    document = json.dumps(ra.surroundings('l_chute').document)
-    same = suite.client.ask(PART, 40, surroundings=document, **known)
+    stated = answer.distribution.run.conditions
+    same = suite.client.ask(PART, 40, conditions=[stated], **known)
     assert same.distribution.run.run_id == answer.distribution.run.run_id
-    for other in ('', 'slope', '{"kind": "chute", "roll": 0.3}'):
-        refused = suite.client.ask(PART, 40, surroundings=other, **known)
+    changed = copy.deepcopy(stated)
+    changed.surroundings.values[0] += 0.1
+    for other in ({}, {'surroundings': 'slope'}, {'conditions': [changed]}):
+        refused = suite.client.ask(PART, 40, **other, **known)
         assert refused.status.code == Status.NOT_AVAILABLE
 
 
@@ -63,8 +66,9 @@ def test_surroundings_are_described_recorded_and_shown(suite, answer):
     shown = suite.client.listen(MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
     suite.client.wait(lambda: any(each.run_id == run.run_id for each in described), 'description')
     message = next(each for each in described if each.run_id == run.run_id)
-    assert (message.part, message.name) == (PART, 'l_chute')
-    assert message.document == run.conditions.surroundings
+    assert message.part == PART
+    assert message.surroundings.name == 'l_chute'
+    assert message.surroundings == run.conditions.surroundings
     assert [body.name for body in message.bodies] == ['belt', 'wall']
     suite.client.wait(
         lambda: shown and len([m for m in shown[-1].markers if m.ns == BODIES]) == 2, 'markers'
@@ -93,19 +97,12 @@ def test_actions_in_surroundings_are_those_of_the_python_interface(suite):
         deserialize_message(data, SurroundingsDescription)
         for data in messages(log, SURROUNDINGS_TYPE)
     ]
-    assert described.document == ra.surroundings('l_chute').key
+    assert described.surroundings == surroundings_msg(ra.surroundings('l_chute'))
     assert recorded_outcome(log).whole
 
 
-@pytest.mark.parametrize(
-    ('surroundings', 'expected'),
-    [
-        ('/etc/passwd', 'expected a JSON document, or one of '),
-        ('{"kind": "mesh", "mesh": "/etc/passwd"}', 'invalid mesh_sha256 None'),
-    ],
-)
-def test_invalid_surroundings_of_a_goal(suite, surroundings, expected):
-    drop = suite.client.drop(PART, 10, surroundings=surroundings)
+def test_invalid_surroundings_of_a_goal(suite):
+    drop = suite.client.drop(PART, 10, surroundings='/etc/passwd')
     assert drop.outcome == 'aborted'
     assert drop.result.status.code == Status.INVALID
-    assert expected in drop.result.status.message
+    assert 'expected one of' in drop.result.status.message

@@ -1,17 +1,17 @@
-"""Surroundings that goals name: files of a folder, documents, and no paths."""
+"""Surroundings of goals and requests: files of a folder, values, and no paths."""
 
 import asyncio
-import dataclasses
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from resting_aspects_interfaces.msg import Surroundings
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.conversions import conditions_msg, surroundings_msg
 from resting_aspects_ros.ros.requested_conditions import RequestedSurroundings
+from resting_aspects_ros.simulation.surroundings import changed_surroundings
 
 
 class Files:
@@ -42,69 +42,66 @@ def requested(folder, warnings):
     return RequestedSurroundings(node, str(folder), Files())
 
 
-def ask(requested, text):
-    return asyncio.run(requested.find(text))
+def ask(requested, surfaces, around):
+    """The surroundings of a request: by their name, or with the values of a message."""
+    if isinstance(around, str):
+        request = SimpleNamespace(conditions=[], surface='steel', surroundings=around)
+    else:
+        message = conditions_msg(surfaces.get('steel'))
+        message.surroundings = around
+        request = SimpleNamespace(conditions=[message], surface='', surroundings='')
+    found = asyncio.run(requested.conditions(surfaces, request, surfaces.get()))
+    assert found.values() == surfaces.get('steel').values()
+    return found.surroundings
 
 
-def test_a_name_is_a_file_of_the_folder(requested):
-    found = ask(requested, 'ramp')
-    assert found == ra.surroundings('slope', angle='20deg')
-    assert found.name == 'ramp'
-    assert ask(requested, '') is None
+def test_a_name_is_a_file_of_the_folder(requested, surfaces):
+    for around in ('ramp', Surroundings(name='ramp')):
+        found = ask(requested, surfaces, around)
+        assert found == ra.surroundings('slope', angle='20deg')
+        assert found.name == 'ramp'
+    assert ask(requested, surfaces, '') is None
 
 
-def test_a_document_is_checked_and_made_canonical(requested):
-    found = ask(requested, ' {"angle": 0.25,  "kind": "slope"}')
-    assert found == ra.surroundings('slope', angle=0.25)
-    assert found.key == ra.surroundings('slope', angle=0.25).key
+def test_values_come_before_a_name(requested, surfaces):
+    given = Surroundings(kind='slope', name='ramp', names=['angle'], values=[0.25])
+    assert ask(requested, surfaces, given) == ra.surroundings('slope', angle=0.25)
 
 
 @pytest.mark.parametrize(
-    ('text', 'expected'),
+    ('around', 'expected'),
     [
-        ('swamp', "invalid surroundings 'swamp': expected a JSON document, or one of broken, "),
-        ('../ramp', 'expected a JSON document, or one of'),
+        ('swamp', "invalid surroundings 'swamp': expected one of broken, plate, ramp"),
+        ('ramps', "did you mean 'ramp'"),
+        ('../ramp', 'expected one of'),
         ('broken', 'invalid angle'),
-        ('{"kind": "slope", "angle": 9}', 'invalid angle'),
-        ('{"kind": ', 'invalid surroundings'),
+        (Surroundings(kind='slope', names=['angle'], values=[9.0]), 'invalid angle'),
     ],
 )
-def test_invalid_surroundings(requested, text, expected):
+def test_invalid_surroundings(requested, surfaces, around, expected):
     with pytest.raises(InvalidValueError) as caught:
-        ask(requested, text)
+        ask(requested, surfaces, around)
     assert expected in str(caught.value)
 
 
-def test_a_document_never_reads_a_path(requested, folder, warnings):
-    document = {'kind': 'mesh', 'mesh': str(folder / 'plate.obj')}
+def test_a_message_never_reads_a_path(requested, surfaces, folder, warnings):
+    given = Surroundings(kind='mesh', mesh=str(folder / 'plate.obj'))
     with pytest.raises(InvalidValueError, match='invalid mesh_sha256'):
-        ask(requested, json.dumps(document))
-    document['mesh_sha256'] = '0' * 64
+        ask(requested, surfaces, given)
+    given.mesh_sha256 = '0' * 64
     with pytest.raises(InvalidValueError, match='surroundings_folder of drop_simulator'):
-        ask(requested, json.dumps(document))
+        ask(requested, surfaces, given)
     assert any('broken.yaml' in each for each in warnings)
 
 
-def test_a_document_may_have_a_mesh_of_the_folder(requested, folder):
+def test_a_message_may_have_a_mesh_of_the_folder(requested, surfaces, folder):
     plate = ra.surroundings(folder / 'plate.yaml')
-    assert str(folder) not in plate.key
-    found = ask(requested, plate.key)
+    given = surroundings_msg(plate)
+    assert str(folder) not in repr(given)
+    found = ask(requested, surfaces, given)
     assert (found, found.name, found.known) == (plate, 'plate', True)
-    raised = json.dumps({**plate.document, 'z': 0.1})
-    np.testing.assert_allclose(
-        ask(requested, raised).shape.vertices[:, 2], plate.shape.vertices[:, 2] + 0.1
-    )
-
-
-def test_surroundings_of_a_request(requested, surfaces):
-    default, slope = surfaces.get(), ra.surroundings('slope', angle='20deg')
-    plain = SimpleNamespace(conditions=[], surface='steel', surroundings='ramp')
-    found = asyncio.run(requested.conditions(surfaces, plain, default))
-    assert found == dataclasses.replace(surfaces.get('steel'), surroundings=slope)
-    message = conditions_msg(surfaces.get('steel'))
-    message.surroundings = 'ramp'
-    given = SimpleNamespace(conditions=[message], surface='', surroundings='')
-    assert asyncio.run(requested.conditions(surfaces, given, default)) == found
+    raised = ask(requested, surfaces, surroundings_msg(changed_surroundings(plate, {'z': 0.1})))
+    np.testing.assert_allclose(raised.shape.vertices[:, 2], plate.shape.vertices[:, 2] + 0.1)
 
 
 def test_a_missing_folder_is_an_error(tmp_path):

@@ -1,11 +1,12 @@
 """Surroundings and contacts with them as ROS messages, through real CDR."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Quaternion
 from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import Surroundings
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import without_drops
@@ -15,11 +16,15 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import conversions
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
+    description_msg,
     serialized_surroundings,
     surroundings_msg,
+    surroundings_of,
 )
 from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
 from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.surroundings import make_surroundings, surroundings_names
+from resting_aspects_ros.simulation.surroundings_kinds import KINDS
 from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 RADIUS = 0.02
@@ -50,9 +55,14 @@ def test_planes_are_sent_in_the_tray_frame(surfaces):
     found = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
     run = run_in(found, surfaces)
     scene = found.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene, 'cell'))
-    assert (message.part, message.run_id, message.name) == ('l_bracket', 'id1', 'l_chute')
-    assert (message.header.frame_id, message.document) == ('cell', found.key)
+    message = over_the_wire(description_msg(run, scene, 'cell'))
+    assert (message.part, message.run_id) == ('l_bracket', 'id1')
+    assert message.header.frame_id == 'cell'
+    sent = message.surroundings
+    assert (sent.kind, sent.name) == ('chute', 'l_chute')
+    values = dict(zip(sent.names, sent.values, strict=True))
+    assert values['roll'] == pytest.approx(np.radians(30))
+    assert values['belt.speed'] == 0.2
     assert 'roll 30 deg' in message.text
     belt, wall = message.bodies
     assert (belt.name, wall.name) == ('belt', 'wall')
@@ -67,7 +77,7 @@ def test_planes_are_sent_in_the_tray_frame(surfaces):
     assert np.linalg.norm(velocity) == pytest.approx(0.2)
     assert velocity @ one[:3] == pytest.approx(0, abs=1e-12)
     assert not len(belt.mesh)
-    assert not message.mesh_file
+    assert not len(message.mesh)
     assert serialized_surroundings(serialize_message(message)).key == found.key
 
 
@@ -75,7 +85,7 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
     found = ra.surroundings('bowl_track')
     run = run_in(found, surfaces)
     scene = found.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene))
+    message = over_the_wire(description_msg(run, scene))
     block, body = next((b, m) for b, m in zip(scene.bodies, message.bodies, strict=True) if m.mesh)
     points = np.array([[p.x, p.y, p.z] for p in body.mesh[0].vertices])
     a, b, c = (points[[t.vertex_indices[k] for t in body.mesh[0].triangles]] for k in range(3))
@@ -86,9 +96,8 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
 def test_a_mesh_travels_in_the_message(ramp, surfaces):
     run = run_in(ramp, surfaces)
     scene = ramp.scene(run.conditions, RADIUS)
-    message = over_the_wire(surroundings_msg(run, scene))
-    assert 'ramp.obj' in message.document
-    assert '/' not in message.document
+    message = over_the_wire(description_msg(run, scene))
+    assert message.surroundings.mesh == 'ramp.obj'
     points = np.array([[p.x, p.y, p.z] for p in message.bodies[0].mesh[0].vertices])
     np.testing.assert_allclose(points[:, 2], points[:, 0] / 2 + 0.01, atol=1e-12)
     received = conversions.conditions_from(conversions.conditions_msg(run.conditions))
@@ -101,7 +110,7 @@ def test_a_mesh_travels_in_the_message(ramp, surfaces):
 
 def test_a_changed_mesh_is_rejected(ramp, surfaces):
     run = run_in(ramp, surfaces)
-    message = surroundings_msg(run, ramp.scene(run.conditions, RADIUS))
+    message = description_msg(run, ramp.scene(run.conditions, RADIUS))
     message.mesh = bytes(message.mesh).replace(b'-100', b'-200')
     with pytest.raises(InvalidValueError, match='expected the hash'):
         serialized_surroundings(serialize_message(message))
@@ -110,34 +119,66 @@ def test_a_changed_mesh_is_rejected(ramp, surfaces):
 def test_surroundings_of_another_part_are_rejected(surfaces):
     found = ra.surroundings('slope')
     run = run_in(found, surfaces)
-    message = surroundings_msg(run, found.scene(run.conditions, RADIUS))
+    message = description_msg(run, found.scene(run.conditions, RADIUS))
     check_surroundings(message, 'l_bracket')
     with pytest.raises(InvalidValueError, match="invalid surroundings of part 'hex_nut'"):
         check_surroundings(message, 'hex_nut')
 
 
 @pytest.mark.parametrize(
-    ('document', 'expected'),
+    ('fields', 'expected'),
     [
-        ('{"kind": "chute", "roll": 9}', 'invalid roll'),
-        ('[' * 50_000, 'invalid surroundings'),
-        ('x' * 200_000, 'expected at most 100000 characters'),
+        ({'kind': 'chute', 'names': ['roll'], 'values': [9.0]}, 'invalid roll'),
+        ({'kind': 'chute', 'names': ['roll'], 'values': [float('nan')]}, 'invalid roll'),
+        ({'kind': 'chute', 'names': ['rol'], 'values': [0.1]}, "'rol'"),
+        ({'kind': 'chute', 'names': ['belt.sped'], 'values': [0.1]}, "'sped'"),
+        ({'kind': 'chute', 'names': ['roof.speed'], 'values': [0.1]}, "'roof'"),
+        ({'kind': 'chute', 'names': ['release'], 'values': [0.1]}, 'invalid release'),
+        ({'kind': 'chute', 'names': ['kind'], 'values': [0.1]}, 'invalid name kind'),
+        ({'kind': 'chute', 'names': ['roll'] * 2, 'values': [0.1, 0.2]}, 'expected 2 different'),
+        ({'kind': 'chute', 'names': ['roll']}, 'expected 0 different'),
+        ({'kind': 'chute', 'orientation': [Quaternion(w=2.0)]}, 'expected a unit quaternion'),
+        ({'kind': 'chute', 'mesh': '/etc/passwd'}, "'mesh'"),
+        ({'names': ['roll'], 'values': [0.1]}, "invalid kind of surroundings ''"),
+        ({'kind': 'x' * 200_000}, 'invalid kind of surroundings'),
+        ({'kind': 'mesh', 'mesh': '/etc/passwd'}, 'invalid mesh_sha256'),
+        ({'kind': 'mesh', 'mesh_sha256': '0' * 64}, 'missing mesh'),
     ],
 )
-def test_bad_documents_are_rejected(surfaces, document, expected):
+def test_bad_surroundings_are_rejected(surfaces, fields, expected):
     message = conversions.conditions_msg(surfaces.get())
-    message.surroundings = document
+    message.surroundings = Surroundings(**fields)
     with pytest.raises(InvalidValueError, match=expected) as caught:
-        conversions.conditions_from(message)
+        conversions.conditions_from(over_the_wire(message))
     assert len(str(caught.value)) < 500
 
 
-def test_equal_documents_give_equal_conditions(surfaces):
+@pytest.mark.parametrize('name', [*surroundings_names(), *KINDS])
+def test_all_surroundings_survive_a_message(name):
+    if name == 'mesh':
+        pytest.skip('the kind has no default mesh')
+    found = ra.surroundings(name)
+    assert surroundings_of(over_the_wire(surroundings_msg(found))) == (
+        None if found.level else found
+    )
+
+
+def test_release_and_orientation_survive_a_message():
+    values = {'bodies': {'wall': {'friction': 0.3}}, 'release': {'y_min': -0.01, 'y_max': 0.02}}
+    turned = (0.6, 0.0, 0.0, 0.8)
+    found = make_surroundings({'kind': 'wall', **values, 'orientation': turned}, 'mine')
+    again = surroundings_of(over_the_wire(surroundings_msg(found)))
+    assert again == found
+    assert again.name == 'mine'
+    assert again.orientation == turned
+
+
+def test_values_that_are_left_out_have_their_defaults(surfaces):
     message = conversions.conditions_msg(surfaces.get())
-    message.surroundings = json.dumps({'angle': 0.3, 'kind': 'slope'}, indent=2)
+    message.surroundings = Surroundings(kind='slope', names=['angle'], values=[0.3])
     found = conversions.conditions_from(message)
     assert found.surroundings == ra.surroundings('slope', angle=0.3)
-    message.surroundings = '{"kind": "slope", "angle": 0}'
+    message.surroundings.values = [0.0]
     assert conversions.conditions_from(message) == surfaces.get()
 
 

@@ -27,6 +27,7 @@ from resting_aspects_ros.ros.conversions import (
     message_from,
     pose_msg,
     serialized_surroundings,
+    surroundings_of,
     triangles_in_tray,
 )
 from resting_aspects_ros.ros.discovery import TopicDiscovery
@@ -46,6 +47,7 @@ from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame,
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -230,7 +232,7 @@ class SurroundingsMarkers:
         self._files = files
         self._frame = frame
         self._publisher = advertise(node, MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
-        self._descriptions: dict[str, bytes] = {}  # of meshes, by document
+        self._descriptions: dict[str, bytes] = {}  # of meshes, by the key of the surroundings
         self._wanted: RunDescription | None = None
         self._shown: tuple[str, str] = '', ''  # part_sha256 and surroundings
         TopicDiscovery(
@@ -262,12 +264,17 @@ class SurroundingsMarkers:
         """Keep the description of a mesh surface, which may be wanted already."""
         message = message_from(data)
         check_surroundings(message, part)
-        if not message.mesh_sha256 or message.document in self._descriptions:
+        found = surroundings_of(message.surroundings)
+        if (
+            found is None
+            or found.shape.kind != MeshSurface.kind
+            or found.key in self._descriptions
+        ):
             return
-        self._descriptions[message.document] = data
+        self._descriptions[found.key] = data
         while len(self._descriptions) > MAX_KEPT:
             self._descriptions.pop(next(iter(self._descriptions)))
-        if self._wanted and self._wanted.conditions.surroundings_key == message.document:
+        if self._wanted and self._wanted.conditions.surroundings_key == found.key:
             self._shown = '', ''
             self.show(self._wanted)
 

@@ -31,6 +31,7 @@ from resting_aspects_ros.ros.conversions import (
     nanoseconds,
     poses_from,
     run_from,
+    surroundings_of,
 )
 from resting_aspects_ros.ros.diagnostics import (
     Diagnosis,
@@ -235,7 +236,8 @@ class SurroundingsRecorder:
     def __init__(self, node: Node, logs: Mapping[str, RunRecorder], reports: StatusLog) -> None:
         self._logs = logs
         self._reports = reports
-        self._kept: dict[str, tuple[SurroundingsDescription, bytes]] = {}  # by run id
+        # By run id: the description, its surroundings, and its bytes.
+        self._kept: dict[str, tuple[SurroundingsDescription, Surroundings | None, bytes]] = {}
         self._watch = TopicDiscovery(
             node, SURROUNDINGS, SurroundingsDescription, self._take, raw=True, qos=SURROUNDINGS_QOS
         )
@@ -244,8 +246,8 @@ class SurroundingsRecorder:
         """Write the surroundings of a run into its log, if they have arrived."""
         if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
             return
-        message, data = kept
-        if (message.part, message.document) != (log.run.part, log.run.conditions.surroundings_key):
+        message, found, data = kept
+        if (message.part, found) != (log.run.part, log.run.conditions.surroundings):
             return
         topic = self._watch.logged(message.part, SURROUNDINGS_QOS)
         log.write_surroundings(topic, data, message, time.time_ns())
@@ -254,7 +256,7 @@ class SurroundingsRecorder:
     def _take(self, part: str, data: bytes) -> None:
         message = deserialize_message(data, SurroundingsDescription)
         check_surroundings(message, part)
-        self._kept[message.run_id] = message, data
+        self._kept[message.run_id] = message, surroundings_of(message.surroundings), data
         while len(self._kept) > MAX_KEPT:
             self._kept.pop(next(iter(self._kept)))
         if (log := self._logs.get(message.run_id)) is not None:

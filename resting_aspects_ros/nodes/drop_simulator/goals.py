@@ -15,7 +15,7 @@ from resting_aspects_interfaces.msg import Status, SurroundingsDescription
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.ros.callbacks import advertise, ros_future, wait_for
-from resting_aspects_ros.ros.conversions import status, surroundings_msg
+from resting_aspects_ros.ros.conversions import description_msg, status
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, SURROUNDINGS, SURROUNDINGS_QOS
 from resting_aspects_ros.ros.status import BusyError, CanceledError, error_status
@@ -98,7 +98,7 @@ class SurroundingsPublisher:
             self._publishers[run.part] = advertise(
                 self._node, SurroundingsDescription, topic, SURROUNDINGS_QOS
             )
-        self._publishers[run.part].publish(surroundings_msg(run, scene, self._frame))
+        self._publishers[run.part].publish(description_msg(run, scene, self._frame))
 
 
 class GoalServer:
