@@ -293,7 +293,7 @@ def _scan(p, starts, near, found, values, mark, epoch, low, n, a, b, z, vz, g, m
         if h < gap:
             slowest = min(slowest, d)
         first = _touch(h, d, q, gap, first)
-        # Beyond a corner that can come neither below the gap nor below the lowest corner, none can.
+        # Beyond a corner that can come neither below the gap nor below the lowest one, none can.
         closer = (max(0.0, rate - d) + max(0.0, pull - q) * first / 2) * first
         falls = (max(0.0, -d) + max(0.0, -q) * first / 2) * first
         if h > max(gap + falls, lowest + closer + ABOUT):
