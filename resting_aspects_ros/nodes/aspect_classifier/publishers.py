@@ -47,7 +47,6 @@ from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame,
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
-from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -265,11 +264,7 @@ class SurroundingsMarkers:
         message = message_from(data)
         check_surroundings(message, part)
         found = surroundings_of(message.surroundings)
-        if (
-            found is None
-            or found.shape.kind != MeshSurface.kind
-            or found.key in self._descriptions
-        ):
+        if found is None or found.known or found.key in self._descriptions:
             return
         self._descriptions[found.key] = data
         while len(self._descriptions) > MAX_KEPT:

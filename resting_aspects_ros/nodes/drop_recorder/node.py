@@ -66,6 +66,7 @@ from resting_aspects_ros.ros.transition_conversions import check_transitions
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.surroundings import Surroundings
 
 
 def absolute_folder(path: str) -> Path:
