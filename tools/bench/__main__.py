@@ -13,6 +13,7 @@ from bench.geometry import geometry
 from bench.hulls import hulls
 from bench.latency import latency
 from bench.logs import logs
+from bench.studio import studio
 
 SECTIONS: dict[str, Section] = {
     'drops': drops,
@@ -23,6 +24,7 @@ SECTIONS: dict[str, Section] = {
     'geometry': lambda _: geometry(),
     'latency': lambda _: latency(),
     'logs': lambda _: logs(),
+    'studio': lambda _: studio(),
 }
 HEADING = """# Benchmark
 
