@@ -343,7 +343,7 @@ def surroundings_from(text: str) -> Surroundings | None:
 def described_surroundings(
     document: Any, changes: Mapping[str, Any] | None = None, name: str = ''
 ) -> Surroundings:
-    """Return the surroundings of a description that somebody else sent; reads no file.
+    """Return the surroundings of a description that another program sent; reads no file.
 
     A mesh surface has only the name and the hash of its mesh. See named_surroundings for the
     changes. Raises InvalidValueError.
