@@ -38,7 +38,7 @@ _MODULES = {
     'LogError': 'errors',
     'MachineTransitions': 'api.compare',
     'NamedAction': 'simulation.actions',
-    'Noise': 'simulation.starts',
+    'Noise': 'simulation.conditions',
     'NotDefinedError': 'aspects.estimate',
     'Nozzle': 'simulation.actions',
     'OptimiseResult': 'studies.optimum',

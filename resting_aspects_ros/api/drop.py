@@ -31,14 +31,16 @@ from resting_aspects_ros.api.runner import (
 )
 from resting_aspects_ros.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.job import (
+from resting_aspects_ros.simulation.conditions import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
-    RunDescription,
+    DEFAULT_SURFACE,
+    DropConditions,
+    Noise,
     check_drops,
 )
-from resting_aspects_ros.simulation.starts import GivenStates, Noise, Starts
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.starts import GivenStates, Starts
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import Distribution

@@ -12,10 +12,9 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import MAX_DROPS, DropConditions, Noise
 from resting_aspects_ros.simulation.scene import Scene, depth_along, in_scene_axes
-from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise
+from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import OUTCOMES, columns_of
 

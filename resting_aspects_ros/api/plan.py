@@ -16,14 +16,8 @@ from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import (
-    DEFAULT_SEED,
-    MAX_DROPS,
-    DropJob,
-    RunDescription,
-    plan_run,
-)
+from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, MAX_DROPS, DropConditions
+from resting_aspects_ros.simulation.job import DropJob, RunDescription, plan_run
 from resting_aspects_ros.simulation.scene import Scene
 from resting_aspects_ros.simulation.starts import Action, Starts, starts_of
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution, no_drops

@@ -35,8 +35,12 @@ from resting_aspects_ros.errors import EngineError, StoppedError, warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_DROPS,
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    DropConditions,
+)
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers

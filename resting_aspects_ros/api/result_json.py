@@ -40,8 +40,13 @@ from resting_aspects_ros.input_files import (
     validated,
 )
 from resting_aspects_ros.part.part import Part, is_valid_name
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
+from resting_aspects_ros.simulation.conditions import (
+    MAX_SEED,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+)
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import surroundings_from
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution

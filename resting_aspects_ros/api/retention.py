@@ -22,9 +22,13 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.transitions import retention_fields
 from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
-from resting_aspects_ros.simulation.limits import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    MAX_DROPS,
+    DropConditions,
+)
+from resting_aspects_ros.simulation.job import RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses

@@ -23,12 +23,12 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
     DEFAULT_SURFACE,
     DropConditions,
     config_folder,
     quantities_of,
 )
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file

@@ -37,8 +37,12 @@ from resting_aspects_ros.errors import (
     StoppedError,
 )
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.conditions import QUANTITIES, Noise, quantities_of
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    QUANTITIES,
+    Noise,
+    quantities_of,
+)
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.batch import BatchEntry

@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import NUMBER, parse_quantity
 from resting_aspects_ros.simulation.conditions import (
-    DEFAULT_SURFACE,
-    QUANTITIES,
-    DropConditions,
-    HeightOf,
-    Quantity,
-)
-from resting_aspects_ros.simulation.limits import (
     BULLET,
     CUDA,
     DEFAULT_DROPS,
     DEFAULT_SEED,
+    DEFAULT_SURFACE,
     KERNEL,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+    Quantity,
     check_drops,
 )
 

@@ -27,12 +27,9 @@ from resting_aspects_ros.part.loading import FORMATS, part_from_bytes
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions
+from resting_aspects_ros.simulation.conditions import check_drops
 from resting_aspects_ros.simulation.job import RunDescription as Run
-from resting_aspects_ros.simulation.job import (
-    check_drops,
-    check_first_drop,
-    check_run_id,
-)
+from resting_aspects_ros.simulation.job import check_first_drop, check_run_id
 from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, SceneBody
 from resting_aspects_ros.simulation.surroundings import Surroundings, surroundings_from
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, mesh_file

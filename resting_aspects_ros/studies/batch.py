@@ -32,8 +32,13 @@ from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.part import UNITS, Part
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions, parts_folder
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    DropConditions,
+    check_seed,
+    parts_folder,
+)
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE

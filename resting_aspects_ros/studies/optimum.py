@@ -14,7 +14,8 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.effects import homogeneity
 from resting_aspects_ros.studies.objective import (

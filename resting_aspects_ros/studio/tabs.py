@@ -44,7 +44,7 @@ from resting_aspects_ros.report.outlines import (
 )
 from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.studies import pages
 from resting_aspects_ros.studies.batch import BatchEntry, compare_cases

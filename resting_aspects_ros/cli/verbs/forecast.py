@@ -25,7 +25,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult

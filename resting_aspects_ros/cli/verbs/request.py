@@ -19,8 +19,14 @@ from resting_aspects_ros.cli.options import (
     requested_number,
 )
 from resting_aspects_ros.errors import warn
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    MAX_DROPS,
+    QUANTITIES,
+    DropConditions,
+    check_drops,
+    check_seed,
+)
 from resting_aspects_ros.system import Interruption
 
 if TYPE_CHECKING:

@@ -53,13 +53,14 @@ from resting_aspects_ros.ros.status import (
     unknown_part,
 )
 from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
-from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
-from resting_aspects_ros.simulation.job import (
+from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     MAX_DROPS,
-    RunDescription,
+    DropConditions,
+    Surfaces,
     check_drops,
 )
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import max_drops

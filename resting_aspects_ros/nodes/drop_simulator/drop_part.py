@@ -29,13 +29,8 @@ from resting_aspects_ros.ros.diagnostics import (
 )
 from resting_aspects_ros.ros.interface import DROP_PART, POSES, RESTING_POSES
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
-from resting_aspects_ros.simulation.job import (
-    MAX_DROPS,
-    DropJob,
-    RunDescription,
-    check_run_id,
-    plan_run,
-)
+from resting_aspects_ros.simulation.conditions import MAX_DROPS
+from resting_aspects_ros.simulation.job import DropJob, RunDescription, check_run_id, plan_run
 from resting_aspects_ros.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.statistics.intervals import max_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus

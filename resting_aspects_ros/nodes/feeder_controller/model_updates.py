@@ -67,7 +67,7 @@ from resting_aspects_ros.ros.transition_conversions import (
     check_transitions,
     transition_matrix_from,
 )
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.vision.grasp import Grasp
 from resting_aspects_ros.vision.rolling import KnownPart
 
