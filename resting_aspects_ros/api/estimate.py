@@ -28,7 +28,7 @@ from resting_aspects_ros.statistics.comparison import (
 
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.api.counts import CountedDrops
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1

@@ -11,8 +11,7 @@ import numpy as np
 
 from resting_aspects_ros.api.forecast_result import ForecastResult, divided_class_texts
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import PlannedReorient, plan_reorient
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import PlannedReorient, ReorientResult, plan_reorient
 from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet

@@ -48,7 +48,7 @@ from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
+    from resting_aspects_ros.api.reorient import PlanResult, ReorientResult
     from resting_aspects_ros.api.retention import RetentionResult
 
 # The page on actions, and that on retention curves.

@@ -50,7 +50,7 @@ from resting_aspects_ros.simulation.surroundings import (
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
 SEED = 1

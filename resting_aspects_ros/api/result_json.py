@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from resting_aspects_ros.api.counts import MAX_BYTES, CountedDrops, check_same_part, single_groups
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.runner import Convergence
 from resting_aspects_ros.arrays import Counts

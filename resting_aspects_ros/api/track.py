@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import shapely
 
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import reorient
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult, reorient
 from resting_aspects_ros.api.runner import Progress, never
 from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 from resting_aspects_ros.arrays import Array

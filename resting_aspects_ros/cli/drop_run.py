@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.drop import drop, logged_drops, repeat_log
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
 from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
 from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file

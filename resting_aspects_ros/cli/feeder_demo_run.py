@@ -21,7 +21,7 @@ from resting_aspects_ros.api.forecast import (
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli.console import make_console

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
-from resting_aspects_ros.api.reorient import reorient_each
-from resting_aspects_ros.api.reorient_result import (
+from resting_aspects_ros.api.reorient import (
     PlanResult,
     ReorientResult,
     plan_reorientation,
+    reorient_each,
 )
 from resting_aspects_ros.api.result import whole_file, write_page
 from resting_aspects_ros.api.roadmap import roadmap_document

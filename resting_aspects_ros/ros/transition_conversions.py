@@ -10,7 +10,7 @@ from resting_aspects_interfaces.msg import FeederAction
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError, shown

@@ -19,7 +19,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.api.conditions import without_drops
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import missing_in, model_range_of
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, shown, warn

@@ -46,7 +46,7 @@ from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.studies.points import Case
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
 
 PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
 # Aspects whose down directions differ by more than this are not the same, rad.

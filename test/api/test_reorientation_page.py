@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.api.conditions import shipped_surfaces
-from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
+from resting_aspects_ros.api.reorient import PlanResult, ReorientResult
 from resting_aspects_ros.api.reorientation_files import (
     PAGE,
     RETENTION_PAGE,

@@ -31,7 +31,7 @@ COMMANDS = {
         'figure',
         ['transitions.json', 'reorientation.html'],
     ),
-    'api.reorient_result:long_run': (
+    'api.reorient:long_run': (
         (*REORIENT, *FEW),
         'long-run shares',
         ['transitions.json', 'reorientation.html'],

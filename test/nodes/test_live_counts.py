@@ -18,10 +18,10 @@ from resting_aspects_interfaces.srv import FeederForecast
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.compare import watch_drift
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.feeding.footprint import Tray

@@ -19,7 +19,7 @@ from resting_aspects_ros.api.forecast import (
     with_live_counts,
 )
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import (
     POSE_ANGLE,

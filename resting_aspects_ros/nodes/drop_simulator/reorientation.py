@@ -18,7 +18,7 @@ from resting_aspects_ros.api.plan import (
     plan_actions,
     plan_drops,
 )
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
 from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
