@@ -153,7 +153,7 @@ class DropResult(Result):
     def page(self, against: 'CountedDrops | None' = None) -> 'Page':
         """Return a page with pictures, charts and all numbers; beside other counts, if given."""
         # This import takes about a second.
-        from resting_aspects_ros.api.report_files import result_page
+        from resting_aspects_ros.api.pages import result_page
 
         return result_page(self, against)
 

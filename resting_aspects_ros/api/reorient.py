@@ -239,7 +239,7 @@ class ReorientResult(Result):
 
     def page(self, wanted: Sequence[int] = ()) -> 'Page':
         """Return a page with the heat map and all numbers."""
-        from resting_aspects_ros.api.reorientation_files import reorientation_page
+        from resting_aspects_ros.api.pages import reorientation_page
 
         return reorientation_page([self], wanted=wanted)
 

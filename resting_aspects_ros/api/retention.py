@@ -96,7 +96,7 @@ class RetentionResult(Result):
 
     def page(self) -> 'Page':
         """Return a page with the curves and all numbers."""
-        from resting_aspects_ros.api.reorientation_files import retention_page
+        from resting_aspects_ros.api.pages import retention_page
 
         return retention_page(self)
 

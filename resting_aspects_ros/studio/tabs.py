@@ -26,13 +26,13 @@ from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
+from resting_aspects_ros.api.pages import reorientation_page
 from resting_aspects_ros.api.reorient import (
     PlanResult,
     ReorientResult,
     plan_reorientation,
     reorient,
 )
-from resting_aspects_ros.api.reorientation_files import reorientation_page
 from resting_aspects_ros.api.runner import DropTally
 from resting_aspects_ros.api.track import design_track
 from resting_aspects_ros.report.drop_page import NOT_LEVEL, comparison_items

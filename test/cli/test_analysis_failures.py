@@ -24,9 +24,9 @@ COMMANDS = {
         'figure',
         [*DROPPED, 'report.html', 'pie.png'],
     ),
-    'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
-    'api.report_files:drop_page': (DROP + FEW, 'report', DROPPED),
-    'api.reorientation_files:transition_figure': (
+    'api.pages:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
+    'api.pages:drop_page': (DROP + FEW, 'report', DROPPED),
+    'api.pages:transition_figure': (
         (*REORIENT, *FEW),
         'figure',
         ['transitions.json', 'reorientation.html'],
