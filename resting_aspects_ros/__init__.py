@@ -76,7 +76,7 @@ _MODULES = {
     'identify_part': 'api.identify',
     'known_part': 'api.identify',
     'load_grasps': 'api.grasps',
-    'load_part': 'api.load_part',
+    'load_part': 'part.library',
     'locate_part': 'api.identify',
     'machine_transitions': 'api.compare',
     'optimise': 'studies.optimise',

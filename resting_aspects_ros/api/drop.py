@@ -16,7 +16,6 @@ from resting_aspects_ros.api.conditions import (
     with_surroundings,
 )
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
-from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.model_range import add_model_range, missing_in
 from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
 from resting_aspects_ros.api.result import Result
@@ -33,6 +32,7 @@ from resting_aspects_ros.api.runner import (
 )
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, LogError, warn
+from resting_aspects_ros.part.library import given_part, mesh_file
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import distribution_document
 from resting_aspects_ros.report.drops import contact_rows

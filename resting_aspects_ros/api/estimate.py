@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import (
@@ -18,6 +17,7 @@ from resting_aspects_ros.aspects.estimate import (
     check_method,
     estimate_each,
 )
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import against_fields, estimate_document
 from resting_aspects_ros.statistics.comparison import (

@@ -11,7 +11,6 @@ import numpy as np
 
 from resting_aspects_ros.api.conditions import conditions_text, given_conditions, with_surroundings
 from resting_aspects_ros.api.drop import make_drops
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import (
     DEFAULT_ACTION,
     DEFAULT_PER_ASPECT,
@@ -36,6 +35,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import EngineError, InvalidValueError, StoppedError, analysis, warn
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields

@@ -23,7 +23,6 @@ from pydantic import (
 
 from resting_aspects_ros.api.counts import MAX_BYTES, CountedDrops, check_same_part, single_groups
 from resting_aspects_ros.api.drop import DropResult
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.runner import Convergence
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet, Sweep
@@ -39,6 +38,7 @@ from resting_aspects_ros.input_files import (
     parse_json,
     validated,
 )
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.simulation.conditions import (
     MAX_SEED,

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import given_conditions, surface_text
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import new_run
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import Progress, keep_result, make_runner, never
@@ -18,6 +17,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.transitions import retention_fields

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
 from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
-from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.life_cycle import (
@@ -36,6 +35,7 @@ from resting_aspects_ros.errors import (
     StoppedError,
 )
 from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.part.library import mesh_file
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     QUANTITIES,

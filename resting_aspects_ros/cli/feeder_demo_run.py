@@ -19,7 +19,6 @@ from resting_aspects_ros.api.forecast import (
     forecast_from,
 )
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import whole_file
@@ -39,6 +38,7 @@ from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text

@@ -30,7 +30,7 @@ MAX_DIGITS = 20
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """Add the part, a name or a file; see `api.load_part`."""
+    """Add the part, a name or a file; see `part.library`."""
     parser.add_argument(
         'part',
         metavar='PART_OR_MESH',
@@ -64,7 +64,7 @@ def requested_part(arguments: argparse.Namespace, given: str | None = None) -> '
     Raises RestingAspectsError.
     """
     # This import is slow because of NumPy, which --help does not need.
-    from resting_aspects_ros.api.load_part import load_part
+    from resting_aspects_ros.part.library import load_part
 
     name = arguments.part if given is None else given
     return load_part(name, arguments.unit, arguments.parts, arguments.body)

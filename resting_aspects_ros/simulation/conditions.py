@@ -18,6 +18,7 @@ from pydantic import create_model
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.surroundings import Surroundings
@@ -388,28 +389,6 @@ QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
 # -- Files of the configuration -------------------------------------------------------------------
-
-
-PACKAGE = 'resting_aspects_ros'
-
-
-def config_folder() -> Path:
-    """Return the folder config of the source tree if there is one, otherwise the installed one."""
-    here = Path(__file__).resolve()
-    root = here.parents[2]
-    source = root / 'config'
-    if source.is_dir() and (root / 'package.xml').is_file():
-        return source
-    for parent in here.parents:
-        installed = parent / 'share' / PACKAGE / 'config'
-        if installed.is_dir():
-            return installed
-    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
-
-
-def parts_folder() -> Path:
-    """Return the folder of the example parts."""
-    return config_folder() / 'parts'
 
 
 def surfaces_file() -> Path:

@@ -15,7 +15,6 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.result import make_folder, whole_file
 from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
@@ -29,7 +28,7 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.input_files import yaml_text
-from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file, parts_folder
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.part import UNITS, Part
 from resting_aspects_ros.simulation.conditions import (
@@ -37,7 +36,6 @@ from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     check_seed,
-    parts_folder,
 )
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers

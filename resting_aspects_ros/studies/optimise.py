@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, StoppedError
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (

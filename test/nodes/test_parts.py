@@ -6,9 +6,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary, parts_folder
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.conditions import parts_folder
 
 
 @pytest.fixture(scope='module')

@@ -17,6 +17,7 @@ from resting_aspects_ros.nodes.drop_simulator.goals import (
 )
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
+from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.ros.diagnostics import (
     Diagnosis,
     count_text,
@@ -34,7 +35,7 @@ from resting_aspects_ros.ros.requested_conditions import (
     RequestedSurroundings,
 )
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces, parts_folder
+from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
 from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
 
 PARAMETERS = (
