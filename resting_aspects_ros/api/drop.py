@@ -15,9 +15,14 @@ from resting_aspects_ros.api.conditions import (
     warn_of_surroundings,
     with_surroundings,
 )
-from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.model_range import add_model_range, missing_in
-from resting_aspects_ros.api.plan import PlannedDrops, check_height, plan_drops
+from resting_aspects_ros.api.plan import (
+    CountsByState,
+    PlannedDrops,
+    check_height,
+    given_starts,
+    plan_drops,
+)
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import (
     Consumer,

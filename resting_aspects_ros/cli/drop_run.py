@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
-from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
+from resting_aspects_ros.api.plan import DEFAULT_REPLICATES, read_state_csv
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.life_cycle import (

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.given_states import read_state_csv
+from resting_aspects_ros.api.plan import read_state_csv
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import FAINT, new_figure, plain_axes, png_bytes

@@ -18,8 +18,16 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice, Expected
-from resting_aspects_ros.feeding.image_advice import ChosenPart, CurrentAdvice, advise_image
-from resting_aspects_ros.feeding.tray_state import SECOND, Detection, Image, PickOutcome, TrayState
+from resting_aspects_ros.feeding.tray_state import (
+    SECOND,
+    ChosenPart,
+    CurrentAdvice,
+    Detection,
+    Image,
+    PickOutcome,
+    TrayState,
+    advise_image,
+)
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
     ModelUpdates,
