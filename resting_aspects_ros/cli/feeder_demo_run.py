@@ -312,9 +312,9 @@ class FeederDemo:
         """Request drops and flips, and forecast runs of the controller from them."""
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.ros.conversions import run_from
-        from resting_aspects_ros.ros.distribution_conversions import distribution_from
-        from resting_aspects_ros.ros.transition_conversions import (
+        from resting_aspects_ros.ros.distribution_conversions import (
             action_from,
+            distribution_from,
             transition_matrix_from,
         )
 

@@ -27,9 +27,8 @@ from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
-from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.counted_parts import LiveCounts

@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
     return fresh_suite(
-        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}},
         parts_folder=folder,
         workers=1,
     )

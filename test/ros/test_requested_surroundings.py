@@ -11,7 +11,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.ros.requested_conditions import RequestedSurroundings
+from resting_aspects_ros.ros.requests import RequestedSurroundings
 
 
 class Files:

@@ -13,7 +13,7 @@ from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import run_from, time_msg
-from resting_aspects_ros.ros.transition_conversions import (
+from resting_aspects_ros.ros.distribution_conversions import (
     action_from,
     action_msg,
     check_transitions,

@@ -47,13 +47,14 @@ from resting_aspects_ros.ros.interface import (
     PARTS,
 )
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
-from resting_aspects_ros.ros.requested_conditions import (
+from resting_aspects_ros.ros.requests import (
     SURROUNDINGS_FOLDER,
     DefaultConditionsSubscriber,
+    NotAvailableError,
     RequestedSurroundings,
+    serve,
 )
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import NotAvailableError, serve
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 

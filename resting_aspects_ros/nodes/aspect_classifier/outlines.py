@@ -28,7 +28,7 @@ from resting_aspects_ros.ros.outline_conversions import (
     outlines_msg,
     polygon_from,
 )
-from resting_aspects_ros.ros.status import NotAvailableError, serve
+from resting_aspects_ros.ros.requests import NotAvailableError, serve
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.vision.fitting import OutlineNoise

@@ -50,7 +50,12 @@ from resting_aspects_ros.ros.conversions import (
     check_description,
     part_from,
 )
-from resting_aspects_ros.ros.distribution_conversions import distribution_from
+from resting_aspects_ros.ros.distribution_conversions import (
+    check_numbering,
+    check_transitions,
+    distribution_from,
+    transition_matrix_from,
+)
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -61,12 +66,7 @@ from resting_aspects_ros.ros.interface import (
     TRANSITIONS,
 )
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.ros.status import NotAvailableError, status_error
-from resting_aspects_ros.ros.transition_conversions import (
-    check_numbering,
-    check_transitions,
-    transition_matrix_from,
-)
+from resting_aspects_ros.ros.requests import NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.vision.grasp import Grasp
 from resting_aspects_ros.vision.rolling import KnownPart
