@@ -13,7 +13,7 @@ from enum import Enum
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.control import Choice, ControllerModel, Expected, SeenPart, advise
 from resting_aspects_ros.feeding.evidence import FedPart
-from resting_aspects_ros.vision.grasp import free_grasps
+from resting_aspects_ros.feeding.grasps import free_grasps
 from resting_aspects_ros.vision.location import Pose
 
 # -- The parts on the tray ------------------------------------------------------------------------

@@ -157,7 +157,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     options = requested_times(arguments)
     if arguments.grasps is not None:
         # The import of shapely is only needed here.
-        from resting_aspects_ros.api.grasps import load_grasps
+        from resting_aspects_ros.feeding.grasps import load_grasps
 
         if arguments.gripper is not None:
             raise InvalidValueError('invalid --gripper: expected none with --grasps')
