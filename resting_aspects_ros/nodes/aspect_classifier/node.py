@@ -167,7 +167,7 @@ class AspectClassifier(Node):
             self.get_logger().warning(
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
-        self._outputs.offer(part.name)  # before the first run, so that no message is missed
+        self._outputs.topics.offer(part.name)  # before the first run, so that no message is missed
         self._publish_known(part.name, part.part_sha256)
         self._counter.part_changed(part.part_sha256)
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, TransitionMatrix
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
@@ -28,7 +27,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
 from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import advertise
+from resting_aspects_ros.ros.callbacks import PartTopics, advertise
 from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
 from resting_aspects_ros.ros.diagnostics import (
     RateCounter,
@@ -393,7 +392,7 @@ class ReorientServer(GoalServer):
     def __init__(self, node: Node, *shared: Any) -> None:
         super().__init__(ReorientPart, REORIENT_PART, node, *shared)
         self._goals: list[ReorientGoal] = []
-        self._publishers: dict[str, Publisher] = {}
+        self._topics = PartTopics(node, TransitionMatrix, TRANSITIONS, LATCHED)
         self._actions = RateCounter()
 
     @property
@@ -498,15 +497,8 @@ class ReorientServer(GoalServer):
         """Publish the transitions of a goal; returns the message."""
         stamp = self._node.get_clock().now().to_msg()
         message = transitions_msg(result, stamp, ended=ended, long_run=long_run, frame=self._frame)
-        self._offer(result.run.part).publish(message)
+        self._topics.publish(result.run.part, message)
         return message
-
-    def _offer(self, part: str) -> Publisher:
-        """Return the publisher of a part; creates it with the first call."""
-        if part not in self._publishers:
-            topic = f'{TRANSITIONS}/{part}'
-            self._publishers[part] = advertise(self._node, TransitionMatrix, topic, LATCHED)
-        return self._publishers[part]
 
 
 def _result(planned: PlannedActions, part: Part, dropped: Distribution) -> ReorientResult:

@@ -12,7 +12,6 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription, Status, SurroundingsDescription
 
@@ -20,7 +19,7 @@ from resting_aspects_ros.errors import PartError, RestingAspectsError
 from resting_aspects_ros.part.library import PartLibrary, Stamp
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import (
-    advertise,
+    PartTopics,
     guarded_task,
     ros_future,
     steady_timer,
@@ -96,7 +95,7 @@ class PartPublisher:
         self._files = files
         self._stamps: dict[str, Stamp] = {}  # of the files that were read last
         self._parts: dict[str, Part] = {}
-        self._publishers: dict[str, Publisher] = {}
+        self._topics = PartTopics(node, PartDescription, PARTS, LATCHED)
         self._failed: dict[str, RestingAspectsError] = {}
         self._logged: set[str] = set()
         self._scan: Future | None = None  # done when the active scan ends
@@ -189,8 +188,7 @@ class PartPublisher:
         self._stamps.pop(name, None)
         self._failed.pop(name, None)
         self._parts.pop(name, None)
-        if (publisher := self._publishers.pop(name, None)) is not None:
-            self._node.destroy_publisher(publisher)
+        self._topics.remove(name)
 
     def _offer(self, part: Part) -> None:
         """Publish the description of a part if it has changed."""
@@ -200,11 +198,7 @@ class PartPublisher:
             return
         for warning in part.warnings:
             self._warn_once(warning)
-        if part.name not in self._publishers:
-            topic = f'{PARTS}/{part.name}'
-            publisher = advertise(self._node, PartDescription, topic, LATCHED)
-            self._publishers[part.name] = publisher
-        self._publishers[part.name].publish(part_msg(part))
+        self._topics.publish(part.name, part_msg(part))
 
     def _warn_once(self, problem: str) -> None:
         """Log a problem the first time that it occurs."""
@@ -276,20 +270,13 @@ class SurroundingsPublisher:
     """
 
     def __init__(self, node: Node, frame: str) -> None:
-        self._node = node
         self._frame = frame
-        self._publishers: dict[str, Publisher] = {}
+        self._topics = PartTopics(node, SurroundingsDescription, SURROUNDINGS, SURROUNDINGS_QOS)
 
     def publish(self, run: RunDescription, scene: Scene) -> None:
         """Publish the surroundings of a new run; nothing for the infinite level plane."""
-        if scene.level:
-            return
-        if run.part not in self._publishers:
-            topic = f'{SURROUNDINGS}/{run.part}'
-            self._publishers[run.part] = advertise(
-                self._node, SurroundingsDescription, topic, SURROUNDINGS_QOS
-            )
-        self._publishers[run.part].publish(surroundings_msg(run, scene, self._frame))
+        if not scene.level:
+            self._topics.publish(run.part, surroundings_msg(run, scene, self._frame))
 
 
 class GoalServer:
