@@ -30,14 +30,12 @@ def config_folder() -> Path:
     raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
 
 
-def lock_file(file: IO[bytes], *, wait: bool = False, shared: bool = False) -> bool | None:
+def lock_file(file: IO[bytes], *, shared: bool = False) -> bool | None:
     """Lock a file until it is closed, at the latest until the process ends.
 
     Parameters
     ----------
     file : binary file
-    wait : bool
-        Whether to wait while another program has locked it.
     shared : bool
         Whether several programs may lock it at the same time.
 
@@ -52,10 +50,7 @@ def lock_file(file: IO[bytes], *, wait: bool = False, shared: bool = False) -> b
     except ImportError:
         return None
     try:
-        fcntl.flock(
-            file,
-            (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB),
-        )
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:

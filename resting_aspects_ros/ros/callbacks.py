@@ -259,9 +259,9 @@ async def wait_for(
     return bool(future.done())
 
 
-async def sleep_for(node: Node, seconds: float, group: CallbackGroup | None = None) -> None:
+async def sleep_for(node: Node, seconds: float) -> None:
     """Wait for a duration on the steady clock."""
-    await wait_for(node, Future(executor=node.executor), seconds, group)
+    await wait_for(node, Future(executor=node.executor), seconds)
 
 
 def ros_future(node: Node, future: 'PoolFuture[Any]') -> Future:

@@ -393,13 +393,11 @@ def _certain(steps: Mask, wanted: Mask) -> tuple[Indices, Mask]:
         within = reached
 
 
-def wanted_mask(
-    wanted: Sequence[int], aspects: int, what: str = 'aspect'
-) -> npt.NDArray[np.bool_]:
+def wanted_mask(wanted: Sequence[int], aspects: int) -> npt.NDArray[np.bool_]:
     """Return a mask (k,) of wanted aspects; raises InvalidValueError if an id is not known."""
     if not wanted:
-        raise InvalidValueError(f'invalid wanted {what}: expected at least one')
+        raise InvalidValueError('invalid wanted aspect: expected at least one')
     for k in wanted:
         if not isinstance(k, int) or not 1 <= k <= aspects:
-            raise InvalidValueError(f'invalid wanted {what} {k!r}: expected 1 to {aspects}')
+            raise InvalidValueError(f'invalid wanted aspect {k!r}: expected 1 to {aspects}')
     return np.isin(np.arange(1, aspects + 1), list(wanted))
