@@ -32,7 +32,7 @@ from resting_aspects_ros.ros.conversions import (
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED, SERVICES
-from resting_aspects_ros.ros.parameters import Parameter, on_change
+from resting_aspects_ros.ros.program import Parameter, on_change
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,

@@ -35,7 +35,7 @@ from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import transition_matrix_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, POSTERIOR
-from resting_aspects_ros.ros.parameters import Parameter
+from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,

@@ -46,7 +46,7 @@ from resting_aspects_ros.ros.interface import (
     GET_TRANSITIONS,
     PARTS,
 )
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, declare, run_node
 from resting_aspects_ros.ros.requests import (
     SURROUNDINGS_FOLDER,
     DefaultConditionsSubscriber,
@@ -54,7 +54,6 @@ from resting_aspects_ros.ros.requests import (
     RequestedSurroundings,
     serve,
 )
-from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 

@@ -41,7 +41,7 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_MARKERS,
     SURROUNDINGS_QOS,
 )
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, on_change
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody

@@ -45,7 +45,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, drop_goal
 from resting_aspects_ros.ros.interface import FORECAST
-from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
+from resting_aspects_ros.ros.program import FRAME_ID, check_frame
 from resting_aspects_ros.ros.requests import (
     BusyError,
     DefaultConditionsSubscriber,

@@ -60,8 +60,7 @@ from resting_aspects_ros.ros.interface import (
     TRANSITIONS,
     offered_qos,
 )
-from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import Parameter, declare, on_change, run_node
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription

@@ -26,14 +26,13 @@ from resting_aspects_ros.ros.diagnostics import (
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, declare, run_node
 from resting_aspects_ros.ros.requests import (
     SURFACE,
     SURROUNDINGS_FOLDER,
     DefaultConditionsPublisher,
     RequestedSurroundings,
 )
-from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
 from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
 

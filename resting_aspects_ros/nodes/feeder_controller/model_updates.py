@@ -65,7 +65,7 @@ from resting_aspects_ros.ros.interface import (
     SERVICES,
     TRANSITIONS,
 )
-from resting_aspects_ros.ros.parameters import Parameter
+from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.ros.requests import NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.vision.rolling import KnownPart

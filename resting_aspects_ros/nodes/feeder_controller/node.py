@@ -50,8 +50,7 @@ from resting_aspects_ros.ros.interface import (
     RESULTS,
 )
 from resting_aspects_ros.ros.interface import CHOICES as NAMED_CHOICES
-from resting_aspects_ros.ros.parameters import declare
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import declare, run_node
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.rolling import KnownPart
