@@ -16,11 +16,7 @@ from resting_aspects_ros.errors import (
     UnknownPartError,
 )
 from resting_aspects_ros.ros.distribution_conversions import probability_of, transition_matrix_from
-from resting_aspects_ros.ros.requests import (
-    BusyError,
-    CanceledError,
-    NotAvailableError,
-)
+from resting_aspects_ros.ros.requests import BusyError, CanceledError, NotAvailableError
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.statistics.intervals import Interval
 

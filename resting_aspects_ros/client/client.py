@@ -58,11 +58,7 @@ from resting_aspects_ros.ros.interface import (
     REORIENT_PART,
 )
 from resting_aspects_ros.ros.outline_conversions import polygon_msgs
-from resting_aspects_ros.ros.requests import (
-    NotAvailableError,
-    status_error,
-    unknown_part,
-)
+from resting_aspects_ros.ros.requests import NotAvailableError, status_error, unknown_part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, DEFAULT_SEED, DropConditions
 from resting_aspects_ros.simulation.starts import Action

@@ -19,13 +19,7 @@ from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.effects import homogeneity
-from resting_aspects_ros.studies.objective import (
-    DRAWS,
-    Advantage,
-    Estimated,
-    Objective,
-    estimated,
-)
+from resting_aspects_ros.studies.objective import DRAWS, Advantage, Estimated, Objective, estimated
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page

@@ -18,12 +18,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
-from resting_aspects_ros.ros.callbacks import (
-    PartTopics,
-    WorkTimer,
-    guarded_task,
-    start_task,
-)
+from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, guarded_task, start_task
 from resting_aspects_ros.ros.count_conversions import (
     add_action,
     add_drift,

@@ -19,12 +19,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import (
-    PartTopics,
-    await_future,
-    guarded_task,
-    start_task,
-)
+from resting_aspects_ros.ros.callbacks import PartTopics, await_future, guarded_task, start_task
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import (
