@@ -13,7 +13,6 @@ from resting_aspects_interfaces.msg import (
     DropConditions,
     PartDescription,
     RunDescription,
-    Status,
     SurroundingsBody,
     SurroundingsDescription,
 )
@@ -59,11 +58,6 @@ _FACES = (
 )
 # Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
-
-
-def status(code: int, message: str = '') -> Status:
-    """Return a status message; its text is for the user."""
-    return Status(code=code, message=message)
 
 
 def time_msg(nanoseconds: int) -> Time:

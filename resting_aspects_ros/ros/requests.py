@@ -27,7 +27,6 @@ from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
 from resting_aspects_ros.ros.conversions import (
     conditions_from,
     conditions_msg,
-    status,
     surroundings_of,
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -71,7 +70,7 @@ _CODES: dict[type[RestingAspectsError], int] = {
 
 def error_status(error: RestingAspectsError) -> Status:
     """Return the status that reports an error to a client."""
-    return status(_CODES.get(type(error), Status.FAILED), str(error))
+    return Status(code=_CODES.get(type(error), Status.FAILED), message=str(error))
 
 
 def serve(node: Node, kind: Any, name: str, answer: Callable[[Any, Any], Awaitable[None]]) -> None:
@@ -87,14 +86,14 @@ def serve(node: Node, kind: Any, name: str, answer: Callable[[Any, Any], Awaitab
         for field, field_type in response.get_fields_and_field_types().items():
             if field_type == 'double':
                 setattr(response, field, math.nan)
-        response.status = status(Status.OK)
+        response.status = Status(code=Status.OK)
         try:
             await answer(request, response)
         except RestingAspectsError as error:
             response.status = error_status(error)
         except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
             node.get_logger().error(f'{name} failed: {error!r}')
-            response.status = status(Status.FAILED, f'unexpected error {error!r}')
+            response.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
         return response
 
     # In the default group of the node, a waiting request would block what it waits for.

@@ -25,7 +25,7 @@ from resting_aspects_ros.ros.callbacks import (
     steady_timer,
     wait_for,
 )
-from resting_aspects_ros.ros.conversions import part_msg, status, surroundings_msg
+from resting_aspects_ros.ros.conversions import part_msg, surroundings_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -340,11 +340,11 @@ class GoalServer:
         except RestingAspectsError as error:
             result.status = error_status(error)
             handle.abort()
-        except InvalidHandle:
-            result.status = status(Status.FAILED, 'the node has stopped')  # it cannot be sent
+        except InvalidHandle:  # the result cannot be sent
+            result.status = Status(code=Status.FAILED, message='the node has stopped')
         except Exception as error:  # noqa: BLE001 - a defect must not look like an answer
             self._node.get_logger().error(f'{self._name} failed: {error!r}')
-            result.status = status(Status.FAILED, f'unexpected error {error!r}')
+            result.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
             handle.abort()
         return result
 
