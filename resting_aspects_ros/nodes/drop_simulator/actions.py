@@ -427,7 +427,7 @@ class ReorientServer(GoalServer):
         conditions = await self._conditions(goal.request)
         given = (part, action, conditions, goal.request)
         drops, goal.feedback.total, planned = await self._files.run(plan_goal, *given)
-        self._offer(part.name)  # before the drops, so that subscribers miss no message
+        self._topics.offer(part.name)  # before the drops, so that subscribers miss nothing
         dropped, rests = await self._drop(goal, drops)
         if planned is None:
             planned = await self._files.run(plan_from_rests, *given, rests)
