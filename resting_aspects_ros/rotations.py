@@ -23,16 +23,6 @@ class Random(Protocol):
         """Return numbers from the standard normal distribution."""
 
 
-def wxyz_from_xyzw(xyzw: Array) -> Array:
-    """Reorder quaternions (..., 4) from x, y, z, w to w, x, y, z."""
-    return np.roll(xyzw, 1, axis=-1)
-
-
-def xyzw_from_wxyz(wxyz: Array) -> Array:
-    """Reorder quaternions (..., 4) from w, x, y, z to x, y, z, w."""
-    return np.roll(wxyz, -1, axis=-1)
-
-
 def canonical(xyzw: Array) -> Array:
     """Return rotations (n, 4), of any length but zero, as unit quaternions with w >= 0."""
     unit = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)

@@ -1,9 +1,10 @@
-"""What only some operating systems have: locks of files, signals, and the cores of a process."""
+"""The machine: locks of files, signals, the cores of a process, and the installed files."""
 
 import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
@@ -12,16 +13,29 @@ from typing import IO, Any
 SIGNALS = tuple(
     getattr(signal, name) for name in ('SIGINT', 'SIGTERM', 'SIGHUP') if hasattr(signal, name)
 )
+PACKAGE = 'resting_aspects_ros'
 
 
-def lock_file(file: IO[bytes], *, wait: bool = False, shared: bool = False) -> bool | None:
+def config_folder() -> Path:
+    """Return the folder config of the source tree if there is one, otherwise the installed one."""
+    here = Path(__file__).resolve()
+    root = here.parents[1]
+    source = root / 'config'
+    if source.is_dir() and (root / 'package.xml').is_file():
+        return source
+    for parent in here.parents:
+        installed = parent / 'share' / PACKAGE / 'config'
+        if installed.is_dir():
+            return installed
+    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
+
+
+def lock_file(file: IO[bytes], *, shared: bool = False) -> bool | None:
     """Lock a file until it is closed, at the latest until the process ends.
 
     Parameters
     ----------
     file : binary file
-    wait : bool
-        Whether to wait while another program has locked it.
     shared : bool
         Whether several programs may lock it at the same time.
 
@@ -36,10 +50,7 @@ def lock_file(file: IO[bytes], *, wait: bool = False, shared: bool = False) -> b
     except ImportError:
         return None
     try:
-        fcntl.flock(
-            file,
-            (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB),
-        )
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:

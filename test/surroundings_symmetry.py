@@ -14,8 +14,8 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.bullet_world import World
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, DropConditions
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.release import initial_states, resting_poses
 from resting_aspects_ros.simulation.scene import HalfSpace, PairValues, Scene, X, Y
 from resting_aspects_ros.simulation.surroundings import Surroundings

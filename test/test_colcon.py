@@ -16,7 +16,7 @@ GUIDE = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-
 COLCON = 'python -m colcon {} --base-paths . resting_aspects_interfaces'
 IMPORTS = """
 import resting_aspects_interfaces.msg, resting_aspects_ros
-from resting_aspects_ros.simulation.conditions import config_folder
+from resting_aspects_ros.system import config_folder
 from rclpy.serialization import serialize_message
 for module in resting_aspects_interfaces.msg, resting_aspects_ros:
     print(module.__file__)

@@ -21,7 +21,7 @@ from resting_aspects_ros.nodes.feeder_controller import node as feeder_controlle
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
 from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.ros.interface import FRAME
-from resting_aspects_ros.ros.parameters import declare
+from resting_aspects_ros.ros.program import declare
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / 'launch' / 'resting_aspects.launch.py'

@@ -16,8 +16,6 @@ from resting_aspects_ros.rotations import (
     random_orientations,
     rotate,
     rotation_between,
-    wxyz_from_xyzw,
-    xyzw_from_wxyz,
 )
 
 # A turn about x by 70 degrees, then about z by 40: no two of its components are alike.
@@ -36,15 +34,6 @@ directions = st.tuples(components, components, components).filter(
 
 def unit(vector):
     return np.array(vector) / np.linalg.norm(vector)
-
-
-def test_quaternion_orders_agree_with_scipy():
-    xyzw = ASYMMETRIC.as_quat()
-    wxyz = ASYMMETRIC.as_quat(scalar_first=True)
-    assert len(set(np.round(np.abs(xyzw), 6))) == 4
-    np.testing.assert_array_equal(wxyz_from_xyzw(xyzw), wxyz)
-    np.testing.assert_array_equal(xyzw_from_wxyz(wxyz), xyzw)
-    np.testing.assert_array_equal(wxyz_from_xyzw(np.stack([xyzw, -xyzw])), [wxyz, -wxyz])
 
 
 def test_rotated_points_agree_with_scipy():

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import on_level_floor
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
@@ -32,6 +31,7 @@ from resting_aspects_ros.aspects.clusters import (
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.input_files import CsvTable, open_text
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import agreement_fields, cluster_document
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, down_in_part

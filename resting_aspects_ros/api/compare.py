@@ -23,7 +23,7 @@ from resting_aspects_ros.api.counts import (
     common_groups,
     counted_by_class,
 )
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn

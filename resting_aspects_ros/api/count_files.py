@@ -29,7 +29,7 @@ from resting_aspects_ros.api.counts import (
     group_name,
     parse_group,
 )
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.input_files import MAX_COUNTED, CsvTable, open_text
 from resting_aspects_ros.logs.bag import is_log

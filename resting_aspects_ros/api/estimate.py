@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import (
@@ -18,6 +17,7 @@ from resting_aspects_ros.aspects.estimate import (
     check_method,
     estimate_each,
 )
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import against_fields, estimate_document
 from resting_aspects_ros.statistics.comparison import (
@@ -28,7 +28,7 @@ from resting_aspects_ros.statistics.comparison import (
 
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.api.counts import CountedDrops
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1

@@ -11,8 +11,7 @@ import numpy as np
 
 from resting_aspects_ros.api.forecast_result import ForecastResult, divided_class_texts
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import PlannedReorient, plan_reorient
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import PlannedReorient, ReorientResult, plan_reorient
 from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
@@ -29,8 +28,8 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.feeding.grasps import Grasp
     from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-    from resting_aspects_ros.vision.grasp import Grasp
     from resting_aspects_ros.vision.location import Placement
 
 DEFAULT_ACTION = 'flip'
@@ -87,7 +86,7 @@ def footprints_of(
 
     grips: dict[int, tuple[Grip, ...]] = {}
     if grasps:
-        from resting_aspects_ros.api.grasps import grips_of
+        from resting_aspects_ros.feeding.grasps import grips_of
 
         placements = placements_of(part, aspects)
         grips = {each.outline.symmetry_class: grips_of(grasps, each) for each in placements}
@@ -321,7 +320,7 @@ def plan_forecasts(
     pickable = [aspects.chosen(*each, 'pickable') for each in sets]
     if grasps:
         # The import of shapely is only needed here.
-        from resting_aspects_ros.api.grasps import check_grasps
+        from resting_aspects_ros.feeding.grasps import check_grasps
 
         for each in pickable:
             check_grasps(grasps, placements_of(loaded, aspects), each)
@@ -398,7 +397,7 @@ def forecast_from(
     )
     if grasps:
         # The import of shapely is only needed here.
-        from resting_aspects_ros.api.grasps import check_grasps
+        from resting_aspects_ros.feeding.grasps import check_grasps
 
         check_grasps(grasps, placements_of(result.part, aspects), sorted(ids))
     rows = classes if by_class else [(aspect,) for aspect in aspects]

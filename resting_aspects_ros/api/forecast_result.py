@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.conditions import condition_facts, surface_text
-from resting_aspects_ros.api.reorient_result import ReorientResult
-from resting_aspects_ros.api.report_files import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.pages import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import Result, save_figure
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part

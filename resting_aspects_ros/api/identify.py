@@ -14,13 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, located, shown, warn
 from resting_aspects_ros.input_files import file_text, parse_json, read_input
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.statistics.distribution import Distribution

@@ -11,8 +11,8 @@ from resting_aspects_ros.api.runner import PROGRESS_PERIOD, never
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import list_text
-from resting_aspects_ros.simulation.conditions import QUANTITIES, Surfaces
-from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, QUANTITIES, Surfaces
+from resting_aspects_ros.simulation.job import DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids
 from resting_aspects_ros.statistics.model_range import Draws, with_model_range

@@ -22,8 +22,7 @@ from pydantic import (
 )
 
 from resting_aspects_ros.api.counts import MAX_BYTES, CountedDrops, check_same_part, single_groups
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.runner import Convergence
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet, Sweep
@@ -39,9 +38,15 @@ from resting_aspects_ros.input_files import (
     parse_json,
     validated,
 )
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.part.part import Part, is_valid_name
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
+from resting_aspects_ros.simulation.conditions import (
+    MAX_SEED,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+)
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import surroundings_from
 from resting_aspects_ros.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution

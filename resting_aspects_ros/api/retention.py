@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import given_conditions, surface_text
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import new_run
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import Progress, keep_result, make_runner, never
@@ -18,13 +17,18 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
 from resting_aspects_ros.report.transitions import retention_fields
 from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, RunDescription, plan_run
-from resting_aspects_ros.simulation.limits import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    MAX_DROPS,
+    DropConditions,
+)
+from resting_aspects_ros.simulation.job import RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -92,7 +96,7 @@ class RetentionResult(Result):
 
     def page(self) -> 'Page':
         """Return a page with the curves and all numbers."""
-        from resting_aspects_ros.api.reorientation_files import retention_page
+        from resting_aspects_ros.api.pages import retention_page
 
         return retention_page(self)
 

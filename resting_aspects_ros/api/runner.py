@@ -25,7 +25,8 @@ from rich.progress import Progress as ProgressBar
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import EngineError, LogError, OutputError, warn
-from resting_aspects_ros.simulation.job import MAX_DROPS, DropJob, RunDescription
+from resting_aspects_ros.simulation.conditions import MAX_DROPS
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
     Workers,

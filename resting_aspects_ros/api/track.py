@@ -8,29 +8,27 @@ from typing import Any
 import numpy as np
 import shapely
 
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import reorient
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult, reorient
 from resting_aspects_ros.api.runner import Progress, never
 from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
     DEFAULT_SURFACE,
     DropConditions,
-    config_folder,
     quantities_of,
 )
-from resting_aspects_ros.simulation.job import DEFAULT_SEED
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.system import config_folder
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,

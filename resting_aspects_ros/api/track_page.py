@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.report_files import part_facts, run_facts
+from resting_aspects_ros.api.pages import part_facts, run_facts
 from resting_aspects_ros.report.page import (
     Chart,
     Fold,

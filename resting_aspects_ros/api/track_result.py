@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from resting_aspects_ros.api.conditions import conditions_text
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.drop import DropResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import Result, write_rows
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.measure import Measurement
 
 from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.life_cycle import note_table

@@ -9,10 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.drop import drop, logged_drops, repeat_log
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, read_state_csv
-from resting_aspects_ros.api.load_part import mesh_file
+from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
+from resting_aspects_ros.api.plan import DEFAULT_REPLICATES, read_state_csv
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.life_cycle import (
@@ -37,8 +35,13 @@ from resting_aspects_ros.errors import (
     StoppedError,
 )
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.conditions import QUANTITIES, Noise, quantities_of
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
+from resting_aspects_ros.part.library import mesh_file
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    QUANTITIES,
+    Noise,
+    quantities_of,
+)
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.batch import BatchEntry

@@ -19,9 +19,8 @@ from resting_aspects_ros.api.forecast import (
     forecast_from,
 )
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli.console import make_console
@@ -39,6 +38,7 @@ from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
@@ -312,9 +312,9 @@ class FeederDemo:
         """Request drops and flips, and forecast runs of the controller from them."""
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.ros.conversions import run_from
-        from resting_aspects_ros.ros.distribution_conversions import distribution_from
-        from resting_aspects_ros.ros.transition_conversions import (
+        from resting_aspects_ros.ros.distribution_conversions import (
             action_from,
+            distribution_from,
             transition_matrix_from,
         )
 

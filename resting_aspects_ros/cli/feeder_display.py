@@ -18,7 +18,7 @@ from resting_aspects_ros.api.runner import TerminalDisplay
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.report.format import minutes_text, number_text
-from resting_aspects_ros.simulation.conditions import config_folder
+from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch

@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import NUMBER, parse_quantity
 from resting_aspects_ros.simulation.conditions import (
-    DEFAULT_SURFACE,
-    QUANTITIES,
-    DropConditions,
-    HeightOf,
-    Quantity,
-)
-from resting_aspects_ros.simulation.limits import (
     BULLET,
     CUDA,
     DEFAULT_DROPS,
     DEFAULT_SEED,
+    DEFAULT_SURFACE,
     KERNEL,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+    Quantity,
     check_drops,
 )
 
@@ -31,14 +29,9 @@ if TYPE_CHECKING:
 MAX_DIGITS = 20
 
 
-def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """Add the part, a name or a file; see `api.load_part`."""
-    parser.add_argument(
-        'part',
-        metavar='PART_OR_MESH',
-        nargs=None if needed else '?',
-        help='name of a part, or a mesh file',
-    )
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """Add the part, a name or a file; see `part.library`."""
+    parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     add_part_place(parser)
 
 
@@ -66,7 +59,7 @@ def requested_part(arguments: argparse.Namespace, given: str | None = None) -> '
     Raises RestingAspectsError.
     """
     # This import is slow because of NumPy, which --help does not need.
-    from resting_aspects_ros.api.load_part import load_part
+    from resting_aspects_ros.part.library import load_part
 
     name = arguments.part if given is None else given
     return load_part(name, arguments.unit, arguments.parts, arguments.body)
@@ -121,14 +114,14 @@ def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
         )
 
 
-def add_seed(parser: argparse.ArgumentParser, what: str, default: int = DEFAULT_SEED) -> None:
+def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --seed; ``what`` is the same for the same seed."""
     parser.add_argument(
         '--seed',
         metavar='S',
         type=parse_integer,
-        default=default,
-        help=f'the same seed gives the same {what} ({default})',
+        default=DEFAULT_SEED,
+        help=f'the same seed gives the same {what} ({DEFAULT_SEED})',
     )
 
 
@@ -251,20 +244,14 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def requested_conditions(
-    arguments: argparse.Namespace, base: DropConditions | None = None
-) -> DropConditions:
-    """Return the conditions that the flags request; raises InvalidValueError.
-
-    ``base`` is changed by the flags instead of the surface that they name.
-    """
+def requested_conditions(arguments: argparse.Namespace) -> DropConditions:
+    """Return the conditions that the flags request; raises InvalidValueError."""
     # These imports are slow because of pydantic and NumPy, which --help does not need.
     from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
     from resting_aspects_ros.simulation.conditions import all_surfaces
 
-    if base is None:
-        base = all_surfaces(arguments.surfaces).get(arguments.surface)
-    conditions = base.changed(**changed_conditions(arguments))
+    surface = all_surfaces(arguments.surfaces).get(arguments.surface)
+    conditions = surface.changed(**changed_conditions(arguments))
     name = getattr(arguments, 'surroundings', None)
     return with_surroundings(
         conditions, requested_surroundings(name, getattr(arguments, 'set', []))

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
-from resting_aspects_ros.api.reorient import reorient_each
-from resting_aspects_ros.api.reorient_result import (
+from resting_aspects_ros.api.reorient import (
     PlanResult,
     ReorientResult,
     plan_reorientation,
+    reorient_each,
 )
 from resting_aspects_ros.api.result import whole_file, write_page
 from resting_aspects_ros.api.roadmap import roadmap_document
@@ -242,7 +242,7 @@ def _save_roadmap(answer: Answer, part: Part, path: Path) -> None:
 def _write_page(answer: Answer, out: Path) -> Path:
     """Write the page with its figures and return its path; raises OutputError."""
     # This import is slow, and only needed for a page.
-    from resting_aspects_ros.api.reorientation_files import reorientation_page
+    from resting_aspects_ros.api.pages import reorientation_page
 
     print('writing the report ...', file=sys.stderr)
     plan = answer.plan if len(answer.results) > 1 else None

@@ -15,9 +15,8 @@ from resting_aspects_ros.errors import (
     RestingAspectsError,
     UnknownPartError,
 )
-from resting_aspects_ros.ros.distribution_conversions import probability_of
-from resting_aspects_ros.ros.status import BusyError, CanceledError, NotAvailableError
-from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
+from resting_aspects_ros.ros.distribution_conversions import probability_of, transition_matrix_from
+from resting_aspects_ros.ros.requests import BusyError, CanceledError, NotAvailableError
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.statistics.intervals import Interval
 

@@ -44,6 +44,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, part_from
 from resting_aspects_ros.ros.discovery import published_parts
+from resting_aspects_ros.ros.distribution_conversions import action_msg
 from resting_aspects_ros.ros.interface import (
     CLASSIFY_POSE,
     DEFAULT_CONDITIONS,
@@ -57,11 +58,9 @@ from resting_aspects_ros.ros.interface import (
     REORIENT_PART,
 )
 from resting_aspects_ros.ros.outline_conversions import polygon_msgs
-from resting_aspects_ros.ros.status import NotAvailableError, status_error, unknown_part
-from resting_aspects_ros.ros.transition_conversions import action_msg
+from resting_aspects_ros.ros.requests import NotAvailableError, status_error, unknown_part
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS, DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, DEFAULT_SEED, DropConditions
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.statistics.distribution import METHOD
 from resting_aspects_ros.vision.identification import Polygonal, observed_polygon

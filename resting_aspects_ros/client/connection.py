@@ -32,8 +32,8 @@ from resting_aspects_ros.ros.interface import (
     PRESENCE,
     SERVICES,
 )
-from resting_aspects_ros.ros.spin import check_domain, not_utf8
-from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
+from resting_aspects_ros.ros.program import check_domain, not_utf8
+from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError
 
 T = TypeVar('T')
 

@@ -14,11 +14,11 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.control import ControllerModel, controller_model
 from resting_aspects_ros.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.feeding.forecast import FeederModel
+from resting_aspects_ros.feeding.grasps import Grasp
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
-from resting_aspects_ros.vision.grasp import Grasp
 from resting_aspects_ros.vision.rolling import KnownPart
 
 # If there are fewer flips of a class, the missing ones have the result of a drop.

@@ -9,7 +9,7 @@ from scipy.special import betainc
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.statistics.markov import Mask, long_run, stationary_shares
+from resting_aspects_ros.statistics.markov import Mask, drawn_rows, long_run, stationary_shares
 
 # -- A cycle --------------------------------------------------------------------------------------
 
@@ -182,7 +182,6 @@ def limited_by(times: CycleTimes, found: Picks, supplied: Array) -> str | None:
 
 # Halvings of the interval of the share of wanted free parts that is picked.
 HALVINGS = 20
-_MIN_SAMPLE = 1e-100
 # Fewer picks per cycle are none.
 NO_PICKS = 1e-8
 
@@ -253,17 +252,9 @@ def refilled_later(moves: Moves) -> Moves:
 def drawn_moves(
     drop: Counts, transitions: Counts, samples: int, generator: np.random.Generator
 ) -> Moves:
-    """Return samples of the moves from the Dirichlet posteriors of the counts.
-
-    The prior is 1 / m for each of the m possible outcomes of a drop or an action; see
-    `markov.long_run_bounds`.
-    """
-    k, columns = transitions.shape
-    fallen = np.maximum(generator.standard_gamma(drop + 1 / k, (samples, k)), _MIN_SAMPLE)
-    rows = generator.standard_gamma(transitions + 1 / columns, (samples, k, columns))
-    rows = np.maximum(rows, _MIN_SAMPLE)
-    rows /= rows.sum(axis=-1, keepdims=True)
-    fallen /= fallen.sum(axis=-1, keepdims=True)
+    """Return samples of the moves from the Dirichlet posteriors of the counts."""
+    k = len(drop)
+    fallen, rows = (drawn_rows(counts, generator, samples) for counts in (drop, transitions))
     return Moves(fallen, rows[..., :k], rows[..., k:].sum(axis=-1))
 
 

@@ -342,6 +342,7 @@ def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Verti
 
 # Formats of a single mesh without a unit.
 MESH_FORMATS = ('stl', 'obj', 'ply', 'off')
+_ANY_FORMAT = ' or '.join((', '.join(MESH_FORMATS[:-1]), MESH_FORMATS[-1]))
 # Files of bodies with names; see scene_files.
 SCENE_FORMATS, STEP_FORMATS = ('glb', '3mf'), ('step', 'stp')
 # More triangles take minutes and gigabytes and do not change the aspects.
@@ -392,13 +393,9 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> Triangles:
         If the bytes are not a complete mesh in that format with finite vertices.
     """
     if mesh_format not in _READERS:
-        raise PartError(
-            f'invalid format {shown(mesh_format)} of {label}: expected {_or(MESH_FORMATS)}'
-        )
+        raise PartError(f'invalid format {shown(mesh_format)} of {label}: expected {_ANY_FORMAT}')
     if not data:
-        raise PartError(
-            f'{label} is empty (0 bytes): expected a mesh in {_or(MESH_FORMATS)} format'
-        )
+        raise PartError(f'{label} is empty (0 bytes): expected a mesh in {_ANY_FORMAT} format')
     vertices, faces, words = _READERS[mesh_format](data, label)
     vertices, faces = checked_triangles(vertices, faces, label)
     return Triangles(vertices, faces, coordinate_steps(vertices, words))
@@ -518,7 +515,3 @@ def _finite(vertices: Vertices, label: str) -> Vertices:
 
 
 _READERS = {'stl': _read_stl, 'obj': _read_obj, 'ply': _read_ply, 'off': _read_off}
-
-
-def _or(words: tuple[str, ...]) -> str:
-    return ' or '.join((', '.join(words[:-1]), words[-1]))

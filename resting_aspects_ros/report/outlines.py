@@ -17,6 +17,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
 from resting_aspects_ros.report.format import (
     ids_text,
+    list_text,
     millimetre_texts,
     millimetres_text,
     number_text,
@@ -253,8 +254,7 @@ def _same_text(outlines: Sequence[Outline]) -> str:
     classes = numbers_text([each.symmetry_class for each in outlines])
     heights = sorted(each.height for each in outlines)
     clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
-    measured = [f'{millimetres_text(each.height)}' for each in outlines]
-    values = f'{", ".join(measured[:-1])} and {measured[-1]} mm'
+    values = f'{list_text([millimetres_text(each.height) for each in outlines])} mm'
     if all(clear):
         needed = f'a measured height does: {values}'
     elif any(clear):

@@ -109,6 +109,30 @@ def advertise(
         )
 
 
+class PartTopics:
+    """Publishers of a topic for each part, ``<prefix>/<part>``, each created when it is needed."""
+
+    def __init__(self, node: Node, kind: Any, prefix: str, qos: QoSProfile) -> None:
+        self._node, self._kind, self._prefix, self._qos = node, kind, prefix, qos
+        self._publishers: dict[str, Publisher] = {}
+
+    def offer(self, part: str) -> Publisher:
+        """Return the publisher of a part."""
+        if part not in self._publishers:
+            topic = f'{self._prefix}/{part}'
+            self._publishers[part] = advertise(self._node, self._kind, topic, self._qos)
+        return self._publishers[part]
+
+    def publish(self, part: str, message: Any) -> None:
+        """Publish a message of a part."""
+        self.offer(part).publish(message)
+
+    def remove(self, part: str) -> None:
+        """Remove the publisher of a part, if there is one."""
+        if (publisher := self._publishers.pop(part, None)) is not None:
+            self._node.destroy_publisher(publisher)
+
+
 def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callable[..., None]:
     """Return a callback whose exceptions are logged, at most one within LOG_PERIOD.
 
@@ -235,9 +259,9 @@ async def wait_for(
     return bool(future.done())
 
 
-async def sleep_for(node: Node, seconds: float, group: CallbackGroup | None = None) -> None:
+async def sleep_for(node: Node, seconds: float) -> None:
     """Wait for a duration on the steady clock."""
-    await wait_for(node, Future(executor=node.executor), seconds, group)
+    await wait_for(node, Future(executor=node.executor), seconds)
 
 
 def ros_future(node: Node, future: 'PoolFuture[Any]') -> Future:

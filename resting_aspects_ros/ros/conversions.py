@@ -13,7 +13,6 @@ from resting_aspects_interfaces.msg import (
     DropConditions,
     PartDescription,
     RunDescription,
-    Status,
     SurroundingsBody,
     SurroundingsDescription,
 )
@@ -28,12 +27,9 @@ from resting_aspects_ros.part.loading import FORMATS, part_from_bytes
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions
+from resting_aspects_ros.simulation.conditions import check_drops
 from resting_aspects_ros.simulation.job import RunDescription as Run
-from resting_aspects_ros.simulation.job import (
-    check_drops,
-    check_first_drop,
-    check_run_id,
-)
+from resting_aspects_ros.simulation.job import check_first_drop, check_run_id
 from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, SceneBody
 from resting_aspects_ros.simulation.surroundings import Surroundings, described_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import mesh_file
@@ -63,11 +59,6 @@ _FACES = (
 )
 # Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
-
-
-def status(code: int, message: str = '') -> Status:
-    """Return a status message; its text is for the user."""
-    return Status(code=code, message=message)
 
 
 def time_msg(nanoseconds: int) -> Time:

@@ -29,7 +29,7 @@ from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     LOG_REPLAYER,
 )
-from resting_aspects_ros.ros.status import CanceledError, NotAvailableError, status_error
+from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 

@@ -19,7 +19,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.api.conditions import without_drops
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import missing_in, model_range_of
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line, shown, warn
@@ -45,9 +45,9 @@ from resting_aspects_ros.ros.count_conversions import observed_from, time_label
 from resting_aspects_ros.ros.distribution_conversions import (
     distribution_msg,
     serialized_distribution,
+    serialized_transitions,
 )
 from resting_aspects_ros.ros.interface import CHOICES, RESULTS
-from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts as CountedParts

@@ -18,7 +18,8 @@ from resting_aspects_ros.simulation.bullet_world import (
     compound,
     pybullet,
 )
-from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, MAX_SEED, STEPS_PER_T, DropJob
+from resting_aspects_ros.simulation.conditions import MAX_SEED
+from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,

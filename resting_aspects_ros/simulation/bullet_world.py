@@ -16,7 +16,8 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
-from resting_aspects_ros.simulation.job import NO_BULLET, DropJob
+from resting_aspects_ros.simulation.conditions import NO_BULLET
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import (
     Block,

@@ -1,5 +1,6 @@
 """The conditions of drops: their values with units and bounds, and the named surfaces.
 
+Also the numbers of a run: its drops, its seed and its engine. No NumPy: help shows all at once.
 The metadata of the fields is the only declaration of units, bounds and descriptions. The checks
 in this module and the command-line flags derive from it; the surfaces file and the table in the
 documentation are tested against it.
@@ -17,9 +18,44 @@ from pydantic import create_model
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.surroundings import Surroundings
+
+
+# -- Number of drops, seed and engine -------------------------------------------------------------
+
+
+MAX_DROPS = 2_000_000
+MAX_SEED = 2**64 - 1
+# The default seed is fixed, so that identical requests have identical results.
+DEFAULT_SEED = 1
+DEFAULT_DROPS = 1000
+# The engines: the kernel, for parts that only touch planes, also on a GPU, and Bullet.
+KERNEL, CUDA, BULLET = 'kernel', 'cuda', 'bullet'
+NO_BULLET = (
+    'Bullet, which simulates drops on blocks, meshes and edges, is not installed: '
+    'pip install pybullet'
+)
+
+
+def check_drops(drops: int) -> None:
+    """Raise InvalidValueError if the number of drops of a run is out of bounds."""
+    check_integer('drops', drops, 1, MAX_DROPS)
+
+
+def check_seed(seed: int) -> None:
+    """Raise InvalidValueError if the seed is out of bounds."""
+    check_integer('seed', seed, 0, MAX_SEED)
+
+
+def check_integer(name: str, value: object, low: int, high: int) -> None:
+    """Raise InvalidValueError unless a value is an integer within bounds."""
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InvalidValueError(
+            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
+        )
 
 
 # -- Numbers with a unit and bounds ---------------------------------------------------------------
@@ -353,28 +389,6 @@ QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
 # -- Files of the configuration -------------------------------------------------------------------
-
-
-PACKAGE = 'resting_aspects_ros'
-
-
-def config_folder() -> Path:
-    """Return the folder config of the source tree if there is one, otherwise the installed one."""
-    here = Path(__file__).resolve()
-    root = here.parents[2]
-    source = root / 'config'
-    if source.is_dir() and (root / 'package.xml').is_file():
-        return source
-    for parent in here.parents:
-        installed = parent / 'share' / PACKAGE / 'config'
-        if installed.is_dir():
-            return installed
-    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
-
-
-def parts_folder() -> Path:
-    """Return the folder of the example parts."""
-    return config_folder() / 'parts'
 
 
 def surfaces_file() -> Path:

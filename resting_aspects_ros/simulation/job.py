@@ -20,16 +20,14 @@ from resting_aspects_ros.errors import EngineError, InvalidValueError, did_you_m
 from resting_aspects_ros.part.hull import SAME_FACET
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
-from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
-from resting_aspects_ros.simulation.limits import (
+from resting_aspects_ros.simulation.conditions import (
     BULLET,
     CUDA,
-    DEFAULT_DROPS,
-    DEFAULT_SEED,
     KERNEL,
-    MAX_DROPS,
     MAX_SEED,
     NO_BULLET,
+    DropConditions,
+    HeightOf,
     check_drops,
     check_integer,
     check_seed,
@@ -40,20 +38,6 @@ from resting_aspects_ros.statistics.intervals import check_precision
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Vibration
-
-# The names of `limits` that modules which simulate import from here.
-__all__ = [
-    'BULLET',
-    'CUDA',
-    'DEFAULT_DROPS',
-    'DEFAULT_SEED',
-    'KERNEL',
-    'MAX_DROPS',
-    'MAX_SEED',
-    'NO_BULLET',
-    'check_drops',
-    'check_seed',
-]
 
 # -- Description ----------------------------------------------------------------------------------
 

@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import kernel_data
 from resting_aspects_ros.simulation.actions import RAMP_PERIODS
-from resting_aspects_ros.simulation.job import CUDA, DropJob
+from resting_aspects_ros.simulation.conditions import CUDA
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.kernel_data import Body, Ground, Numerics, States, work_of
 from resting_aspects_ros.simulation.release import TIME_LIMIT, Ends, initial_states, resting_poses
 from resting_aspects_ros.simulation.scene import HalfSpace

@@ -17,8 +17,8 @@ from resting_aspects_ros.rotations import (
     rotate,
     turned_down,
 )
-from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
-from resting_aspects_ros.simulation.job import BULLET, DropJob
+from resting_aspects_ros.simulation.conditions import BULLET, DropConditions, HeightOf
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.scene import (
     depth_along,
     heights_at_touch,

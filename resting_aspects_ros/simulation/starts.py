@@ -27,7 +27,6 @@ from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Vibration
 
-__all__ = ['Noise']  # declared in `conditions`, which help reads at once
 
 # -- Starts ---------------------------------------------------------------------------------------
 

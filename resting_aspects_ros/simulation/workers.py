@@ -18,7 +18,8 @@ from typing import Any, Protocol, TypeVar
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import EngineError, InvalidValueError
-from resting_aspects_ros.simulation.job import BULLET, DropJob, RunDescription
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.statistics.intervals import checkpoints
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.system import available_cores, blocked_signals

@@ -172,6 +172,17 @@ def long_run(transitions: Array, left: Array, drop: Array) -> LongRun:
     )
 
 
+def drawn_rows(counts: Counts, generator: np.random.Generator, samples: int) -> Array:
+    """Return samples (samples, ..., m) of the probabilities behind counts (..., m) of each row.
+
+    They are from the Dirichlet posterior with the prior 1 / m for each of the m columns (Perks
+    1947, Journal of the Institute of Actuaries 73:285), so that what was never seen is possible.
+    """
+    drawn = generator.standard_gamma(counts + 1 / counts.shape[-1], (samples, *counts.shape))
+    drawn = np.maximum(drawn, _MIN_SAMPLE)
+    return np.asarray(drawn / drawn.sum(axis=-1, keepdims=True))
+
+
 def long_run_bounds(
     counts: Counts,
     drop: Array,
@@ -181,11 +192,9 @@ def long_run_bounds(
 ) -> tuple[Array, Array]:
     """Return the lower and upper bounds (k,) of the long-run shares behind counts.
 
-    They are quantiles of the long-run shares over samples of the transitions from the Dirichlet
-    posterior of each row. The prior is 1 / m for each of the m columns (Perks 1947, Journal of the
-    Institute of Actuaries 73:285), so that transitions that were never seen are possible. The
-    distribution of a drop is taken as known. The bounds are extended to the shares of `long_run`,
-    which can be exactly 0 or 1.
+    They are quantiles of the long-run shares over samples of the transitions; see `drawn_rows`.
+    The distribution of a drop is taken as known. The bounds are extended to the shares of
+    `long_run`, which can be exactly 0 or 1.
 
     Parameters
     ----------
@@ -203,10 +212,8 @@ def long_run_bounds(
         If the confidence is invalid, or if no drop leads to an aspect.
     """
     check_confidence(confidence)
-    k, columns = counts.shape
-    drawn = generator.standard_gamma(counts + 1 / columns, (samples, k, columns))
-    drawn = np.maximum(drawn, _MIN_SAMPLE)
-    drawn /= drawn.sum(axis=-1, keepdims=True)
+    k = len(counts)
+    drawn = drawn_rows(counts, generator, samples)
     left = drawn[..., k:].sum(axis=-1, keepdims=True)
     chains = drawn[..., :k] + left * _drop_shares(drop)
     # In blocks that fit the cache of the processor.
@@ -393,13 +400,11 @@ def _certain(steps: Mask, wanted: Mask) -> tuple[Indices, Mask]:
         within = reached
 
 
-def wanted_mask(
-    wanted: Sequence[int], aspects: int, what: str = 'aspect'
-) -> npt.NDArray[np.bool_]:
+def wanted_mask(wanted: Sequence[int], aspects: int) -> npt.NDArray[np.bool_]:
     """Return a mask (k,) of wanted aspects; raises InvalidValueError if an id is not known."""
     if not wanted:
-        raise InvalidValueError(f'invalid wanted {what}: expected at least one')
+        raise InvalidValueError('invalid wanted aspect: expected at least one')
     for k in wanted:
         if not isinstance(k, int) or not 1 <= k <= aspects:
-            raise InvalidValueError(f'invalid wanted {what} {k!r}: expected 1 to {aspects}')
+            raise InvalidValueError(f'invalid wanted aspect {k!r}: expected 1 to {aspects}')
     return np.isin(np.arange(1, aspects + 1), list(wanted))

@@ -15,7 +15,6 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.result import make_folder, whole_file
 from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
@@ -29,11 +28,15 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.input_files import yaml_text
-from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file, parts_folder
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.part import UNITS, Part
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions, parts_folder
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    DropConditions,
+    check_seed,
+)
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE
@@ -41,7 +44,7 @@ from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.studies.points import Case
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
 
 PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
 # Aspects whose down directions differ by more than this are not the same, rad.

@@ -1,6 +1,6 @@
 """What is optimised: the share of wanted aspects, or the entropy."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.special import entr
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.report.format import list_text
 from resting_aspects_ros.statistics.intervals import containing
 
 # Differences that do not matter: 1 point of a share, and of an entropy in nat.
@@ -54,7 +55,7 @@ class Objective:
         if self.is_entropy:
             return 'least entropy over the symmetry classes'
         noun = 'aspect' if len(self.wanted) == 1 else 'aspects'
-        return f'largest share of {noun} {listed(map(str, self.wanted))}'
+        return f'largest share of {noun} {list_text([str(k) for k in self.wanted])}'
 
     def columns(self, counts: Counts) -> Counts:
         """Return counts (c,) of the outcomes, from counts (k + 5,) by aspect and by OUTSIDE."""
@@ -164,9 +165,3 @@ def make_objective(
         return Objective((), members)
     ids = aspects.chosen(wanted, wanted_classes, 'wanted')
     return Objective(ids, (ids,))
-
-
-def listed(words: Iterable[str]) -> str:
-    """Return words as a list in a sentence, such as 'a, b and c'."""
-    known = list(words)
-    return known[0] if len(known) == 1 else f'{", ".join(known[:-1])} and {known[-1]}'

@@ -8,14 +8,19 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, StoppedError
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    DEFAULT_SURFACE,
+    DropConditions,
+    check_drops,
+    check_seed,
+)
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers

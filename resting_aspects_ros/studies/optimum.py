@@ -13,18 +13,13 @@ from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
+from resting_aspects_ros.report.format import list_text
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import engine_version
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.effects import homogeneity
-from resting_aspects_ros.studies.objective import (
-    DRAWS,
-    Advantage,
-    Estimated,
-    Objective,
-    estimated,
-    listed,
-)
+from resting_aspects_ros.studies.objective import DRAWS, Advantage, Estimated, Objective, estimated
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
@@ -432,7 +427,7 @@ def _factor_notes(result: OptimiseResult) -> Iterator[str]:
 
 def _names(factors: Sequence[Factor]) -> str:
     """Return names as they begin a sentence; those with a dot are kept as they are."""
-    names = listed(factor.name for factor in factors)
+    names = list_text([factor.name for factor in factors])
     return names if '.' in names else names[0].upper() + names[1:]
 
 

@@ -32,12 +32,8 @@ from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line,
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspects_text
-from resting_aspects_ros.simulation.job import (
-    DEFAULT_DROPS,
-    DropJob,
-    RunDescription,
-    plan_run,
-)
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+from resting_aspects_ros.simulation.job import DropJob, RunDescription, plan_run
 from resting_aspects_ros.simulation.scene import Scene
 from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers

@@ -27,11 +27,13 @@ from resting_aspects_ros.input_files import (
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
+    check_drops,
+    check_seed,
 )
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers, worker_versions

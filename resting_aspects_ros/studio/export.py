@@ -17,8 +17,12 @@ from resting_aspects_ros.api.track import default_track
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import distribution_table
 from resting_aspects_ros.report.table import Table, save_csv, save_xlsx
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_DROPS,
+    DEFAULT_SURFACE,
+    QUANTITIES,
+    DropConditions,
+)
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studio.rows import Opened, Source
 from resting_aspects_ros.studio.settings import Rail, Settings, counts_csv, dimensions

@@ -12,9 +12,9 @@ from pathlib import Path
 from subprocess import DEVNULL, Popen
 from typing import Any
 
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.aspects.find import find_aspects, keep_aspects
 from resting_aspects_ros.errors import RestingAspectsError, StoppedError, one_line
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.part.loading import load_part as load_mesh
 from resting_aspects_ros.part.part import Part, valid_name
 from resting_aspects_ros.studio.rows import Opened, Source, empty_rows

@@ -26,9 +26,9 @@ from resting_aspects_ros.errors import (
     one_line,
     shown,
 )
+from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.part.part import UNITS
 from resting_aspects_ros.report.page import Text, items_html
-from resting_aspects_ros.simulation.conditions import parts_folder
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.page import controls_html

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.part.library import mesh_file
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drop_page import DrawnRows, outcome_rows, scene, share_fields
 from resting_aspects_ros.report.drops import symmetry_text

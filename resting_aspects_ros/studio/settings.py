@@ -18,12 +18,12 @@ from resting_aspects_ros.input_files import MAX_COUNTED, parse_quantity
 from resting_aspects_ros.simulation.actions import NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
+    MAX_DROPS,
     QUANTITIES,
     DropConditions,
     Quantity,
     quantities_of,
 )
-from resting_aspects_ros.simulation.job import MAX_DROPS
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,

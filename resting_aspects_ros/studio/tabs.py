@@ -21,15 +21,18 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.count_files import counted_drops, read_counts
 from resting_aspects_ros.api.counts import counted_by_class
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
-from resting_aspects_ros.api.reorient import reorient
-from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, plan_reorientation
-from resting_aspects_ros.api.reorientation_files import reorientation_page
+from resting_aspects_ros.api.pages import reorientation_page
+from resting_aspects_ros.api.reorient import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+    reorient,
+)
 from resting_aspects_ros.api.runner import DropTally
 from resting_aspects_ros.api.track import design_track
 from resting_aspects_ros.report.drop_page import NOT_LEVEL, comparison_items
@@ -44,7 +47,7 @@ from resting_aspects_ros.report.outlines import (
 )
 from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.studies import pages
 from resting_aspects_ros.studies.batch import BatchEntry, compare_cases

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.drop import drop
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.page import Item, Section, Text, items_html
 from resting_aspects_ros.simulation.workers import Workers

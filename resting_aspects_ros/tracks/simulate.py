@@ -21,8 +21,8 @@ from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import composed, rotate, turned_about_vertical
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, DropConditions, Noise
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
@@ -35,7 +35,7 @@ from resting_aspects_ros.simulation.scene import (
     Z,
 )
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL
-from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, Noise, States
+from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, States
 from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.statistics.intervals import Interval, intervals
 from resting_aspects_ros.tracks.description import Track

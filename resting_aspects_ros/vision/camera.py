@@ -117,15 +117,19 @@ def _degenerate() -> InvalidValueError:
     )
 
 
-def checked_points(name: str, given: npt.ArrayLike) -> Array:
-    """Return points as (n, 2) floats; raises InvalidValueError with the name."""
+def given_points(given: npt.ArrayLike) -> Array:
+    """Return points as floats, (n, 2) unless they are no list of points."""
     try:
         points = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        points = np.zeros(0)
+        return np.zeros(0)
     # OpenCV gives contours with the shape (n, 1, 2).
-    if points.ndim == 3 and points.shape[1] == 1:
-        points = points[:, 0]
+    return points[:, 0] if points.ndim == 3 and points.shape[1] == 1 else points
+
+
+def checked_points(name: str, given: npt.ArrayLike) -> Array:
+    """Return points as (n, 2) floats; raises InvalidValueError with the name."""
+    points = given_points(given)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise InvalidValueError(
             f'invalid {name} of shape {points.shape}: expected (n, 2) finite numbers'

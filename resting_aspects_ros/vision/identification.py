@@ -14,7 +14,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import FileModel, validated
 from resting_aspects_ros.vision.boundary import common_area, turn
-from resting_aspects_ros.vision.camera import Pinhole, Telecentric, perspective_fits
+from resting_aspects_ros.vision.camera import Pinhole, Telecentric, given_points, perspective_fits
 from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
     Shape,
@@ -117,13 +117,7 @@ def _rings(given: Polygonal) -> tuple[Any, list[Any]]:
 
 def _ring(name: str, points: Any) -> Array:
     """Return the points (n, 2) of a ring without repeated ones."""
-    try:
-        ring = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        ring = np.zeros(0)
-    # OpenCV gives contours with the shape (n, 1, 2).
-    if ring.ndim == 3 and ring.shape[1] == 1:
-        ring = ring[:, 0]
+    ring = given_points(points)
     if ring.ndim != 2 or ring.shape[1] != 2:
         raise InvalidValueError(
             f'invalid {name} {shown(points)}: expected a list of points [x, y] in m'

@@ -238,7 +238,8 @@ def _scaled(outline: shapely.Polygon, factor: float) -> shapely.Polygon:
 
 def _cleaned(union: shapely.Geometry) -> shapely.Polygon:
     """Return a union, in units of R, as one polygon without effects of rounding."""
-    outline = _opened(_closed(union.simplify(ROUNDING), ROUNDING), ROUNDING).simplify(ROUNDING)
+    outline = _offset(_closed(union.simplify(ROUNDING), ROUNDING), -ROUNDING)
+    outline = _offset(outline, ROUNDING).simplify(ROUNDING)
     if shapely.get_num_geometries(outline) > 1:
         outline = _closed(outline, MAX_GAP).simplify(ROUNDING)
         pieces = shapely.get_parts(outline)
@@ -257,10 +258,6 @@ def _cleaned(union: shapely.Geometry) -> shapely.Polygon:
 
 def _closed(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
     return _offset(_offset(shape, gap), -gap)
-
-
-def _opened(shape: shapely.Geometry, gap: float) -> shapely.Geometry:
-    return _offset(_offset(shape, -gap), gap)
 
 
 def _offset(shape: shapely.Geometry, distance: float) -> shapely.Geometry:

@@ -12,11 +12,11 @@ from resting_aspects_ros.api.forecast_result import (
     divided_class_texts,
     look_alike_texts,
 )
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.part.library import load_part
 
 TRAY = Tray((0.2, 0.2), 0.005)
 TIMES = CycleTimes(1.2, 0.6, 0.6, 0.2)

@@ -7,7 +7,8 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.runner import compare_matrices
-from resting_aspects_ros.simulation.starts import GivenStates, Noise
+from resting_aspects_ros.simulation.conditions import Noise
+from resting_aspects_ros.simulation.starts import GivenStates
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 KICK = ra.Kick(speed=0.4, spin=15.0)

@@ -7,14 +7,14 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.api.conditions import shipped_surfaces
-from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult
-from resting_aspects_ros.api.reorientation_files import (
+from resting_aspects_ros.api.pages import (
     PAGE,
     RETENTION_PAGE,
     reorientation_file_names,
     reorientation_page,
     retention_page,
 )
+from resting_aspects_ros.api.reorient import PlanResult, ReorientResult
 from resting_aspects_ros.api.retention import RetentionResult
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.page import Fold, Text

@@ -24,14 +24,14 @@ COMMANDS = {
         'figure',
         [*DROPPED, 'report.html', 'pie.png'],
     ),
-    'api.report_files:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
-    'api.report_files:drop_page': (DROP + FEW, 'report', DROPPED),
-    'api.reorientation_files:transition_figure': (
+    'api.pages:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
+    'api.pages:drop_page': (DROP + FEW, 'report', DROPPED),
+    'api.pages:transition_figure': (
         (*REORIENT, *FEW),
         'figure',
         ['transitions.json', 'reorientation.html'],
     ),
-    'api.reorient_result:long_run': (
+    'api.reorient:long_run': (
         (*REORIENT, *FEW),
         'long-run shares',
         ['transitions.json', 'reorientation.html'],

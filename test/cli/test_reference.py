@@ -13,7 +13,7 @@ from doc_pages import ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.given_states import NEEDED, OPTIONAL
+from resting_aspects_ros.api.plan import NEEDED, OPTIONAL
 from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.part.library import EXPECTED
 from resting_aspects_ros.simulation.actions import KINDS

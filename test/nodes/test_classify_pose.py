@@ -11,7 +11,7 @@ from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.conditions import parts_folder
+from resting_aspects_ros.part.library import parts_folder
 
 BOX = 'box_10x20x30'
 
@@ -75,7 +75,7 @@ def test_invalid_request_is_rejected(classify, name, orientation, code, words):
 def test_current_or_last_offered_part_is_used(fresh_suite, part, tmp_path_factory):
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
-    constants = {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}}
+    constants = {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}}
     suite = fresh_suite(constants, parts_folder=folder, workers=1)
     classify = asker(suite)
     before = suite.client.ask('thing', 20).distribution

@@ -21,11 +21,10 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
-from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix

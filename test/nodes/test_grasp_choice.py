@@ -10,8 +10,8 @@ from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
-from resting_aspects_ros.feeding.image_advice import advise_image
-from resting_aspects_ros.feeding.tray_state import Detection, Image
+from resting_aspects_ros.feeding.grasps import gripper_poses
+from resting_aspects_ros.feeding.tray_state import Detection, Image, advise_image
 from resting_aspects_ros.nodes.feeder_controller import model_updates
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
@@ -24,7 +24,6 @@ from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
-from resting_aspects_ros.vision.grasp import gripper_poses
 
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 VALUES = {**DEFAULTS, 'grasps': 'config/grasps/l_bracket.yaml', 'clearance': 0.0, 'best_number': 6}

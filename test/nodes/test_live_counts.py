@@ -18,18 +18,17 @@ from resting_aspects_interfaces.srv import FeederForecast
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.compare import watch_drift
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
-from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.counted_parts import LiveCounts

@@ -34,7 +34,7 @@ TOPICS = {
 @pytest.fixture(scope='module')
 def log(fresh_suite):
     """The folder of a run that the suite recorded; the suite is gone."""
-    constants = {'drop_simulator': {'nodes.drop_simulator.drop_part.MAX_POSES': MESSAGE}}
+    constants = {'drop_simulator': {'nodes.drop_simulator.actions.MAX_POSES': MESSAGE}}
     suite = fresh_suite(constants)
     run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
     folder = suite.log_of(run.run_id)

@@ -6,9 +6,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.part.library import PartLibrary
+from resting_aspects_ros.part.library import PartLibrary, parts_folder
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.conditions import parts_folder
 
 
 @pytest.fixture(scope='module')
@@ -22,7 +21,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
     return fresh_suite(
-        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}},
         parts_folder=folder,
         workers=1,
     )

@@ -14,8 +14,8 @@ from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, TRANSITIONS_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.known import load_log
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, offered_qos
-from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 
 TOPIC = 'transitions/tetrahedron'
@@ -25,7 +25,7 @@ TOPIC = 'transitions/tetrahedron'
 def suite(fresh_suite):
     return fresh_suite(
         {
-            'drop_simulator': {'nodes.drop_simulator.reorientation.PUBLISH_PERIOD': 0.05},
+            'drop_simulator': {'nodes.drop_simulator.actions.MATRIX_PERIOD': 0.05},
             'aspect_classifier': {'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0},
             'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.5},
         },

@@ -22,8 +22,13 @@ from resting_aspects_ros.ros.distribution_conversions import (
     estimate_msg,
     probability_of,
 )
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.job import MAX_SEED, RunDescription
+from resting_aspects_ros.simulation.conditions import (
+    MAX_SEED,
+    QUANTITIES,
+    DropConditions,
+    HeightOf,
+)
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.model_range import Draws, with_model_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus

@@ -7,7 +7,7 @@ import pytest
 
 PROGRAM = """
 import ctypes
-from resting_aspects_ros.ros.spin import at_most
+from resting_aspects_ros.ros.program import at_most
 # Unlike CDLL, PyDLL keeps the lock of the interpreter.
 sleep = ctypes.PyDLL(None).sleep
 with at_most(1, 3):

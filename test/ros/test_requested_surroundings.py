@@ -10,7 +10,7 @@ from resting_aspects_interfaces.msg import Surroundings
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import conditions_msg, surroundings_msg
-from resting_aspects_ros.ros.requested_conditions import RequestedSurroundings
+from resting_aspects_ros.ros.requests import RequestedSurroundings
 from resting_aspects_ros.simulation.surroundings import changed_surroundings
 
 

@@ -9,11 +9,11 @@ from resting_aspects_interfaces.msg import FeederAction
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
 from resting_aspects_ros.api.conditions import shipped_actions
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros.conversions import run_from, time_msg
-from resting_aspects_ros.ros.transition_conversions import (
+from resting_aspects_ros.ros.distribution_conversions import (
     action_from,
     action_msg,
     check_transitions,

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import EngineError
-from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, MAX_SEED, plan_run
+from resting_aspects_ros.simulation.conditions import KERNEL, MAX_SEED
+from resting_aspects_ros.simulation.job import CHUNKS, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_DEATHS,
     WorkerDiedError,

@@ -15,7 +15,8 @@ import trimesh
 
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import workers as chunks
-from resting_aspects_ros.simulation.job import CHUNKS, KERNEL, plan_run
+from resting_aspects_ros.simulation.conditions import KERNEL
+from resting_aspects_ros.simulation.job import CHUNKS, plan_run
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers, drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus

@@ -21,7 +21,8 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation import kernel, kernel_data, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids, count_poses
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus

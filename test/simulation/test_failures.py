@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation import release, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
-from resting_aspects_ros.simulation.job import BULLET, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 

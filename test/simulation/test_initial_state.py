@@ -12,8 +12,8 @@ from scipy.stats import kstest
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part, random_orientations
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.conditions import HeightOf
-from resting_aspects_ros.simulation.job import BULLET, MAX_IMPACT, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, HeightOf
+from resting_aspects_ros.simulation.job import MAX_IMPACT, make_job
 from resting_aspects_ros.simulation.release import DropRandom, initial_states
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus

@@ -16,7 +16,8 @@ import trimesh
 
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import workers as process_workers
-from resting_aspects_ros.simulation.job import BULLET, CHUNKS, KERNEL, make_job, plan_run
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import CHUNKS, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
     MAX_WORKERS,
     LocalWorkers,

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.job import BULLET, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
 
 # -- The kernel -----------------------------------------------------------------------------------

@@ -6,7 +6,8 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.job import MAX_DROPS, MAX_SEED, plan_run
+from resting_aspects_ros.simulation.conditions import MAX_DROPS, MAX_SEED
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 
 

@@ -12,15 +12,10 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.actions import Kick, Nozzle, disturbance_starts
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, Noise
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import REST_MARGIN, initial_states
-from resting_aspects_ros.simulation.starts import (
-    GivenStarts,
-    GivenStates,
-    Noise,
-    States,
-    rest_starts,
-)
+from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates, States, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 

@@ -24,8 +24,8 @@ from resting_aspects_ros.simulation.actions import (
     Actions,
     Vibration,
 )
-from resting_aspects_ros.simulation.conditions import actions_file
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job, plan_run
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, actions_file
+from resting_aspects_ros.simulation.job import make_job, plan_run
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.starts import Action, States, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.job import MAX_DROPS
+from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.intervals import (
     CHECKPOINT_STEP,
     MAX_PRECISION,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.vision.grasp import Grasp, gripper_poses
+from resting_aspects_ros.feeding.grasps import Grasp, gripper_poses
 from resting_aspects_ros.vision.location import Pose, camera_pose
 from resting_aspects_ros.vision.outline import seen_outline
 

@@ -5,7 +5,8 @@ from validation.dropper import ROOT, SEED
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.job import KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import KERNEL
+from resting_aspects_ros.simulation.job import DropJob, make_job
 
 EXAMPLE = 'l_bracket'
 

@@ -21,7 +21,8 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.starts import rest_starts
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import drop_range

@@ -15,7 +15,8 @@ from validation.mujoco_drops import mujoco_loop
 
 from bench.case import EXAMPLE, example_part, job_of
 from bench.plain import plain_loop
-from resting_aspects_ros.simulation.job import BULLET, CUDA, KERNEL, DropJob
+from resting_aspects_ros.simulation.conditions import BULLET, CUDA, KERNEL
+from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
     Workers,

@@ -15,10 +15,10 @@ from fuzz.step_text import step_text
 from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.count_files import read_counts, read_observed
-from resting_aspects_ros.api.given_states import read_state_csv
-from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import read_polygon
+from resting_aspects_ros.api.plan import read_state_csv
 from resting_aspects_ros.api.result_json import document_result
+from resting_aspects_ros.feeding.grasps import check_grasps
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.surroundings import named_surroundings

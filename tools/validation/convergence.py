@@ -8,7 +8,8 @@ from rich.progress import track
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import aspects_in, shipped_actions, with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.job import KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import KERNEL
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 from validation.document import table
 from validation.dropper import SEED, Dropper

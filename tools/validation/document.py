@@ -11,7 +11,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, engine_version
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import engine_version
 from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
 from validation.dropper import SEED, Dropper
 

@@ -12,7 +12,8 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import aspects_in, shipped_actions, with_surroundings
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.job import BULLET, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.surroundings import surroundings_names
 from validation.dropper import SEED, Dropper
 from validation.paired import OUTSIDE, TWO_SIDED, Counts, action_job, class_indices, ends

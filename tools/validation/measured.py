@@ -16,8 +16,8 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import KERNEL, DropConditions
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import Workers, submit_drops
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.intervals import Interval, intervals

@@ -9,7 +9,8 @@ from rich.progress import track
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import default_workers
 from validation.dropper import SEED, Dropper
 from validation.engines import counted, difference

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.rotations import rotate, wxyz_from_xyzw, xyzw_from_wxyz
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import TIME_LIMIT
@@ -41,7 +41,7 @@ def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
         [
             np.zeros(drops),
             start.position,
-            wxyz_from_xyzw(start.orientation),
+            np.roll(start.orientation, 1, axis=-1),
             start.velocity,
             rotate(start.orientation * [-1, -1, -1, 1], start.spin),
         ]
@@ -62,7 +62,7 @@ def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
                 break
     seconds = time.perf_counter() - started
     at_rest = np.delete(states, moving, axis=0)
-    return ended(job, seconds, drops, xyzw_from_wxyz(at_rest[:, 4:8]))
+    return ended(job, seconds, drops, np.roll(at_rest[:, 4:8], -1, axis=-1))
 
 
 def _model(mujoco: Any, job: DropJob) -> Any:

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus

@@ -14,8 +14,7 @@ from scipy.stats import qmc
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import FAINT, new_figure, plain_axes, png_bytes
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import BULLET
+from resting_aspects_ros.simulation.conditions import BULLET, DropConditions
 from resting_aspects_ros.statistics.model_range import DISCREPANCY
 from validation.dropper import ROOT, Dropper
 from validation.fit import Posterior, polynomial_deviance

@@ -15,12 +15,11 @@ import numpy.typing as npt
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.given_states import read_state_csv
+from resting_aspects_ros.api.plan import read_state_csv
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import FAINT, new_figure, plain_axes, png_bytes
-from resting_aspects_ros.simulation.job import BULLET, KERNEL
-from resting_aspects_ros.simulation.starts import Noise
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, Noise
 from validation.dropper import ROOT, SEED, Dropper
 
 TOSSES = ROOT / 'tools' / 'validation' / 'cube_tosses.csv'

@@ -20,13 +20,12 @@ from resting_aspects_ros.cli.options import (
     requested_part,
 )
 from resting_aspects_ros.errors import StoppedError
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, QUANTITIES
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.compare import DriftResult
     from resting_aspects_ros.api.counts import CountedDrops
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
     from resting_aspects_ros.aspects.aspect_set import AspectSet
     from resting_aspects_ros.part.part import Part
 

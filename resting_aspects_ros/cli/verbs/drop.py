@@ -16,8 +16,7 @@ from resting_aspects_ros.cli.options import (
     add_workers,
     parse_integer,
 )
-from resting_aspects_ros.simulation.conditions import Noise, quantities_of
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED
+from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, Noise, quantities_of
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
 to rest, and how probable each is. No ROS nodes are needed."""

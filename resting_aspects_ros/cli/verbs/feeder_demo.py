@@ -8,7 +8,7 @@ from resting_aspects_ros.api.result import check_files
 from resting_aspects_ros.cli.options import add_seed
 from resting_aspects_ros.cli.verbs.forecast import add_cell, parse_tray, requested_times
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.system import Interruption
 
 PART, MINUTES = 'l_bracket', '10'

@@ -25,7 +25,7 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult
@@ -157,7 +157,7 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     options = requested_times(arguments)
     if arguments.grasps is not None:
         # The import of shapely is only needed here.
-        from resting_aspects_ros.api.grasps import load_grasps
+        from resting_aspects_ros.feeding.grasps import load_grasps
 
         if arguments.gripper is not None:
             raise InvalidValueError('invalid --gripper: expected none with --grasps')

@@ -21,7 +21,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
-from resting_aspects_ros.ros.transition_conversions import action_from
+from resting_aspects_ros.ros.distribution_conversions import action_from
 from resting_aspects_ros.run_logs.contents import (
     LoggedRun,
     logged_result,

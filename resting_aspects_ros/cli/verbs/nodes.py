@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
     from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
     from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
-    from resting_aspects_ros.ros.spin import spin_nodes
+    from resting_aspects_ros.ros.program import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

@@ -19,7 +19,7 @@ from resting_aspects_ros.cli.options import (
     parse_integer,
     parse_share,
 )
-from resting_aspects_ros.simulation.limits import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the

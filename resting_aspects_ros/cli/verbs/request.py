@@ -19,12 +19,18 @@ from resting_aspects_ros.cli.options import (
     requested_number,
 )
 from resting_aspects_ros.errors import warn
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.limits import DEFAULT_SEED, MAX_DROPS, check_drops, check_seed
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SEED,
+    MAX_DROPS,
+    QUANTITIES,
+    DropConditions,
+    check_drops,
+    check_seed,
+)
 from resting_aspects_ros.system import Interruption
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
     from resting_aspects_ros.api.runner import DropProgress
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.part.part import Part
@@ -170,7 +176,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
 
 def result_from(message: Any, part: 'Part | None') -> 'DropResult':
     """Convert an AspectDistribution into a result."""
-    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.api.drop import DropResult
     from resting_aspects_ros.api.model_range import missing_in
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from

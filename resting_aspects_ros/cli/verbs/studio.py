@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit code. Raises RestingAspectsError."""
     # Only what the first page needs: the modules that compute are imported while it is shown.
-    from resting_aspects_ros.simulation.conditions import parts_folder
+    from resting_aspects_ros.part.library import parts_folder
     from resting_aspects_ros.studio.server import Studio, serve
     from resting_aspects_ros.system import Interruption
 

@@ -26,8 +26,8 @@ from resting_aspects_ros.ros.diagnostics import (
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, POSES, RESTING_POSES
-from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
-from resting_aspects_ros.simulation.job import MAX_DROPS, RunDescription
+from resting_aspects_ros.simulation.conditions import MAX_DROPS, DropConditions, Surfaces
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import (
     ContactCounts,
     Distribution,

@@ -35,15 +35,15 @@ from resting_aspects_ros.ros.conversions import (
 )
 from resting_aspects_ros.ros.diagnostics import count_text
 from resting_aspects_ros.ros.discovery import TopicDiscovery
-from resting_aspects_ros.ros.distribution_conversions import distribution_from
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
-from resting_aspects_ros.ros.status import NotAvailableError, unknown_part
-from resting_aspects_ros.ros.transition_conversions import (
+from resting_aspects_ros.ros.distribution_conversions import (
     check_numbering,
     check_transitions,
+    distribution_from,
     serialized_transitions,
 )
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
+from resting_aspects_ros.ros.requests import NotAvailableError, unknown_part
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses

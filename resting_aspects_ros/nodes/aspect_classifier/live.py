@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 
@@ -19,7 +18,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry, TransitionStore
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drift import drift_sentence
-from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, guarded_task, start_task
+from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, guarded_task, start_task
 from resting_aspects_ros.ros.count_conversions import (
     add_action,
     add_drift,
@@ -28,10 +27,10 @@ from resting_aspects_ros.ros.count_conversions import (
     totals_from,
 )
 from resting_aspects_ros.ros.discovery import TopicDiscovery
+from resting_aspects_ros.ros.distribution_conversions import transition_matrix_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, POSTERIOR
-from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
+from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import (
     PRIOR_WEIGHT,
@@ -206,7 +205,7 @@ class LiveMonitor:
         )
         self._live: dict[str, LivePart] = {}
         self._waiting: deque[tuple[str, ObservedCountsMsg]] = deque(maxlen=MAX_WAITING)
-        self._outputs: dict[str, Publisher] = {}
+        self._topics = PartTopics(node, Posterior, POSTERIOR, LATCHED)
         self._updating = False
         TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
         self._timer = WorkTimer(node, PERIOD, 'counts are not used', self._start_update)
@@ -345,10 +344,7 @@ class LiveMonitor:
         if live.tested is not None:
             add_drift(message, live.tested)
         self._add_moved(message, live)
-        if name not in self._outputs:
-            topic = f'{POSTERIOR}/{name}'
-            self._outputs[name] = advertise(self._node, Posterior, topic, LATCHED)
-        self._outputs[name].publish(message)
+        self._topics.publish(name, message)
 
     def _add_moved(self, message: Posterior, live: LivePart) -> None:
         """Add the parts that were followed through actions."""

@@ -46,14 +46,14 @@ from resting_aspects_ros.ros.interface import (
     GET_TRANSITIONS,
     PARTS,
 )
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
-from resting_aspects_ros.ros.requested_conditions import (
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, declare, run_node
+from resting_aspects_ros.ros.requests import (
     SURROUNDINGS_FOLDER,
     DefaultConditionsSubscriber,
+    NotAvailableError,
     RequestedSurroundings,
+    serve,
 )
-from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import NotAvailableError, serve
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.statistics.distribution import Distribution
 
@@ -166,7 +166,7 @@ class AspectClassifier(Node):
             self.get_logger().warning(
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
-        self._outputs.offer(part.name)  # before the first run, so that no message is missed
+        self._outputs.topics.offer(part.name)  # before the first run, so that no message is missed
         self._publish_known(part.name, part.part_sha256)
         self._counter.part_changed(part.part_sha256)
 

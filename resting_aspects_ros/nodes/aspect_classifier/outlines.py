@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Point
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import PartOutlines
 from resting_aspects_interfaces.srv import IdentifyPart
 
@@ -20,7 +19,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import advertise, await_future, guarded_task, start_task
+from resting_aspects_ros.ros.callbacks import PartTopics, await_future, guarded_task, start_task
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import (
@@ -28,7 +27,7 @@ from resting_aspects_ros.ros.outline_conversions import (
     outlines_msg,
     polygon_from,
 )
-from resting_aspects_ros.ros.status import NotAvailableError, serve
+from resting_aspects_ros.ros.requests import NotAvailableError, serve
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
 from resting_aspects_ros.vision.fitting import OutlineNoise
@@ -89,7 +88,7 @@ class OutlineStore:
         self._entries: dict[str, _Entry] = {}  # by name
         self._waiting: dict[str, str] = {}  # part_sha256 by name
         self._computing = False
-        self._publishers: dict[str, Publisher] = {}
+        self._topics = PartTopics(node, PartOutlines, OUTLINES, LATCHED)
 
     def update(self, name: str, part_sha256: str) -> None:
         """Compute and publish the outlines of a version of a part, unless they are published."""
@@ -146,7 +145,7 @@ class OutlineStore:
         self._entries[name] = entry
         compared = await self._compared(name, outlines)
         if not self._is_outdated(part):
-            self._publisher(name).publish(outlines_msg(part, outlines, compared))
+            self._topics.publish(name, outlines_msg(part, outlines, compared))
 
     async def _compared(
         self, name: str, outlines: tuple[Outline, ...]
@@ -171,12 +170,6 @@ class OutlineStore:
         """Return whether another version of a part has been offered since."""
         offered = self._parts.get(part.name)
         return offered is not None and offered.part_sha256 != part.part_sha256
-
-    def _publisher(self, name: str) -> Publisher:
-        if name not in self._publishers:
-            topic = f'{OUTLINES}/{name}'
-            self._publishers[name] = advertise(self._node, PartOutlines, topic, LATCHED)
-        return self._publishers[name]
 
 
 def class_shares(outlines: Sequence[Outline], by_aspect: npt.ArrayLike) -> Array:

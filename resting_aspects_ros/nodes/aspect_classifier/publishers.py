@@ -7,7 +7,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, SurroundingsDescription
 from std_msgs.msg import ColorRGBA, Header
@@ -21,7 +20,7 @@ from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
 from resting_aspects_ros.report.picture import AspectPose, aspect_poses, message_faces
-from resting_aspects_ros.ros.callbacks import WorkTimer, advertise, start_task
+from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
     message_from,
@@ -43,7 +42,7 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_MARKERS,
     SURROUNDINGS_QOS,
 )
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, on_change
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
@@ -345,7 +344,7 @@ class DistributionPublisher:
     def __init__(self, node: Node, parts: PartRegistry, files: FileWorker) -> None:
         self._node = node
         self._parts = parts
-        self._outputs: dict[str, Publisher] = {}
+        self.topics = PartTopics(node, AspectDistribution, ASPECT_DISTRIBUTIONS, LATCHED)
         self._changed: dict[str, Tally] = {}  # by part, in the order of changes
         self._published: dict[str, tuple[tuple[object, ...], int]] = {}  # by part: kind, drops
         period = node.get_parameter(PUBLISH_PERIOD.name).value
@@ -358,13 +357,6 @@ class DistributionPublisher:
         self.poses = CurrentPosesPublisher(node, self._timer.start, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._timer.set_period)
-
-    def offer(self, part: str) -> Publisher:
-        """Return the publisher of a part; creates it with the first call."""
-        if part not in self._outputs:
-            topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
-            self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
-        return self._outputs[part]
 
     def change(self, tally: Tally) -> None:
         """Store a distribution to be published next, unless one with more drops is published.
@@ -398,7 +390,7 @@ class DistributionPublisher:
             message = distribution_msg(
                 tally.counted, tally.run, stamp, tally.complete, self._frame
             )
-            self.offer(part).publish(message)
+            self.topics.publish(part, message)
             self._published[part] = _kind(tally), tally.drops
         if changed:
             newest = next(reversed(changed.values()))

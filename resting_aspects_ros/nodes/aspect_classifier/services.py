@@ -19,7 +19,7 @@ from resting_aspects_ros.api.forecast import (
     with_live_counts,
 )
 from resting_aspects_ros.api.forecast_result import ForecastResult
-from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import (
     POSE_ANGLE,
@@ -36,30 +36,33 @@ from resting_aspects_ros.nodes.aspect_classifier.live import LiveMonitor
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.conversions import run_from
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
+from resting_aspects_ros.ros.distribution_conversions import (
+    action_from,
+    distribution_msg,
+    estimate_msg,
+    transition_matrix_from,
+)
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, drop_goal
 from resting_aspects_ros.ros.interface import FORECAST
-from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
-from resting_aspects_ros.ros.requested_conditions import (
-    DefaultConditionsSubscriber,
-    RequestedSurroundings,
-)
-from resting_aspects_ros.ros.status import (
+from resting_aspects_ros.ros.program import FRAME_ID, check_frame
+from resting_aspects_ros.ros.requests import (
     BusyError,
+    DefaultConditionsSubscriber,
     NotAvailableError,
+    RequestedSurroundings,
     requested_estimator,
     serve,
     unknown_part,
 )
-from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
-from resting_aspects_ros.simulation.conditions import DropConditions, Surfaces
-from resting_aspects_ros.simulation.job import (
+from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     MAX_DROPS,
-    RunDescription,
+    DropConditions,
+    Surfaces,
     check_drops,
 )
+from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import max_drops

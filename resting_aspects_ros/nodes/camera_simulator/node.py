@@ -44,8 +44,7 @@ from resting_aspects_ros.ros.interface import (
     LATCHED,
     PICK_RESULT,
 )
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, declare, run_node
 from resting_aspects_ros.vision.outline import Outline
 from resting_aspects_ros.vision.rolling import KnownPart
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray

@@ -43,6 +43,7 @@ from resting_aspects_ros.ros.diagnostics import (
     run_values,
 )
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
+from resting_aspects_ros.ros.distribution_conversions import check_transitions
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import (
@@ -60,9 +61,7 @@ from resting_aspects_ros.ros.interface import (
     TRANSITIONS,
     offered_qos,
 )
-from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
-from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.transition_conversions import check_transitions
+from resting_aspects_ros.ros.program import Parameter, declare, on_change, run_node
 from resting_aspects_ros.run_logs.contents import counted_distribution
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription

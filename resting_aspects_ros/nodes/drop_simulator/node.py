@@ -10,13 +10,13 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_folder
-from resting_aspects_ros.nodes.drop_simulator.drop_part import DropServer
+from resting_aspects_ros.nodes.drop_simulator.actions import DropServer, ReorientServer
 from resting_aspects_ros.nodes.drop_simulator.goals import (
     AsyncWorkers,
+    PartPublisher,
     SurroundingsPublisher,
 )
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
-from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
+from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.ros.diagnostics import (
     Diagnosis,
     count_text,
@@ -26,15 +26,14 @@ from resting_aspects_ros.ros.diagnostics import (
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
-from resting_aspects_ros.ros.requested_conditions import (
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, declare, run_node
+from resting_aspects_ros.ros.requests import (
     SURFACE,
     SURROUNDINGS_FOLDER,
     DefaultConditionsPublisher,
     RequestedSurroundings,
 )
-from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces, parts_folder
+from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
 from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
 
 PARAMETERS = (

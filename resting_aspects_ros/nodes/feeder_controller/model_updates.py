@@ -18,7 +18,6 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.api.forecast import footprints_of
-from resting_aspects_ros.api.grasps import check_grasps, load_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, shown
@@ -37,6 +36,7 @@ from resting_aspects_ros.feeding.evidence import (
     build_model,
 )
 from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
+from resting_aspects_ros.feeding.grasps import Grasp, check_grasps, load_grasps
 from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import (
@@ -50,7 +50,12 @@ from resting_aspects_ros.ros.conversions import (
     check_description,
     part_from,
 )
-from resting_aspects_ros.ros.distribution_conversions import distribution_from
+from resting_aspects_ros.ros.distribution_conversions import (
+    check_numbering,
+    check_transitions,
+    distribution_from,
+    transition_matrix_from,
+)
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -60,15 +65,9 @@ from resting_aspects_ros.ros.interface import (
     SERVICES,
     TRANSITIONS,
 )
-from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.ros.status import NotAvailableError, status_error
-from resting_aspects_ros.ros.transition_conversions import (
-    check_numbering,
-    check_transitions,
-    transition_matrix_from,
-)
-from resting_aspects_ros.simulation.job import DEFAULT_DROPS
-from resting_aspects_ros.vision.grasp import Grasp
+from resting_aspects_ros.ros.program import Parameter
+from resting_aspects_ros.ros.requests import NotAvailableError, status_error
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.vision.rolling import KnownPart
 
 TIME = (0.0, MAX_TIME)

@@ -18,8 +18,16 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice, Expected
-from resting_aspects_ros.feeding.image_advice import ChosenPart, CurrentAdvice, advise_image
-from resting_aspects_ros.feeding.tray_state import SECOND, Detection, Image, PickOutcome, TrayState
+from resting_aspects_ros.feeding.tray_state import (
+    SECOND,
+    ChosenPart,
+    CurrentAdvice,
+    Detection,
+    Image,
+    PickOutcome,
+    TrayState,
+    advise_image,
+)
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
     ModelUpdates,
@@ -42,8 +50,7 @@ from resting_aspects_ros.ros.interface import (
     RESULTS,
 )
 from resting_aspects_ros.ros.interface import CHOICES as NAMED_CHOICES
-from resting_aspects_ros.ros.parameters import declare
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import declare, run_node
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.rolling import KnownPart

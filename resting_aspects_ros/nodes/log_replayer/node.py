@@ -45,8 +45,7 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_QOS,
     TRANSITIONS,
 )
-from resting_aspects_ros.ros.parameters import Parameter, declare
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import Parameter, declare, run_node
 
 _MESSAGES = 'resting_aspects_interfaces/msg'
 # Type of the suite's topics, by the beginning of their names, and their QoS if the log has none.

@@ -18,8 +18,7 @@ from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, s
 from resting_aspects_ros.nodes.vision_example.contours import Blob, clearances, find_blobs
 from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
 from resting_aspects_ros.ros.interface import CELL, DETECTIONS, IDENTIFY_PART, SERVICES
-from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
-from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, declare, run_node
 from resting_aspects_ros.vision.camera import Telecentric
 
 IMAGE, CAMERA_INFO, ANNOTATED = 'camera/image_raw', 'camera/camera_info', 'camera/image_annotated'

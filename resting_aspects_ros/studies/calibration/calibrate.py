@@ -13,7 +13,7 @@ from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
-from resting_aspects_ros.simulation.job import DEFAULT_SEED, check_seed
+from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.calibration.counts_file import (
     CountedPart,

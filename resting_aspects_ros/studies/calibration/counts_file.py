@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import StrictStr
 
 from resting_aspects_ros.api.counts import parse_group
-from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
@@ -31,6 +30,7 @@ from resting_aspects_ros.input_files import (
     read_yaml,
     validated,
 )
+from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import DEFAULT_UNIT, Part, valid_name
 from resting_aspects_ros.simulation.conditions import (

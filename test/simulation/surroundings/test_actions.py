@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.given_states import CountsByState
-from resting_aspects_ros.api.plan import named_action, plan_actions, plan_drops
+from resting_aspects_ros.api.plan import CountsByState, named_action, plan_actions, plan_drops
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.rotations import down_in_part, rotate

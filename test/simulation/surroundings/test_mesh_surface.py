@@ -12,7 +12,8 @@ from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.job import BULLET, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.mesh_simplification import DEPTH, GRID, merged_mesh
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface

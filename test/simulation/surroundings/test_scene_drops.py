@@ -12,7 +12,8 @@ from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
-from resting_aspects_ros.simulation.job import BULLET, KERNEL, make_job
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,

@@ -10,7 +10,8 @@ from placed_bodies import flat_on, groove_height, in_groove, point_path
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.simulation.job import BULLET, CONTACT_STEPS, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import X

@@ -1,22 +1,37 @@
-"""The conditions and surroundings that goals and requests name, and those without a name."""
+"""Requests: the conditions and surroundings that they name, their errors and statuses."""
 
 import dataclasses
+import math
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
+from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError, did_you_mean, shown
+from resting_aspects_ros.aspects.estimate import METHODS, NotDefinedError
+from resting_aspects_ros.errors import (
+    InvalidValueError,
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+    did_you_mean,
+    shown,
+)
 from resting_aspects_ros.input_files import is_folder
+from resting_aspects_ros.part.library import unknown_part_text
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
-from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg
+from resting_aspects_ros.ros.conversions import (
+    conditions_from,
+    conditions_msg,
+)
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
-from resting_aspects_ros.ros.parameters import Parameter, on_change
-from resting_aspects_ros.ros.status import NotAvailableError
+from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED, SERVICES
+from resting_aspects_ros.ros.program import Parameter, on_change
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
@@ -25,6 +40,92 @@ from resting_aspects_ros.simulation.conditions import (
 )
 from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshFile, MeshSurface
+from resting_aspects_ros.statistics.distribution import METHOD
+
+# -- Errors and statuses --------------------------------------------------------------------------
+
+
+class NotAvailableError(RestingAspectsError):
+    """A valid request cannot be answered now, or not by this version."""
+
+
+class BusyError(RestingAspectsError):
+    """Too many requests are active."""
+
+
+class CanceledError(RestingAspectsError):
+    """A request was canceled before it was done."""
+
+
+_CODES: dict[type[RestingAspectsError], int] = {
+    UnknownPartError: Status.UNKNOWN_PART,
+    InvalidValueError: Status.INVALID,
+    PartError: Status.INVALID,
+    NotAvailableError: Status.NOT_AVAILABLE,
+    NotDefinedError: Status.INVALID,
+    BusyError: Status.BUSY,
+    CanceledError: Status.CANCELED,
+}
+
+
+def error_status(error: RestingAspectsError) -> Status:
+    """Return the status that reports an error to a client."""
+    return Status(code=_CODES.get(type(error), Status.FAILED), message=str(error))
+
+
+def serve(node: Node, kind: Any, name: str, answer: Callable[[Any, Any], Awaitable[None]]) -> None:
+    """Create a service; an error of ``answer`` becomes the status of the response.
+
+    Parameters
+    ----------
+    answer : coroutine function
+        Fills in the response to a request. Its numbers are NaN and its status is OK before.
+    """
+
+    async def respond(request: Any, response: Any) -> Any:
+        for field, field_type in response.get_fields_and_field_types().items():
+            if field_type == 'double':
+                setattr(response, field, math.nan)
+        response.status = Status(code=Status.OK)
+        try:
+            await answer(request, response)
+        except RestingAspectsError as error:
+            response.status = error_status(error)
+        except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
+            node.get_logger().error(f'{name} failed: {error!r}')
+            response.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
+        return response
+
+    # In the default group of the node, a waiting request would block what it waits for.
+    group = ReentrantCallbackGroup()
+    node.create_service(kind, name, respond, qos_profile=SERVICES, callback_group=group)
+
+
+def status_error(answer: Status) -> RestingAspectsError:
+    """Return the error that a status reports."""
+    kinds = {code: kind for kind, code in reversed(_CODES.items())}
+    return kinds.get(answer.code, RestingAspectsError)(answer.message)
+
+
+def requested_estimator(method: str) -> str | None:
+    """Return the requested estimator, or None for drops; raises InvalidValueError."""
+    if method in ('', METHOD):
+        return None
+    if method not in METHODS:
+        raise InvalidValueError(
+            f'invalid method {shown(method)}: expected {METHOD} or one of {", ".join(METHODS)}'
+        )
+    return method
+
+
+def unknown_part(name: str, known: Iterable[str]) -> UnknownPartError:
+    """Return the error for a name that is not one of the known parts."""
+    none = 'none, because no simulator has offered any yet'
+    return UnknownPartError(unknown_part_text(name, known, none))
+
+
+# -- Conditions and surroundings ------------------------------------------------------------------
+
 
 SURFACE = Parameter(
     'surface',

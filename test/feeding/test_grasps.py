@@ -9,11 +9,17 @@ import yaml
 from shapely import affinity
 
 from resting_aspects_ros.api.forecast import footprints_of
-from resting_aspects_ros.api.grasps import check_grasps, grips_of, load_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, free_shares
-from resting_aspects_ros.vision.grasp import Grasp, gripper_area, gripper_poses
+from resting_aspects_ros.feeding.grasps import (
+    Grasp,
+    check_grasps,
+    gripper_area,
+    gripper_poses,
+    grips_of,
+    load_grasps,
+)
 
 FILE = 'config/grasps/l_bracket.yaml'
 DOWN = (0.0, 0.0, 0.0, 1.0)  # z of the part points down in aspect 1

@@ -1,0 +1,551 @@
+"""The pages of the results: of drops, of actions, and of retention curves."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.api.conditions import (
+    condition_facts,
+    conditions_text,
+    contact_planes,
+    has_level_floor,
+    outcome_hints,
+    scene_of,
+    simulated_shapes,
+    surface_text,
+    when_text,
+)
+from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
+from resting_aspects_ros.api.model_range import model_range_text
+from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
+from resting_aspects_ros.aspects.support import NONE
+from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.input_files import printable
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.comparison import ComparedResults
+from resting_aspects_ros.report.drop_page import drop_page
+from resting_aspects_ros.report.drops import MAX_ROWS, contact_table, symmetry_text
+from resting_aspects_ros.report.format import (
+    GREY,
+    aspect_colour,
+    aspects_text,
+    ids_text,
+    rgb,
+    size_text,
+)
+from resting_aspects_ros.report.page import (
+    Chart,
+    Facts,
+    Fold,
+    Item,
+    Page,
+    Section,
+    Text,
+    file_names,
+    picture_uri,
+    reading,
+)
+from resting_aspects_ros.report.picture import picture_part
+from resting_aspects_ros.report.scene_picture import contact_image
+from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.report.transition_figures import (
+    retention_figure,
+    retention_note,
+    transition_figure,
+    transition_note,
+)
+from resting_aspects_ros.report.transitions import (
+    interval_table,
+    long_run_table,
+    long_run_text,
+    plan_table,
+    retention_counts_table,
+    retention_table,
+    suffix_of,
+    table_rows,
+    wanted_table,
+)
+from resting_aspects_ros.simulation.actions import TIME, NamedAction
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
+from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.surroundings import (
+    BODY_VALUES,
+    RELEASE_VALUES,
+    Surroundings,
+    value_text,
+)
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
+from resting_aspects_ros.statistics.markov import wanted_mask
+from resting_aspects_ros.statistics.transitions import OUTCOMES
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.drop import DropResult
+    from resting_aspects_ros.api.reorient import PlanResult, ReorientResult
+    from resting_aspects_ros.api.retention import RetentionResult
+
+
+# -- Page on drops --------------------------------------------------------------------------------
+
+
+# Seed of the Monte Carlo p values, so that equal inputs give equal reports.
+SEED = 1
+# Side of a picture of a placement, pixels: twice its size on the page.
+PIXELS = 400
+
+
+def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Page:
+    """Return the page of a result, compared with other counts if there are any."""
+    distribution, part = result.distribution, result.part
+    more: dict[str, Any] = {}
+    notes = list(_notes(result))
+    # The methods assume a level plane.
+    level = result.run.conditions.surroundings is None
+    if part is not None and len(distribution.aspects) and level:
+        with analysis('the analytic estimates', notes):
+            shape = RestingShape(part, distribution.aspects)
+            found, more['not_defined'] = estimate_each(shape, METHODS)
+            more['estimates'] = {name: each.probabilities for name, each in found.items()}
+    with analysis('the table of contacts', notes):
+        more['contacts'] = contact_page_table(result)
+    if against is not None:
+        with analysis('the comparison with the measured counts', notes):
+            more['measured'] = _measured(result, against)
+    return drop_page(
+        distribution,
+        part,
+        result.run.part,
+        result.subtitle,
+        notes=notes,
+        facts=_facts(result),
+        history=result.history,
+        range_text=model_range_text(distribution, result.no_model_range),
+        level_floor=has_level_floor(result.run.conditions),
+        **more,
+    )
+
+
+def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, ComparedResults]:
+    """Return the comparison by class with other counts."""
+    tally = counted_by_class(against, result.distribution.aspects).tally
+    own = result.distribution.by_class()
+    counted = DropCounts(
+        own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
+    )
+    found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
+    classes = result.distribution.aspects.classes()
+    sides = ComparedResults(
+        tuple(members[0].symmetry_class for members in classes),
+        None,
+        counted,
+        tally,
+        'class',
+        tuple(map(ids_text, classes)),
+        ('simulated', printable(Path(against.source).name)),
+    )
+    return found, sides
+
+
+def _notes(result: 'DropResult') -> Iterator[str]:
+    run, drops = result.run, result.distribution.drops
+    if not result.complete:
+        goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
+        yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
+    radius = result.part.hull_radius if result.part is not None else None
+    yield from outcome_hints(result.distribution, run.conditions, radius)
+    if result.convergence is not None:
+        yield result.convergence.text().replace('\n', ' ')
+    if result.part is None:
+        yield (
+            'The mesh of the part is not available. Therefore this report has no pictures and '
+            'no analytic estimates.'
+        )
+    else:
+        yield from warning_notes(result.part)
+
+
+def warning_notes(part: Part) -> list[str]:
+    """Return the warnings of a part as sentences."""
+    return [f'{warning[0].upper()}{warning[1:]}.' for warning in part.warnings]
+
+
+def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
+    run, distribution = result.run, result.distribution
+    return {
+        'Part': part_facts(result.part, run, distribution.aspects),
+        'Conditions': [
+            ('surface', surface_text(run.conditions)),
+            *condition_facts(run.conditions),
+        ],
+        **_surroundings_facts(result),
+        'Run': [
+            *run_facts(run, distribution.drops, 'drops'),
+            (
+                'maximum energy gain in a drop',
+                energy_text(distribution.energy_growth, result.part),
+            ),
+        ],
+    }
+
+
+def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
+    """Return the surroundings in words, below their heading; empty for the level plane."""
+    conditions = result.run.conditions
+    if conditions.surroundings is None:
+        return {}
+    shapes = simulated_shapes(result.part, conditions)
+    simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
+    return {'Surroundings': [*surroundings_facts(conditions.surroundings, conditions), *simulated]}
+
+
+def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:
+    """Return label and value of each property of a run; ``what`` was done ``done`` times."""
+    requested = f'{run.drops}' if not run.precision else f'up to {run.drops}'
+    facts = [(f'number of {what}', f'{done} of {requested}')]
+    if run.precision:
+        facts.append(('required precision', f'intervals of at most ±{run.precision:g}'))
+    return [
+        *facts,
+        ('seed', str(run.seed)),
+        *([('index of the first drop', str(run.first_drop))] if run.first_drop else []),
+        ('engine', f'{run.engine} {run.engine_version}'),
+        ('time step', f'{run.time_step:.3g} s'),
+        ('resting_aspects_ros', run.suite_version),
+        ('date', when_text(run.started)),
+        ('run id', run.run_id),
+    ]
+
+
+def energy_text(growth: float, part: Part | None) -> str:
+    """Return the energy that the engine added, m g R, as the rise of the part that it equals."""
+    if part is None:
+        return f'equal to a rise by {growth:.2g} of the part radius'
+    return f'equal to a rise by {1000 * growth * part.hull_radius:.2g} mm'
+
+
+def part_facts(
+    part: Part | None, run: RunDescription, aspects: AspectSet
+) -> list[tuple[str, str]]:
+    """Return label and value of each property of a part, which may not be available."""
+    hashes = [('part sha256', run.part_sha256)]
+    if part is None:
+        return [('name', run.part), *hashes]
+    symmetry = aspects.symmetry
+    return [
+        ('name', part.name),
+        ('size along the mesh axes', size_text(part)),
+        ('mesh', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'),
+        ('mass', f'{1000 * part.mass:.4g} g'),
+        *([('symmetry', symmetry_text(symmetry))] if symmetry is not None else []),
+        ('mesh sha256', part.mesh_sha256),
+        *hashes,
+    ]
+
+
+def contact_page_table(result: 'DropResult') -> Table | None:
+    """Return the table of contacts with a picture in each row; None without walls or part."""
+    part, contacts, distribution = result.part, result.contacts, result.distribution
+    if part is None or contacts is None:
+        return None
+    planes = contact_planes(scene_of(part, result.run.conditions))
+    drawn = picture_part(part, distribution.aspects)
+    table = contact_table(contacts, distribution)
+    table.picture_width = PIXELS // 2
+    rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
+    for k, (placement, _) in enumerate(rows[:MAX_ROWS]):
+        colour = _colour(distribution.aspects, placement.contacts)
+        image = contact_image(
+            drawn, placement.orientation, placement.contacts, planes, colour, PIXELS
+        )
+        table.pictures[k, 0] = picture_uri(image)
+    return table
+
+
+def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
+    """Return the colour of the first aspect on which the part lies, lighter than its contacts."""
+    lies = next((code for code in contacts if code > NONE), None)
+    colour = np.array(rgb(GREY if lies is None else aspect_colour(aspects[lies - 1])))
+    return np.asarray(0.65 * colour + 0.35)
+
+
+def surroundings_facts(
+    surroundings: Surroundings, conditions: DropConditions
+) -> Iterator[tuple[str, str]]:
+    """Yield label and value: the kind, its dimensions, each body, and the release.
+
+    The friction and the other values of a body are those of the conditions unless it has its own.
+    """
+    shape = surroundings.shape
+    yield 'kind', shape.kind.replace('_', ' ')
+    for name, quantity in quantities_of(shape).items():
+        yield quantity.label, value_text(getattr(shape, name), quantity.unit)
+    for name, text in getattr(shape, 'texts', {}).items():
+        yield name.replace('_', ' '), text
+    for body in shape.body_names:
+        own = surroundings.bodies.get(body, {})
+        values = {
+            key: own.get(key, 0.0 if key == 'speed' else getattr(conditions, key))
+            for key in BODY_VALUES
+        }
+        if not values['speed']:
+            del values['speed']
+        yield (
+            body.replace('_', ' '),
+            ', '.join(
+                f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
+                for key, value in values.items()
+            ),
+        )
+    for name, value in surroundings.release.items():
+        yield RELEASE_VALUES[name].text, value_text(value, 'm')
+    if surroundings.orientation is not None:
+        x, y, z, w = surroundings.orientation
+        yield 'orientation at release', f'x {x:.4g}, y {y:.4g}, z {z:.4g}, w {w:.4g}'
+
+
+# -- Pages on actions and on retention ------------------------------------------------------------
+
+
+# The page on actions, and that on retention curves.
+PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
+HEAT_MAP, RETENTION = 'transitions', 'retention'
+# Conditions that matter only for drops.
+_RELEASE = {
+    QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
+}
+
+
+def reorientation_file_names(actions: Sequence[str]) -> list[str]:
+    """Return the names of all files of a page on these actions; without any, on retention."""
+    figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
+    return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
+
+
+def reorientation_page(
+    results: Sequence['ReorientResult'],
+    *,
+    wanted: Sequence[int] = (),
+    plan: 'PlanResult | None' = None,
+) -> Page:
+    """Return a page on one or several actions.
+
+    Parameters
+    ----------
+    results : sequence of ReorientResult
+        Results of different actions on the same part under the same conditions.
+    wanted : sequence of int
+        Ids of wanted aspects.
+    plan : PlanResult or None
+        The best plan, if it is to be shown.
+    """
+    first = results[0]
+    names = [result.action.name for result in results]
+    runs = [f'Run of {name}' for name in names] if len(names) > 1 else ['Run']
+    sections = [
+        Section(
+            f'Action {result.action.name}',
+            f'action-{number}',
+            list(_action_items(result, wanted, suffix_of(result.action.name, names))),
+        )
+        for number, result in enumerate(results, start=1)
+    ]
+    if plan is not None:
+        sections.append(_plan_section(first, plan, wanted))
+    return Page(
+        file=PAGE,
+        title=first.run.part,
+        topic='reorientation',
+        lead='How the part gets from aspect to aspect',
+        subtitle=f'{", ".join(names)} on {conditions_text(first.run.conditions)}, '
+        f'seed {first.run.seed}',
+        sections=sections,
+        reading=reading('reorientation'),
+        facts={
+            'Part': part_facts(first.part, first.run, first.matrix.aspects),
+            **_contact_facts(first.run.conditions),
+            **dict(zip(runs, map(_action_run_facts, results), strict=True)),
+        },
+        notes=warning_notes(first.part),
+        contents=len(results) > 1,
+        names=reorientation_file_names(names),
+    )
+
+
+def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) -> Iterator[Item]:
+    """Yield what the page shows of one action."""
+    action, matrix = result.action, result.matrix
+    low, high = matrix.actions.min(), matrix.actions.max()
+    each = f'{low}' if low == high else f'{low} to {high}'
+    yield f'{action.action.kind}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    for note in _action_notes(result):
+        yield Text(note, 'note')
+    yield Facts(list(_action_facts(action)))
+    if action.source:
+        yield f'Source of these values: {action.source}'
+    yield Text('Transitions', 'part')
+    draw = partial(transition_figure, matrix, result.part)
+    yield Chart(
+        HEAT_MAP + suffix,
+        f'Heat map of the transition probabilities of {action.name}',
+        partial(draw, ''),
+        transition_note(matrix),
+        partial(draw, result.title),
+    )
+    yield from _by_class_and_aspect(
+        result, [interval_table(matrix, by_class) for by_class in (True, False)]
+    )
+    if result.convergence is not None:
+        classes = map(aspects_text, matrix.aspects.classes())
+        yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
+    yield Text('Long run', 'part')
+    yield from _long_run_items(result)
+    if wanted and (matrix.actions > 0).all():
+        yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
+        yield from _way_items(result, wanted)
+
+
+def _by_class_and_aspect(result: 'ReorientResult', tables: Sequence[Table]) -> Iterator[Item]:
+    """Yield the table by class, and folded that by aspect if it differs."""
+    aspects = result.matrix.aspects
+    yield tables[0]
+    if len(aspects.classes()) < len(aspects):
+        yield Fold('by aspect', [tables[1]])
+
+
+def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
+    views = [result.by_class(), result]
+    if any(view.long_run is None for view in views):
+        yield (
+            'The shares in the long run are not known: actions from each aspect, and drops that '
+            'come to rest in an aspect, are needed for them.'
+        )
+        return
+    tables = []
+    for view, by_class in zip(views, (True, False), strict=True):
+        assert view.long_run is not None
+        rows = table_rows(result.matrix.aspects, by_class=by_class)
+        confidence = result.matrix.confidence
+        table = long_run_table(
+            rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
+        )
+        table.caption = long_run_text(rows, view.long_run)
+        tables.append(table)
+    yield from _by_class_and_aspect(result, tables)
+    drop = result.drop
+    yield (
+        'The shares to which repeated actions lead, with '
+        f'{100 * result.matrix.confidence:g} % intervals, beside the shares of a drop. '
+        f'{int(drop.counts.sum())} of {drop.drops} drops came to rest in an aspect. The intervals '
+        'contain the uncertainty of the transitions; the shares of the drop are taken as known.'
+    )
+
+
+def _way_items(result: 'ReorientResult', wanted: Sequence[int]) -> Iterator[Item]:
+    with analysis('the way to the wanted aspects'):
+        rows = table_rows(result.matrix.aspects, by_class=False)
+        mask = wanted_mask(wanted, len(rows))
+        yield wanted_table(rows, mask, *result.reach(wanted), '')
+        yield (
+            'Probability that repeated actions lead to a wanted aspect before the part leaves the '
+            'aspects, and the expected number of actions if it gets there.'
+        )
+
+
+def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence[int]) -> Section:
+    rows = table_rows(result.matrix.aspects, by_class=False)
+    text = (
+        f'The action in each aspect with which the part is in {_wanted_text(result, wanted)} '
+        'after the least expected time. A part that leaves the aspects is replaced by a dropped '
+        'part, which takes no time.'
+    )
+    return Section('Best plan', 'plan', [text, plan_table(rows, plan.plan, plan.names, '')])
+
+
+def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:
+    return aspects_text(tuple(result.matrix.aspects[k - 1] for k in sorted(set(wanted))))
+
+
+def retention_page(result: 'RetentionResult') -> Page:
+    """Return a page on retention curves."""
+    run, part, curves = result.run, result.part, result.curves
+    done = sum(int(curve.parts.sum()) for curve in curves)
+    each = max(int(curve.parts.max(initial=0)) for curve in curves)
+    notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
+    subtitle = f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}'
+    draw = partial(retention_figure, curves, result.aspects, part)
+    items: list[Item] = [
+        Chart(
+            RETENTION,
+            'Line chart of the probability to leave each aspect against the lift height',
+            partial(draw, ''),
+            retention_note(curves, result.aspects),
+            partial(draw, f'{run.part}, {subtitle}'),
+        ),
+        retention_table(curves, '', run.conditions.gravity),
+        (
+            'The lift heights at which 1, 10 and 50 % of the parts have left the aspect, with '
+            f'{100 * curves[0].confidence:g} % intervals.'
+        ),
+        Fold('all lift heights', [retention_counts_table(curves, '')]),
+    ]
+    return Page(
+        file=RETENTION_PAGE,
+        title=run.part,
+        topic='retention',
+        lead='How firmly the part rests in each aspect',
+        subtitle=subtitle,
+        sections=[Section('Retention', 'retention', items)],
+        reading=reading('retention'),
+        facts={
+            'Part': part_facts(part, run, result.aspects),
+            'Conditions': _contact_facts(run.conditions)['Conditions'],
+            'Run': [
+                *run_facts(run, done, 'disturbances'),
+                ('disturbances from each aspect at each lift height', str(each)),
+            ],
+        },
+        notes=[*notes, *warning_notes(part)],
+        names=reorientation_file_names(()),
+    )
+
+
+def _action_notes(result: 'ReorientResult') -> Iterator[str]:
+    if not result.complete:
+        yield _incomplete(int(result.matrix.actions.sum()), result.run.drops, 'actions')
+    if not result.action.action.has_effect:
+        yield 'The action has no effect: every part stays where it is.'
+
+
+def _incomplete(done: int, requested: int, what: str) -> str:
+    return f'The run is not complete: it has {done} of {requested} {what}.'
+
+
+def _action_facts(action: NamedAction) -> Iterator[tuple[str, str]]:
+    for name, quantity in quantities_of(action.action).items():
+        value = getattr(action.action, name)
+        yield quantity.label, f'{value:g} {quantity.unit}'.rstrip()
+    yield TIME.text, f'{action.time:g} {TIME.unit}'
+
+
+def _contact_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
+    """Return the conditions of the contact, and those that matter only for the drops."""
+    facts = list(condition_facts(conditions))
+    release = [fact for fact in facts if fact[0].partition(' (')[0] in _RELEASE]
+    contact = [fact for fact in facts if fact not in release]
+    return {
+        'Conditions': [('surface', conditions_text(conditions)), *contact],
+        'Release of the drops': release,
+    }
+
+
+def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
+    growth = energy_text(result.matrix.energy_growth, result.part)
+    return [
+        *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),
+        ('number of drops', str(result.drop.drops)),
+        ('maximum energy gain in an action', growth),
+    ]
