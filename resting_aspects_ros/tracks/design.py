@@ -337,6 +337,12 @@ class _Best:
         return {option.trap.kind for option in self.options}
 
 
+def _worth(best: _Best, others: Sequence[_Best]) -> bool:
+    """Return whether a set has a margin, and a larger one than those with fewer traps."""
+    simpler = [each.margin + BETTER for each in others if each.kinds < best.kinds]
+    return best.margin > max([LEAST, *simpler])
+
+
 class _Search:
     """The sets of traps that pass wanted rows and those that are alike, and reject all others.
 
@@ -395,23 +401,16 @@ class _Search:
     def _verified(self, found: Sequence[_Best], apart: Callable[[Trap], Array]) -> list[_Best]:
         """Return the best sets with their margins over all dimensions of their traps."""
         checked: list[_Best] = []
+        kept: list[_Best] = []
         for best in found:
-            enough = sum(each.margin >= best.margin for each in checked) >= ALTERNATIVES
+            enough = sum(each.margin >= best.margin for each in kept) >= ALTERNATIVES
             if enough or best.margin <= LEAST:
                 break
-            margins = np.array(
-                [
-                    np.clip(each.margins, -apart(each.trap), apart(each.trap))
-                    for each in best.options
-                ]
-            )
+            limits = np.array([apart(option.trap) for option in best.options])
+            margins = np.clip([option.margins for option in best.options], -limits, limits)
             value = min(margins[:, self.same].min(), -margins[:, self._others].min(axis=0).max())
             checked.append(replace(best, margin=float(value)))
-        kept = []
-        for best in checked:
-            simpler = [each.margin + BETTER for each in checked if each.kinds < best.kinds]
-            if best.margin > max([LEAST, *simpler]):
-                kept.append(best)
+            kept = [each for each in checked if _worth(each, checked)]
         return sorted(kept, key=lambda each: (-each.margin, len(each.options)))[:ALTERNATIVES]
 
     def decisive(self) -> Iterator[tuple[int, int]]:

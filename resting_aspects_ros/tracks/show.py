@@ -182,7 +182,7 @@ def band_table(bands: Sequence[tuple[str, str, int, 'Band']]) -> Table:
         )
     table.caption = (
         'The simulated values from which all parts of a wanted row pass at this speed, and none '
-        f'of another row does. {NOTHING}: not needed, or not within 8 mm of the critical value.'
+        f'of another row does. {NOTHING}: not needed, or not within 16 mm of the critical value.'
     )
     return table
 

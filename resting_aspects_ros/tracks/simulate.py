@@ -199,7 +199,7 @@ def run_over(
 
 
 # Distances from the critical value at which parts run, m, and parts at each.
-OFFSETS = (1e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+OFFSETS = (1e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3)
 PARTS = 20
 # Share of the parts that must pass, or be rejected.
 ENOUGH = 0.95
@@ -220,7 +220,7 @@ def measured_band(
 
     Parts run over the trap with dimensions farther and farther away from the critical value, until
     at least 95 % of them pass if the row is wanted, and otherwise until at least 95 % of them fall
-    off. The end is infinite if it is not within 8 mm.
+    off. The end is infinite if it is not within 16 mm.
 
     critical : the critical value of the dimension by statics, m
     """
