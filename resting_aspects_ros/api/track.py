@@ -1,5 +1,6 @@
 """What passes the traps of a track, and which traps pass only a wanted orientation."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -110,7 +111,7 @@ def track(
     >>> [each.outcome for each in found.passage.outcomes[0]]
     ['pass', 'reject', 'reject']
     """
-    given, wanted = given_track(on), (want,) if isinstance(want, int) else tuple(want)
+    given, wanted = given_track(on), tuple(want) if isinstance(want, Sequence) else (want,)
     limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
     loaded = given_part(part)
@@ -202,7 +203,7 @@ def design_track(
     ]
     if results:
         results[0] = _with_runs(results[0], simulate, seed, stopped)
-    bare = replace(bare, interrupted=bool(simulate) and stopped())
+    bare = replace(bare, bands=found.bands, interrupted=bool(simulate) and stopped())
     return TrackDesign(tuple(results), bare, found.alike, tuple(_advice(bare.passage, found)))
 
 
@@ -216,7 +217,7 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
     """Return a track, or that of a mapping, a file, or a name in config/tracks."""
     if isinstance(on, Track):
         return on
-    if isinstance(on, Mapping):
+    if not isinstance(on, str | Path):
         return read_track(on)
     path = Path(on)
     if path.suffix not in ('.yaml', '.yml'):
@@ -300,7 +301,20 @@ def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
         )
         if found.others:
             texts = [f'{number} (margin {margin_text(margin)})' for number, margin in found.others]
-            yield f'Traps exist for these wanted rows: {", ".join(texts[:3])}.'
+            by = ', by statics' if found.bands else ''
+            yield f'Traps exist for these wanted rows{by}: {", ".join(texts[:3])}.'
+    for kind in sorted({trap.kind for trap, *_ in found.bands}):
+        failed = [
+            row
+            for trap, _, row, band in found.bands
+            if trap.kind == kind and math.inf in (band.passes, band.rejects)
+        ]
+        if failed:
+            yield (
+                f'Simulated at {1e3 * on.track.speed:g} mm/s, no {kind} within 16 mm of its '
+                f'critical value passes or rejects row {numbers_text(sorted({*failed}))} as '
+                'statics says: its parts jam or turn.'
+            )
     by_id = {row.id: row for row in on.rows}
     mixed = [number for number in found.alike if number not in on.wanted]
     for other in [*mixed, *found.remaining]:
@@ -318,7 +332,7 @@ def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
         elif all(_camera_separates(on.part, by_id[each], by_id[other]) for each in on.wanted):
             yield f'A camera (a sensor) separates {wanted} from row {other}.'
         else:
-            yield f'Neither a triangular cut-out nor a camera separates {wanted} from row {other}.'
+            yield f'No triangular cut-out and no camera separates {wanted} from row {other}.'
 
 
 def _camera_separates(part: Part, one: Orientation, other: Orientation) -> bool:

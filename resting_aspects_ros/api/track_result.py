@@ -256,7 +256,7 @@ class TrackResult(Result):
             'rolls': 'The part rolls in row {}: its outcome is not known.',
             'unknown': 'Statics does not tell what becomes of row {}: only edges of the part '
             'touch the track, it drops into the trap, or it turns over.',
-            'falls_off': 'Row {} falls off the track before the first trap.',
+            'falls_off': 'These fall off the track before the first trap: row {}.',
             'jams': f'{share_text(found.jams)} % of the parts jam in a trap: row {{}}.',
             'margin_below_tolerance': 'The margin of row {} is less than the tolerances of part '
             f'and trap together, {margin_text(found.tolerance.both)}.',
@@ -500,8 +500,12 @@ class TrackDesign(Result):
         """The proposals, what follows from the best one, and advice."""
         names = ['Best design', *['Alternative'] * len(self.designs)]
         proposals = [
-            f'{name}: {"; ".join(each.trap_names) or "no trap"}; margin '
-            f'{margin_text(each.margin or 0.0)}.'
+            f'{name}: {"; ".join(each.trap_names) or "no trap"}; '
+            + (
+                f'margin {margin_text(each.margin)}.'
+                if each.margin is not None and np.isfinite(each.margin)
+                else 'no further trap is needed.'
+            )
             for name, each in zip(names, self.designs, strict=False)
         ]
         return [*proposals, *self.best.sentences, *self.advice]

@@ -116,12 +116,15 @@ class DesignResult:
         If there is no design: ids of the rows that no trap rejects which passes the wanted rows.
     others : tuple of (int, float)
         If there is no design: rows for which there is one, and its margin, m, best first.
+    bands : tuple of (Trap, str, int, Band)
+        If there is no design: all simulated bands, as in Design.
     """
 
     designs: tuple[Design, ...]
     alike: tuple[int, ...]
     remaining: tuple[int, ...] = ()
     others: tuple[tuple[int, float], ...] = ()
+    bands: tuple[tuple[Trap, str, int, Band], ...] = ()
 
 
 def design_traps(
@@ -141,7 +144,7 @@ def design_traps(
     InvalidValueError
         If the part rolls in a wanted row, or the track and its own traps do not pass it.
     """
-    if not 1 <= most <= MAX_TRAPS:
+    if most not in range(1, MAX_TRAPS + 1):
         raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
     _check_wanted(on)
     ids = [row.id for row in on.rows]
@@ -202,7 +205,11 @@ def design_traps(
         for j in np.setdiff1d(np.flatnonzero(~gone), wanted).tolist()
         if not on.rows[j].rolls and (search := searched(np.array([j]))).best
     ]
-    return DesignResult((), alike, remaining, tuple(sorted(others, key=lambda each: -each[1])))
+    others.sort(key=lambda each: -each[1])
+    seen = [
+        (families[f].trap, families[f].dimension, ids[j], band) for (f, j), band in bands.items()
+    ]
+    return DesignResult((), alike, remaining, tuple(others), tuple(seen))
 
 
 def _check_wanted(on: Passage) -> None:

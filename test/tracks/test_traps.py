@@ -94,6 +94,16 @@ def test_critical_balconies_of_a_nut(part, rows_of):
     assert sorted(found) == pytest.approx([4.20, 8.50, 9.815], abs=0.01)
 
 
+def test_the_support_of_a_contact_that_is_not_convex(part, rows_of):
+    # A U on its side with a leg at the wall: the hull of what a narrow track carries ends at the
+    # line from the end of this leg to the back.
+    shape = part('u_bracket')
+    rows = [row for row in rows_of(shape) if row.height < 0.021 and row.length < 0.0251]
+    assert {round(1e3 * row.yaw.distance, 2) for row in rows} == {15.0}
+    for row in rows:
+        assert 1e3 * critical(Balcony(0.02), (shape, row)) == pytest.approx(18.02, abs=0.01)
+
+
 def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     part, row = box
     radius = critical(Scallop(0.01, 0.02), box)
