@@ -1,5 +1,6 @@
 """What passes the traps of a track, and which traps pass only a wanted orientation."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import shapely
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import ReorientResult, reorient
+from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.runner import Progress, never
 from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 from resting_aspects_ros.arrays import Array
@@ -38,7 +39,7 @@ from resting_aspects_ros.tracks.design import (
     design_traps,
 )
 from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
-from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
+from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
 from resting_aspects_ros.tracks.simulate import measured_band, run_track
@@ -109,22 +110,29 @@ def track(
     >>> [each.outcome for each in found.passage.outcomes[0]]
     ['pass', 'reject', 'reject']
     """
-    given, wanted = given_track(on), (want,) if isinstance(want, int) else tuple(want)
+    given, wanted = given_track(on), tuple(want) if isinstance(want, Sequence) else (want,)
     limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
     loaded = given_part(part)
     _warn_of_units(loaded, given)
-    dropped, acted, rows = _arrivals(
-        loaded,
-        given,
-        before,
-        surface=surface,
-        drops=drops,
-        seed=seed,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
+    options: dict[str, Any] = {
+        'surface': surface,
+        'drops': drops,
+        'seed': seed,
+        'workers': workers,
+        'progress': progress,
+        'stopped': stopped,
         **conditions,
+    }
+    actions = [named_action(each) for each in before]
+    dropped = drop(loaded, model_range=False, **options)
+    acted = tuple(reorient(loaded, action, **options) for action in actions)
+    distribution, wall = dropped.distribution, given.wall
+    shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
+    for each in acted:
+        shares = shares @ np.nan_to_num(each.matrix.transitions)
+    rows = orientations_on(
+        loaded, distribution.aspects, shares.tolist(), wall.height, wall.friction
     )
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
@@ -133,81 +141,59 @@ def track(
 
 def design_track(
     part: Part | str | Path,
-    want: int,
+    want: int | Sequence[int] = (),
     on: Track | Mapping[str, Any] | str | Path | None = None,
     *,
     traps: int = MAX_TRAPS,
     simulate: int = 0,
-    before: Sequence[str | Action | NamedAction] = (),
-    drops: int = DROPS,
-    surface: str | DropConditions = DEFAULT_SURFACE,
-    tolerance: float = 0.0,
-    trap_tolerance: float = 0.0,
     seed: int = DEFAULT_SEED,
-    workers: int | Workers | None = None,
-    progress: Progress = False,
     stopped: Callable[[], bool] = never,
-    **conditions: Any,
+    **options: Any,
 ) -> TrackDesign:
-    """Propose traps that pass only a wanted orientation of a part, with the largest margins.
+    """Propose traps that pass only wanted orientations of a part, with the largest margins.
 
     Parameters
     ----------
-    want : int
-        Id of the row that the feeder shall deliver; `track` shows the rows.
     on : Track, mapping, str or Path, optional
-        The track without traps, as for `track`; by default one twice as wide as the part, rolled
-        towards the wall by 5 degrees.
+        The track, as for `track`; by default one twice as wide as the part, rolled towards the
+        wall by 5 degrees. Its own traps stay, and the proposed ones follow them.
     traps : int
-        Maximum number of traps, 1 to 3.
+        Maximum number of proposed traps, 1 to 3.
     simulate : int
         As for `track`, with the best design. Its margins are then those from the grey band of each
         trap and row, in which only some of the parts pass at the speed of the track.
-    part, before, drops, surface, tolerance, trap_tolerance, seed, workers, progress, stopped,
-    conditions
+    part, want, seed, stopped, options
         As for `track`.
 
     Returns
     -------
     TrackDesign
         The proposals, the one with the largest margin first; none if no set of traps passes only
-        the wanted row, and then what would separate the others.
+        the wanted rows, and then what would separate the others.
 
     Raises
     ------
     InvalidValueError
-        A value is out of bounds, a name is not known, the part rolls in the wanted row, or the
-        track does not support it.
+        A value is out of bounds, a name is not known, the part rolls in a wanted row, or the track
+        does not support it.
     """
-    loaded = given_part(part)
-    given = default_track(loaded) if on is None else replace(given_track(on), traps=())
-    limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
-    dropped, acted, rows = _arrivals(
-        loaded,
-        given,
-        before,
-        surface=surface,
-        drops=drops,
-        seed=seed,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
-        **conditions,
-    )
+    loaded = given_part(part)
+    given = default_track(loaded) if on is None else on
+    bare = track(loaded, given, want, seed=seed, stopped=stopped, **options)
+    physics = bare.drop.run.conditions
 
-    def measure(row: Orientation, trap: Any, name: str, critical: float) -> Band:
+    def measure(row: Orientation, trap: Any, name: str, critical: float, wanted: bool) -> Band:
         if stopped():
             return Band(critical, critical)
-        physics = dropped.run.conditions
-        return measured_band(loaded, row, trap, name, critical, given, physics, seed)
+        described = bare.passage.track
+        return measured_band(loaded, row, trap, name, critical, wanted, described, physics, seed)
 
-    found = design_traps(loaded, rows, given, want, limits, traps, measure if simulate else None)
+    found = design_traps(bare.passage, traps, measure if simulate else None)
     results = [
-        TrackResult(
-            dropped,
-            design.passage,
-            acted,
+        replace(
+            bare,
+            passage=design.passage,
             alike=found.alike,
             margin=design.margin,
             bands=design.bands,
@@ -216,10 +202,8 @@ def design_track(
     ]
     if results:
         results[0] = _with_runs(results[0], simulate, seed, stopped)
-    plain = pass_traps(loaded, rows, given, (want,), limits)
-    bare = TrackResult(dropped, plain, acted, interrupted=bool(simulate) and stopped())
-    advice = tuple(_advice(loaded, rows, given, want, found))
-    return TrackDesign(tuple(results), bare, found.alike, advice)
+    bare = replace(bare, bands=found.bands, interrupted=bool(simulate) and stopped())
+    return TrackDesign(tuple(results), bare, found.alike, tuple(_advice(bare.passage, found)))
 
 
 def default_track(part: Part) -> Track:
@@ -232,7 +216,7 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
     """Return a track, or that of a mapping, a file, or a name in config/tracks."""
     if isinstance(on, Track):
         return on
-    if isinstance(on, Mapping):
+    if not isinstance(on, str | Path):
         return read_track(on)
     path = Path(on)
     if path.suffix not in ('.yaml', '.yml'):
@@ -246,23 +230,7 @@ def given_track(on: Track | Mapping[str, Any] | str | Path) -> Track:
     return read_track_file(path)
 
 
-# -- Arrivals -------------------------------------------------------------------------------------
-
-
-def _arrivals(
-    part: Part, on: Track, before: Sequence[str | Action | NamedAction], **options: Any
-) -> tuple[DropResult, tuple[ReorientResult, ...], list[Orientation]]:
-    """Return drops, actions, and the rows with their shares before the traps."""
-    actions = [named_action(each) for each in before]
-    dropped = drop(part, model_range=False, **options)
-    acted = tuple(reorient(part, action, **options) for action in actions)
-    distribution = dropped.distribution
-    shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
-    for each in acted:
-        shares = shares @ np.nan_to_num(each.matrix.transitions)
-    wall = on.wall
-    rows = orientations_on(part, distribution.aspects, shares.tolist(), wall.height, wall.friction)
-    return dropped, acted, rows
+# -- Parts of the computation -----------------------------------------------------------------
 
 
 def _confusions(
@@ -318,16 +286,12 @@ def _warn_of_units(part: Part, on: Track) -> None:
 # -- Advice ---------------------------------------------------------------------------------------
 
 
-def _advice(
-    part: Part, rows: Sequence[Orientation], on: Track, want: int, found: DesignResult
-) -> Iterator[str]:
+def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
     """Yield what separates rows that the traps do not separate."""
-    mixed = [number for number in found.alike if number != want]
-    if found.designs and not mixed:
-        return
+    wanted = f'{"row" if len(on.wanted) == 1 else "rows"} {numbers_text(on.wanted)}'
     if not found.designs:
         yield (
-            f'No set of traps passes only row {want}'
+            f'No set of traps passes only {wanted}'
             + (
                 f': no trap that passes it also rejects row {numbers_text(found.remaining)}.'
                 if found.remaining
@@ -335,12 +299,25 @@ def _advice(
             )
         )
         if found.others:
-            best = sorted(found.others, key=lambda each: -each[1])[:3]
-            texts = [f'{number} (margin {margin_text(margin)})' for number, margin in best]
-            yield f'Traps exist for these wanted rows: {", ".join(texts)}.'
-    by_id = {row.id: row for row in rows}
+            texts = [f'{number} (margin {margin_text(margin)})' for number, margin in found.others]
+            by = ', by statics' if found.bands else ''
+            yield f'Traps exist for these wanted rows{by}: {", ".join(texts[:3])}.'
+    for kind in sorted({trap.kind for trap, *_ in found.bands}):
+        failed = [
+            row
+            for trap, _, row, band in found.bands
+            if trap.kind == kind and math.inf in (band.passes, band.rejects)
+        ]
+        if failed:
+            yield (
+                f'Simulated at {1e3 * on.track.speed:g} mm/s, no {kind} within 16 mm of its '
+                f'critical value passes or rejects row {numbers_text(sorted({*failed}))} as '
+                'statics says: its parts jam or turn.'
+            )
+    by_id = {row.id: row for row in on.rows}
+    mixed = [number for number in found.alike if number not in on.wanted]
     for other in [*mixed, *found.remaining]:
-        cut = asymmetric_cut(part, rows, on.surface, want, other)
+        cut = asymmetric_cut(on, other)
         if cut is not None:
             corners = ', '.join(
                 f'({1e3 * cut[0].scale * x:.1f}, {1e3 * cut[0].scale * y:.1f})'
@@ -348,16 +325,13 @@ def _advice(
             )
             yield (
                 f'A triangular cut-out with the corners {corners} mm (along the track, from the '
-                f'wall) passes row {want} and rejects row {other}, with a margin of '
+                f'wall) passes {wanted} and rejects row {other}, with a margin of '
                 f'{margin_text(cut[1])}.'
             )
-        elif _camera_separates(part, by_id[want], by_id[other]):
-            yield f'A camera (a sensor) separates row {want} from row {other}.'
+        elif all(_camera_separates(on.part, by_id[each], by_id[other]) for each in on.wanted):
+            yield f'A camera (a sensor) separates {wanted} from row {other}.'
         else:
-            yield (
-                f'From above, row {want} looks like row {other}: neither a triangular cut-out nor '
-                'a camera separates them.'
-            )
+            yield f'No triangular cut-out and no camera separates {wanted} from row {other}.'
 
 
 def _camera_separates(part: Part, one: Orientation, other: Orientation) -> bool:

@@ -58,7 +58,7 @@ class TrackResult(Result):
     interrupted : bool
         Whether parts should have been simulated, but were not.
     alike : tuple of int
-        Of a design: ids of the rows that its traps cannot separate from the wanted one, with it.
+        Of a design: ids of the wanted rows, and of those that its traps cannot separate from them.
     margin : float or None
         Of a design: its least margin, m.
     bands : tuple of (Trap, str, int, Band)
@@ -176,23 +176,27 @@ class TrackResult(Result):
         runs, found = self.runs, self.passage
         if runs is None:
             return
-        mask = np.array([row.id in found.wanted for row in self.rows])
         passed, total = runs.passed, runs.parts
-        good, bad = (
-            intervals([int(passed[each].sum())], int(each.sum()) * total)[0]
-            for each in (mask, ~mask)
-        )
+        ids = [row.id for row in self.rows]
+        groups = {
+            'the wanted rows': np.isin(ids, found.wanted),
+            'rows that are alike': np.isin(ids, sorted({*self.alike} - {*found.wanted})),
+            'all others': ~np.isin(ids, [*found.wanted, *self.alike]),
+        }
+        shares = []
+        for name, group in groups.items():
+            if group.any():
+                share = intervals([int(passed[group].sum())], int(group.sum()) * total)[0]
+                shares.append(f'{interval_words(share)} of {name}')
         yield (
-            f'Of {total} simulated parts of each row, {interval_words(good)} of the wanted rows '
-            f'pass'
-            + (f', and {interval_words(bad)} of all others' if (~mask).any() else '')
-            + f': {self.simulated_efficiency * found.arrivals:.1f} good parts per minute.'
+            f'Of {total} simulated parts of each row, these pass: {"; ".join(shares)}. That gives '
+            f'{self.simulated_efficiency * found.arrivals:.1f} good parts per minute.'
         )
         jams = int(runs.jams.sum())
         if jams:
             rows = [row.id for row, n in zip(self.rows, runs.jams.tolist(), strict=True) if n]
             yield (
-                f'{jams} of the {len(mask) * total} simulated parts jam: row {numbers_text(rows)}.'
+                f'{jams} of the {len(ids) * total} simulated parts jam: row {numbers_text(rows)}.'
             )
         for t, of_trap in enumerate(found.outcomes):
             rows = [
@@ -252,12 +256,12 @@ class TrackResult(Result):
             'rolls': 'The part rolls in row {}: its outcome is not known.',
             'unknown': 'Statics does not tell what becomes of row {}: only edges of the part '
             'touch the track, it drops into the trap, or it turns over.',
-            'falls_off': 'Row {} falls off the track before the first trap.',
+            'falls_off': 'These fall off the track before the first trap: row {}.',
             'jams': f'{share_text(found.jams)} % of the parts jam in a trap: row {{}}.',
             'margin_below_tolerance': 'The margin of row {} is less than the tolerances of part '
             f'and trap together, {margin_text(found.tolerance.both)}.',
-            'alike': 'Rows {} are alike to these traps, as mirror images are; purity counts all '
-            'of them as wanted.',
+            'alike': 'Rows {} are alike to these traps, as mirror images are: where one of them '
+            'passes, all do.',
         }
         for flag in self.flags:
             ids: Any = flag['orientations']
@@ -461,17 +465,17 @@ def _cell(value: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class TrackDesign(Result):
-    """Traps that pass only a wanted orientation, or what cannot be separated from it.
+    """Traps that pass only wanted orientations, or what cannot be separated from them.
 
     Attributes
     ----------
     designs : tuple of TrackResult
         The proposals, the one with the largest margin first; empty if no set of traps passes only
-        the wanted row. Only the bands of the first are simulated.
+        the wanted rows. Only the bands of the first are simulated.
     bare : TrackResult
-        The track without traps.
+        The track without proposed traps.
     alike : tuple of int
-        Ids of the rows that no trap separates from the wanted one, with it.
+        Ids of the wanted rows, and of those that no trap separates from them.
     advice : tuple of str
         What separates rows that these traps do not separate, in sentences.
     """
@@ -483,7 +487,7 @@ class TrackDesign(Result):
 
     @property
     def best(self) -> TrackResult:
-        """The best design; the track without traps if there is none."""
+        """The best design; the track without proposed traps if there is none."""
         return self.designs[0] if self.designs else self.bare
 
     @property
@@ -496,8 +500,12 @@ class TrackDesign(Result):
         """The proposals, what follows from the best one, and advice."""
         names = ['Best design', *['Alternative'] * len(self.designs)]
         proposals = [
-            f'{name}: {"; ".join(each.trap_names) or "no trap"}; margin '
-            f'{margin_text(each.margin or 0.0)}.'
+            f'{name}: {"; ".join(each.trap_names) or "no trap"}; '
+            + (
+                f'margin {margin_text(each.margin)}.'
+                if each.margin is not None and np.isfinite(each.margin)
+                else 'no further trap is needed.'
+            )
             for name, each in zip(names, self.designs, strict=False)
         ]
         return [*proposals, *self.best.sentences, *self.advice]

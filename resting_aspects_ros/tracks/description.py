@@ -125,12 +125,18 @@ def read_track(document: Any) -> Track:
         raise InvalidValueError(f'invalid traps {shown(traps)}: expected a list of traps')
     if not isinstance(wall, Mapping):
         raise InvalidValueError(f'invalid wall {shown(wall)}: expected a mapping')
+    with located('wall'):
+        beside = Wall(**_numbers('wall', Wall, wall))
+    found = []
+    for k, each in enumerate(traps, 1):
+        with located(f'trap {k}'):
+            found.append(read_trap(_trap_numbers(each)))
     own = {name: each for name, each in given.items() if name in quantities_of(Track)}
     rest = {name: each for name, each in given.items() if name not in own}
     return Track(
         Surface(**_numbers('track', Surface, rest, quantities_of(Track))),
-        Wall(**_numbers('wall', Wall, wall)),
-        traps=tuple(read_trap(_trap_numbers(each)) for each in traps),
+        beside,
+        traps=tuple(found),
         **_numbers('track', Track, own),
     )
 

@@ -11,6 +11,7 @@ efficiency: they only reject. A higher rate needs another wanted row, or an acti
 that turns parts.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,11 +22,10 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.orientations import Orientation
-from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
+from resting_aspects_ros.tracks.rate import Passage
 from resting_aspects_ros.tracks.support import is_line
 from resting_aspects_ros.tracks.traps import (
     DIP,
@@ -39,6 +39,7 @@ from resting_aspects_ros.tracks.traps import (
     Surface,
     Trap,
     Wiper,
+    outcomes,
 )
 
 MAX_TRAPS = 3
@@ -52,6 +53,8 @@ STARTS = 8
 KEPT = 40
 # Alternatives that are returned.
 ALTERNATIVES = 3
+# Largest share of the parts of a row that may pass traps which reject it.
+LEAK = 0.01
 # Rows whose critical value is farther than this from the dimension of a trap, m, are not simulated
 # for it; and so often are the bands of the best design simulated.
 CLEAR, ROUNDS = 6e-3, 8
@@ -62,30 +65,32 @@ class Band:
     """The dimensions of a trap at which only some of the parts of a row pass.
 
     passes : float
-        The dimension, m, from which all parts pass; infinite if there is none.
+        The dimension, m, from which all parts pass; infinite if there is none, NaN if it does not
+        matter, because the row is not wanted.
     rejects : float
-        The dimension, m, from which all are rejected; infinite if there is none.
+        The dimension, m, from which all are rejected; infinite if there is none, NaN if it does
+        not matter, because the row is wanted.
     """
 
     passes: float
     rejects: float
 
 
-# Returns the band of a row and a trap, whose dimension with this name has the critical value.
-Measure = Callable[[Orientation, Any, str, float], Band]
+# Returns the band of a row and a trap, whose dimension with this name has the critical value; the
+# last argument is whether the row is wanted.
+Measure = Callable[[Orientation, Any, str, float, bool], Band]
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Traps for a wanted orientation.
+    """Traps for wanted orientations.
 
     Attributes
     ----------
     passage : Passage
-        The track with these traps, and what they do to each row. The wanted rows are the wanted
-        one and those that are alike.
+        The track with its own traps and these, and what they do to each row.
     margin : float
-        Least margin, m.
+        Least margin of these traps, over all their dimensions, m.
     bands : tuple of (Trap, str, int, Band)
         Of simulated parts: trap, its dimension, row and band.
     """
@@ -94,73 +99,71 @@ class Design:
     margin: float
     bands: tuple[tuple[Trap, str, int, Band], ...] = ()
 
-    @property
-    def traps(self) -> tuple[Trap, ...]:
-        """The traps, in the order in which a part passes them."""
-        return self.passage.track.traps
-
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """The best designs for a wanted orientation, and what cannot be separated from it.
+    """The best designs for wanted orientations, and what cannot be separated from them.
 
     Attributes
     ----------
     designs : tuple of Design
-        The best one first; empty if no set of traps passes only the wanted orientation.
+        The best one first; empty if no set of traps passes only the wanted orientations and those
+        that are alike.
     alike : tuple of int
-        Ids of the rows that no trap of the families separates from the wanted one, with it: for
-        example its mirror image, because the traps are symmetric along the track.
+        Ids of the wanted rows, and of those that no trap of the families separates from them: for
+        example mirror images, because the traps are symmetric along the track.
     remaining : tuple of int
-        If there is no design: ids of the rows that no trap rejects which passes the wanted row.
+        If there is no design: ids of the rows that no trap rejects which passes the wanted rows.
     others : tuple of (int, float)
-        If there is no design: rows for which there is one, and its margin, m, by statics.
+        If there is no design: rows for which there is one, and its margin, m, best first.
+    bands : tuple of (Trap, str, int, Band)
+        If there is no design: all simulated bands, as in Design.
     """
 
     designs: tuple[Design, ...]
     alike: tuple[int, ...]
     remaining: tuple[int, ...] = ()
     others: tuple[tuple[int, float], ...] = ()
+    bands: tuple[tuple[Trap, str, int, Band], ...] = ()
 
 
 def design_traps(
-    part: Part,
-    rows: Sequence[Orientation],
-    track: Track,
-    wanted: int,
-    tolerance: Tolerance | None = None,
-    most: int = MAX_TRAPS,
-    measure: Measure | None = None,
+    on: Passage, most: int = MAX_TRAPS, measure: Measure | None = None
 ) -> DesignResult:
-    """Return the sets of at most ``most`` traps that pass only one orientation.
-
-    The traps of the track itself are not used; its surface, wall and speed are.
+    """Return the sets of at most ``most`` traps that pass only the wanted orientations.
 
     Parameters
     ----------
+    on : Passage
+        The track, with its wanted rows. What its own traps reject needs no further trap.
     measure : callable, optional
         Simulates the bands that the best design depends on; by default statics tells them.
 
     Raises
     ------
     InvalidValueError
-        If the row is not known, the part rolls in it, or the track does not support it.
+        If the part rolls in a wanted row, or the track and its own traps do not pass it.
     """
-    ids = [row.id for row in rows]
-    if wanted not in ids:
-        raise InvalidValueError(
-            f'invalid wanted orientation {shown(wanted)}: expected 1 to {len(ids)}'
-        )
-    if not 1 <= most <= MAX_TRAPS:
+    if most not in range(1, MAX_TRAPS + 1):
         raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
-    k = ids.index(wanted)
-    if rows[k].rolls:
-        raise InvalidValueError(
-            f'invalid wanted orientation {wanted}: expected one in which the part does not roll'
-        )
-    pass_traps(part, rows, replace(track, traps=()), (wanted,))
-    families = list(_families(part, rows, track.surface))
-    found = _Search(families, k, len(rows), most)
+    _check_wanted(on)
+    ids = [row.id for row in on.rows]
+    wanted = np.array([ids.index(number) for number in on.wanted])
+    gone = [end == 'reject' for end in on.ends] & (on.passing[1] < LEAK)
+    families = list(_families(on.part, on.rows, on.track.surface))
+
+    @functools.cache
+    def apart(trap: Trap) -> Array:
+        """Return how far the start of a canyon is from its critical values (n,), m."""
+        if not isinstance(trap, Canyon):
+            return np.full(len(ids), math.inf)
+        arrivals = [Arrival(row, on.track.surface, on.part) for row in on.rows]
+        return np.abs([trap.start - trap.critical(each, 'start') for each in arrivals])
+
+    def searched(rows: npt.NDArray[np.int64]) -> '_Search':
+        return _Search(families, rows, gone, most, apart)
+
+    found = searched(wanted)
     bands: dict[tuple[int, int], Band] = {}
     for _ in range(ROUNDS if measure else 0):
         wants = [pair for pair in found.decisive() if pair not in bands]
@@ -168,18 +171,22 @@ def design_traps(
             break
         for f, j in wants:
             family = families[f]
+            critical, kept = float(family.critical[j]), bool((found.same == j).any())
             assert measure is not None
-            band = measure(rows[j], family.trap, family.dimension, float(family.critical[j]))
+            band = measure(on.rows[j], family.trap, family.dimension, critical, kept)
             bands[f, j] = band
             families[f] = family.with_band(j, band)
-        found = _Search(families, k, len(rows), most)
-    alike = tuple(ids[j] for j in found.same.tolist())
+        found = searched(wanted)
 
     def made(best: '_Best') -> Design:
         traps = _ordered([option.trap for option in best.options])
-        passage = pass_traps(part, rows, replace(track, traps=traps), alike, tolerance)
+        found = [tuple(outcomes(on.rows, trap, on.track.surface, on.part)) for trap in traps]
         return Design(
-            passage,
+            replace(
+                on,
+                track=replace(on.track, traps=(*on.track.traps, *traps)),
+                outcomes=(*on.outcomes, *found),
+            ),
             best.margin,
             tuple(
                 (option.trap, families[f].dimension, ids[j], band)
@@ -189,24 +196,46 @@ def design_traps(
             ),
         )
 
-    designs = tuple(made(best) for best in found.best if best.margin > LEAST)
-    if designs:
-        return DesignResult(designs, alike)
+    alike = tuple(ids[j] for j in found.same.tolist())
+    if found.best:
+        return DesignResult(tuple(made(best) for best in found.best), alike)
     remaining = tuple(ids[j] for j in found.never_rejected())
-    return DesignResult((), alike, remaining, _other_rows(families, rows, k, most))
+    others = [
+        (ids[j], search.best[0].margin)
+        for j in np.setdiff1d(np.flatnonzero(~gone), wanted).tolist()
+        if not on.rows[j].rolls and (search := searched(np.array([j]))).best
+    ]
+    others.sort(key=lambda each: -each[1])
+    seen = [
+        (families[f].trap, families[f].dimension, ids[j], band) for (f, j), band in bands.items()
+    ]
+    return DesignResult((), alike, remaining, tuple(others), tuple(seen))
 
 
-def asymmetric_cut(
-    part: Part, rows: Sequence[Orientation], surface: Surface, wanted: int, other: int
-) -> tuple[CutOut, float] | None:
-    """Return a triangular cut-out that passes one row and rejects another, and its margin, m.
+def _check_wanted(on: Passage) -> None:
+    for row, end in zip(on.rows, on.ends, strict=True):
+        if row.id in on.wanted and row.rolls:
+            raise InvalidValueError(
+                f'invalid wanted orientation {row.id}: expected one that does not roll'
+            )
+        if row.id in on.wanted and end != 'pass':
+            raise InvalidValueError(
+                f'invalid wanted orientation {row.id}: expected one that the track and its own '
+                f'traps pass; statics says {end}'
+            )
 
-    It is as long and as wide as the part, and its size is between the critical ones of both rows.
-    None if neither the triangle nor its mirror image separates them.
+
+def asymmetric_cut(on: Passage, other: int) -> tuple[CutOut, float] | None:
+    """Return a triangular cut-out that passes the wanted rows and rejects another one.
+
+    It is as long and as wide as the part, and its size is between the critical ones, beyond the
+    band in which a nose dips and jams. Also returns its margin, m. None if neither the triangle
+    nor its mirror image separates them.
     """
-    by_id = {row.id: row for row in rows}
-    one, two = (Arrival(by_id[number], surface, part) for number in (wanted, other))
-    long, wide = one.row.length, one.row.width
+    arrivals = {row.id: Arrival(row, on.track.surface, on.part) for row in on.rows}
+    row = arrivals[on.wanted[0]].row
+    long, wide = row.length, row.width
+    size = min(long, wide)
     best: tuple[CutOut, float] | None = None
     for points in (
         ((0.0, 0.0), (long, 0.0), (long, wide)),
@@ -215,10 +244,11 @@ def asymmetric_cut(
         ((0.0, wide), (long, wide), (0.0, 0.0)),
     ):
         cut = CutOut(1.0, points=points)
-        passes, rejects = (cut.critical(each, 'scale') for each in (one, two))
+        passes = min(cut.critical(arrivals[number], 'scale') for number in on.wanted)
+        rejects = cut.critical(arrivals[other], 'scale') + DIP / size
         if math.isinf(passes) or math.isinf(rejects):
             continue
-        margin = (passes - rejects) / 2 * min(long, wide)
+        margin = (passes - rejects) / 2 * size
         if margin > LEAST and (best is None or margin > best[1]):
             best = replace(cut, scale=round((passes + rejects) / 2, 3)), margin
     return best
@@ -250,8 +280,10 @@ class _Family:
     def with_band(self, j: int, band: Band) -> '_Family':
         """Return the family with the simulated band of row j."""
         passes, rejects = self.passes.copy(), self.rejects.copy()
-        passes[j] = self.sign * band.passes if math.isfinite(band.passes) else math.inf
-        rejects[j] = self.sign * band.rejects if math.isfinite(band.rejects) else -math.inf
+        if not math.isnan(band.passes):
+            passes[j] = self.sign * band.passes if math.isfinite(band.passes) else math.inf
+        if not math.isnan(band.rejects):
+            rejects[j] = self.sign * band.rejects if math.isfinite(band.rejects) else -math.inf
         return replace(self, passes=passes, rejects=rejects)
 
     def margins(self, value: float) -> Array:
@@ -306,48 +338,87 @@ class _Best:
     margin: float
     options: tuple[_Option, ...]
 
+    @property
+    def kinds(self) -> set[str]:
+        """The kinds of its traps."""
+        return {option.trap.kind for option in self.options}
+
+
+def _worth(best: _Best, others: Sequence[_Best]) -> bool:
+    """Return whether a set has a margin, and a larger one than those with fewer traps."""
+    simpler = [each.margin + BETTER for each in others if each.kinds < best.kinds]
+    return best.margin > max([LEAST, *simpler])
+
 
 class _Search:
-    """The sets of traps that pass row k and those that are alike, and reject all others."""
+    """The sets of traps that pass wanted rows and those that are alike, and reject all others.
 
-    def __init__(self, families: Sequence[_Family], k: int, count: int, most: int) -> None:
+    gone : (n,) bool
+        Rows that the track rejects already.
+    apart : callable
+        Returns how far another dimension of a trap than that of its family is from its critical
+        values (n,), m.
+    """
+
+    def __init__(
+        self,
+        families: Sequence[_Family],
+        wanted: npt.NDArray[np.int64],
+        gone: npt.NDArray[np.bool_],
+        most: int,
+        apart: Callable[[Trap], Array],
+    ) -> None:
         self._families = families
-        self.same = _alike(families, k)
-        self._others = np.setdiff1d(np.arange(count), self.same)
+        alike = np.any([_alike(families, k) for k in wanted.tolist()], axis=0)
+        self.same = np.flatnonzero(alike & ~gone)
+        self._others = np.flatnonzero(~alike & ~gone)
         self._options = [
             option
             for f, family in enumerate(families)
             for option in _options(f, family, self.same, self._others)
         ]
-        self.best = self._found(most) if len(self._others) else [_Best(math.inf, ())]
+        if len(self._others):
+            self.best = self._verified(self._found(most), apart)
+        else:
+            self.best = [_Best(math.inf, ())]
 
     def _found(self, most: int) -> list[_Best]:
-        """Return the best set of each set of kinds, best first."""
+        """Return the best set of each set of kinds, best first, by one dimension of each trap."""
         if not self._options:
             return []
         margins = np.array([option.margins for option in self._options])
         passed = margins[:, self.same].min(axis=1)
         rejected = -margins[:, self._others]
         # An option that passes by less and rejects each row by less than another of its kind goes.
-        kept = _undominated(self._options, passed, rejected)
-        best: dict[tuple[str, ...], _Best] = {}
+        groups: dict[str, list[int]] = {}
+        for k in _undominated(self._options, passed, rejected):
+            groups.setdefault(self._options[k].trap.kind, []).append(k)
+        found = []
         for count in range(1, most + 1):
-            for chosen in itertools.combinations(kept, count):
-                kinds = tuple(self._options[c].trap.kind for c in chosen)
-                if len({*kinds}) < count:
-                    continue
-                index = list(chosen)
-                value = float(min(passed[index].min(), rejected[index].max(axis=0).min()))
-                known = best.get(kinds)
-                smaller = max(
-                    (b.margin for other, b in best.items() if {*other} < {*kinds}),
-                    default=-math.inf,
+            for kinds in itertools.combinations(groups.values(), count):
+                sets = np.array(list(itertools.product(*kinds)))
+                values = np.minimum(
+                    passed[sets].min(axis=1), rejected[sets].max(axis=1).min(axis=1)
                 )
-                better = value > LEAST and value > smaller + BETTER
-                if better and (known is None or value > known.margin):
-                    best[kinds] = _Best(value, tuple(self._options[c] for c in chosen))
-        ordered = sorted(best.values(), key=lambda each: (-each.margin, len(each.options)))
-        return ordered[:ALTERNATIVES]
+                k = int(values.argmax())
+                options = tuple(self._options[each] for each in sets[k].tolist())
+                found.append(_Best(float(values[k]), options))
+        return sorted(found, key=lambda each: (-each.margin, len(each.options)))
+
+    def _verified(self, found: Sequence[_Best], apart: Callable[[Trap], Array]) -> list[_Best]:
+        """Return the best sets with their margins over all dimensions of their traps."""
+        checked: list[_Best] = []
+        kept: list[_Best] = []
+        for best in found:
+            enough = sum(each.margin >= best.margin for each in kept) >= ALTERNATIVES
+            if enough or best.margin <= LEAST:
+                break
+            limits = np.array([apart(option.trap) for option in best.options])
+            margins = np.clip([option.margins for option in best.options], -limits, limits)
+            value = min(margins[:, self.same].min(), -margins[:, self._others].min(axis=0).max())
+            checked.append(replace(best, margin=float(value)))
+            kept = [each for each in checked if _worth(each, checked)]
+        return sorted(kept, key=lambda each: (-each.margin, len(each.options)))[:ALTERNATIVES]
 
     def decisive(self) -> Iterator[tuple[int, int]]:
         """Yield family and row for each critical value on which the best set depends."""
@@ -362,7 +433,9 @@ class _Search:
             own = self._others[rejecting[self._others] == place]
             for j in [*self.same.tolist(), *own.tolist()]:
                 apart = abs(value - family.critical[j])
-                if math.isfinite(apart) and apart < CLEAR:
+                # A high blade tips a tall part over instead of pushing it off.
+                tips = isinstance(option.trap, Wiper) and j in own
+                if math.isfinite(apart) and (apart < CLEAR or tips):
                     yield option.family, j
 
     def never_rejected(self) -> list[int]:
@@ -373,28 +446,15 @@ class _Search:
         return [int(j) for j in self._others[(margins >= -LEAST).all(axis=0)]]
 
 
-def _other_rows(
-    families: Sequence[_Family], rows: Sequence[Orientation], k: int, most: int
-) -> tuple[tuple[int, float], ...]:
-    """Return the rows for which there is a design, and its margin, m."""
-    found = []
-    for j, row in enumerate(rows):
-        if j != k and not row.rolls:
-            best = _Search(families, j, len(rows), most).best
-            if best and best[0].margin > LEAST:
-                found.append((row.id, best[0].margin))
-    return tuple(found)
-
-
-def _alike(families: Sequence[_Family], k: int) -> npt.NDArray[np.int64]:
-    """Return the rows that no family separates from row k, with it."""
+def _alike(families: Sequence[_Family], k: int) -> npt.NDArray[np.bool_]:
+    """Return which rows (n,) no family separates from row k; it is one of them."""
     same = np.ones(len(families[0].critical), dtype=bool)
     for family in families:
         values = family.critical
         with np.errstate(invalid='ignore'):
             same &= (np.abs(values - values[k]) < SAME) | (values == values[k])
     same[k] = True
-    return np.flatnonzero(same)
+    return same
 
 
 def _options(

@@ -208,7 +208,7 @@ def pass_traps(
     """
     ids = [row.id for row in rows]
     for each in wanted:
-        if each not in ids:
+        if each not in ids or isinstance(each, bool):
             raise InvalidValueError(
                 f'invalid wanted orientation {shown(each)}: expected 1 to {len(ids)}'
             )

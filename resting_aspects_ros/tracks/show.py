@@ -181,8 +181,8 @@ def band_table(bands: Sequence[tuple[str, str, int, 'Band']]) -> Table:
             ),
         )
     table.caption = (
-        'Between both values, only some of the simulated parts of the row pass at this speed. '
-        f'{NOTHING}: not within 4 mm of the critical value.'
+        'The simulated values from which all parts of a wanted row pass at this speed, and none '
+        f'of another row does. {NOTHING}: not needed, or not within 16 mm of the critical value.'
     )
     return table
 

@@ -199,7 +199,7 @@ def run_over(
 
 
 # Distances from the critical value at which parts run, m, and parts at each.
-OFFSETS = (1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3)
+OFFSETS = (1e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3)
 PARTS = 20
 # Share of the parts that must pass, or be rejected.
 ENOUGH = 0.95
@@ -211,32 +211,33 @@ def measured_band(
     trap: Any,
     dimension: str,
     critical: float,
+    wanted: bool,
     track: Track,
     conditions: DropConditions,
     seed: int,
 ) -> Band:
-    """Return the grey band of a row and a trap; an end that is not within 4 mm is infinite.
+    """Return the end of the grey band of a row and a trap that matters.
 
-    Parts run over the trap with dimensions on both sides of the critical value, farther and
-    farther away from it, until at least 95 % of them pass, and until at least 95 % of them fall
-    off.
+    Parts run over the trap with dimensions farther and farther away from the critical value, until
+    at least 95 % of them pass if the row is wanted, and otherwise until at least 95 % of them fall
+    off. The end is infinite if it is not within 16 mm.
 
     critical : the critical value of the dimension by statics, m
     """
-    more_pass = 1.0 if dimension in ('height', 'width') else -1.0
-
-    def end(direction: float, outcome: str) -> float:
-        for offset in OFFSETS:
-            value = critical + direction * offset
-            if value <= 0:
-                break
-            tried = dataclasses.replace(trap, **{dimension: value})
-            counts = run_over(part, row, tried, track, conditions, PARTS, (seed, 13, row.id))
-            if counts[OUTCOMES.index(outcome)] >= ENOUGH * PARTS:
-                return value
-        return math.inf
-
-    return Band(end(more_pass, 'pass'), end(-more_pass, 'reject'))
+    more_pass = dimension in ('height', 'width')
+    direction = 1.0 if more_pass == wanted else -1.0
+    outcome = OUTCOMES.index('pass' if wanted else 'reject')
+    end = math.inf
+    for offset in OFFSETS:
+        value = critical + direction * offset
+        if value <= getattr(trap, 'start', 0.0):
+            break
+        tried = dataclasses.replace(trap, **{dimension: value})
+        counts = run_over(part, row, tried, track, conditions, PARTS, (seed, 13, row.id))
+        if counts[outcome] >= ENOUGH * PARTS:
+            end = value
+            break
+    return Band(end, math.nan) if wanted else Band(math.nan, end)
 
 
 # -- Scene ----------------------------------------------------------------------------------------

@@ -13,18 +13,23 @@ track is left out: vibration averages it to zero.
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.tracks.orientations import Orientation
 
+if TYPE_CHECKING:
+    from resting_aspects_ros.tracks.traps import Surface
+
 # Lengths that are longer than every part, m.
 FAR = 10.0
-# Points between which the wall pushes, and places of the part between two events of its passage.
-PUSHES, BETWEEN = 9, 3
+# A part that is supported by less than this, m, falls.
+CERTAIN = 1e-6
+# Places of the part between two events of its passage.
+BETWEEN = 3
 # Beside an event, m.
 BESIDE = 1e-7
 # Critical values are found within this, m.
@@ -34,56 +39,40 @@ RESOLUTION = 2e-6
 LINE = 1e-2
 
 
-def resultants(row: Orientation, roll: float, pitch: float = 0.0, shift: float = 0.0) -> Array:
-    """Return points (n, 2) at which the resultant of the track's forces can be, m.
-
-    shift : how far something at the wall has moved the part away from it, m
-    """
-    tilt = math.tan(roll)
-    low = row.yaw.distance + shift - row.com_height * tilt
-    high = low + row.wall_top * tilt
-    y = np.linspace(low, high, PUSHES if tilt else 1)
-    return np.stack([np.full(len(y), row.com_height * math.tan(pitch)), y], axis=1)
-
-
-def support_margin(
+def supports(
     row: Orientation,
-    track: shapely.Geometry,
-    roll: float,
-    pitch: float = 0.0,
+    surface: 'Surface',
+    hole: shapely.Polygon | None = None,
     places: Array | None = None,
     shift: float = 0.0,
-) -> float:
-    """Return by how much the resultant stays inside the support, m; negative: the part falls.
+) -> bool:
+    """Return whether a track supports a part at all places.
 
     Parameters
     ----------
-    track : shapely geometry
-        Of the track, x and y in m.
+    hole : shapely polygon, optional
+        What is cut out of the track, x and y in m.
     places : (n,) float
-        x of the centre of mass while the part passes, m; by default only 0.
+        x of the centre of mass while the part passes the hole, m; by default only 0.
     shift : float
-        See `resultants`.
+        How far something at the wall has moved the part away from it, m.
     """
-    moved = np.zeros(1) if places is None else places
-    contact = _shifted(row.contact, 0.0, shift)
-    pieces = np.array([_shifted(contact, x, 0.0) for x in moved.tolist()])
-    hulls = shapely.convex_hull(shapely.intersection(pieces, track))
-    there = resultants(row, roll, pitch, shift) + np.stack([moved, 0 * moved], axis=1)[:, None]
-    return float(_inside(hulls, shapely.points(there)).max(axis=1).min())
-
-
-def _shifted(geometry: shapely.Geometry, x: float, y: float) -> shapely.Geometry:
-    return shapely.transform(geometry, lambda at: at + np.array([x, y])) if x or y else geometry
-
-
-def _inside(hulls: npt.NDArray[np.object_], points: npt.NDArray[np.object_]) -> Array:
-    """Return signed distances (n, m) of points (n, m) inside convex hulls (n,), m."""
-    flat = shapely.get_dimensions(hulls) == 2
-    outside = -shapely.distance(hulls[:, None], points)
-    inside = shapely.distance(shapely.boundary(hulls)[:, None], points)
-    within = flat[:, None] & shapely.contains(hulls[:, None], points)
-    return np.asarray(np.nan_to_num(np.where(within, inside, outside), nan=-FAR))
+    contact = row.contact
+    if shift:
+        contact = shapely.transform(contact, lambda at: at + np.array([0.0, shift]))
+    rest = shapely.intersection(contact, surface.area)
+    if hole is not None:
+        moved = np.zeros(1) if places is None else places
+        ring = shapely.get_coordinates(hole)
+        holes = shapely.polygons(ring - moved[:, None, None] * [1.0, 0.0])
+        rest = shapely.difference(rest, holes)
+    hulls = shapely.convex_hull(rest)
+    tilt, x = math.tan(surface.roll), row.com_height * math.tan(surface.pitch)
+    low = row.yaw.distance + shift - row.com_height * tilt
+    reach = shapely.LineString([(x, low), (x, low + row.wall_top * tilt + CERTAIN)])
+    return bool(
+        ((shapely.area(hulls) > CERTAIN * row.length) & shapely.intersects(hulls, reach)).all()
+    )
 
 
 def passage(row: Orientation, start: float, end: float) -> Array:

@@ -28,7 +28,7 @@ from resting_aspects_ros.tracks.support import (
     critical_value,
     is_line,
     passage,
-    support_margin,
+    supports,
 )
 
 # A part that is higher than a blade by less than this wedges below it instead of being pushed off.
@@ -37,8 +37,6 @@ WEDGE = 0.5e-3
 # than its critical length by less than this.
 DIP = 1.7e-3
 MAX_SIZE = 2.0
-# A part that is supported by less than this, m, falls.
-CERTAIN = 1e-6
 # Between which dimensions critical values are sought, m.
 SMALLEST, LARGEST = 1e-5, 0.5
 
@@ -190,10 +188,9 @@ class Cut(Trap):
 
     def passes(self, arrival: Arrival) -> bool:
         """Return whether the rest of the track supports the part all the way."""
-        row, surface, span = arrival.row, arrival.surface, self.span()
-        track = surface.area.difference(self.removed())
-        places = None if span is None else passage(row, *span)
-        return support_margin(row, track, surface.roll, surface.pitch, places) > CERTAIN
+        span = self.span()
+        places = None if span is None else passage(arrival.row, *span)
+        return supports(arrival.row, arrival.surface, self.removed(), places)
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
@@ -401,13 +398,10 @@ class Projection(Trap):
         if math.isinf(nearest):
             return Outcome('pass', math.inf, math.inf, 'depth')
 
+        pushed = dataclasses.replace(row, wall_top=min(row.height, self.high))
+
         def passes(depth: float) -> bool:
-            shift = max(0.0, depth - nearest)
-            pushed = dataclasses.replace(row, wall_top=min(row.height, self.high))
-            track = surface.area
-            return (
-                support_margin(pushed, track, surface.roll, surface.pitch, shift=shift) > CERTAIN
-            )
+            return supports(pushed, surface, shift=max(0.0, depth - nearest))
 
         critical = critical_value(passes, SMALLEST, LARGEST)
         margin = critical - self.depth

@@ -112,7 +112,6 @@ CASES = {
     'study missing.yaml --height 1m': ['--height', "'1m'", "'missing.yaml'"],
     'study missing.yaml --set angle=9deg': ['--set', "'angle=9deg'", "'missing.yaml'"],
     'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
-    'track hex_nut --design --trap wiper:height=3mm': ['--trap', "'wiper:height=3mm'", '--design'],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
     'classify poses.csv --tolerance wide': ['--tolerance', "'wide'"],

@@ -7,7 +7,10 @@ import pytest
 import shapely
 import trimesh
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.rotations import product, rotate, turned_about_vertical
+from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.tracks.orientations import PushedOutline
 
 
@@ -71,6 +74,39 @@ def test_friction_of_the_wall_widens_the_bounds():
     for yaw in yaws:
         assert yaw.low == pytest.approx(yaw.share - 2 * turn, abs=1e-3)
         assert yaw.high == pytest.approx(yaw.share + 2 * turn, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_pushes_in_the_engine_are_within_the_bounds(box):
+    # A box of 30 x 20 mm slides along a wall, from uniform yaws.
+    part, flat = box
+    number, friction, (roll, pitch) = 80, 0.2, np.radians([10.0, 10.0])
+    starts = (np.arange(number) + 0.5) / number * np.pi
+    turned = np.array([turned_about_vertical(flat.orientation, each) for each in starts])
+    around = flat.corners - [0.0, flat.yaw.distance, flat.com_height]
+    y = [5e-4 - (around[:, :2] @ [math.sin(each), math.cos(each)]).min() for each in starts]
+    places = np.stack([0 * starts, y, np.full(number, flat.com_height + 2e-5)], axis=1)
+    turn = np.tile(tray_from_scene(roll, pitch), (number, 1))
+    found = ra.drop(
+        part,
+        initial_states=ra.GivenStates(rotate(turn, places), product(turn, turned)),
+        surroundings=ra.surroundings(
+            'chute',
+            roll=float(roll),
+            pitch=float(pitch),
+            belt={'friction': 0.02, 'speed': 0.0, 'restitution': 0.0},
+            wall={'friction': friction, 'restitution': 0.0},
+        ),
+        rolling_friction=0.0,
+        workers=1,
+    )
+    ends = product(turn * [-1, -1, -1, 1], found.poses.orientation)
+    along = rotate(ends, np.tile(part.principal_axes[:, 0], (number, 1)))
+    long_side = next(
+        yaw for yaw in PushedOutline(around[:, :2]).yaws(friction, 2) if yaw.length > 0.029
+    )
+    share = float((np.abs(along[:, 0]) > 0.99).mean())
+    assert long_side.low - 0.02 < share < long_side.high + 0.02
 
 
 @pytest.mark.parametrize(('name', 'rows'), [('hex_nut', 3), ('u_bracket', 12), ('l_bracket', 20)])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks.description import Track, read_track
 from resting_aspects_ros.tracks.design import Band, asymmetric_cut, design_traps
 from resting_aspects_ros.tracks.orientations import mirror_images
@@ -93,6 +94,16 @@ def test_critical_balconies_of_a_nut(part, rows_of):
     assert sorted(found) == pytest.approx([4.20, 8.50, 9.815], abs=0.01)
 
 
+def test_the_support_of_a_contact_that_is_not_convex(part, rows_of):
+    # A U on its side with a leg at the wall: the hull of what a narrow track carries ends at the
+    # line from the end of this leg to the back.
+    shape = part('u_bracket')
+    rows = [row for row in rows_of(shape) if row.height < 0.021 and row.length < 0.0251]
+    assert {round(1e3 * row.yaw.distance, 2) for row in rows} == {15.0}
+    for row in rows:
+        assert 1e3 * critical(Balcony(0.02), (shape, row)) == pytest.approx(18.02, abs=0.01)
+
+
 def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     part, row = box
     radius = critical(Scallop(0.01, 0.02), box)
@@ -175,10 +186,19 @@ def test_designs_pass_only_the_wanted_orientation(name, most, part, rows_of):
     for row in rows[:most]:
         if row.rolls:
             continue
-        result = design_traps(shape, rows, track, row.id)
+        result = design_traps(pass_traps(shape, rows, track, (row.id,)))
         assert row.id in result.alike
         for design in result.designs:
             found += 1
+            assert design.passage.wanted == (row.id,)
+            # The margin is the least one over all dimensions of all traps.
+            known = design.passage.outcomes
+            mine = [k for k, other in enumerate(rows) if other.id in result.alike]
+            rest = [k for k in range(len(rows)) if k not in mine]
+            assert design.margin <= min(each[k].margin for each in known for k in mine) + 1e-5
+            for k in rest:
+                stops = [-each[k].margin for each in known if each[k].outcome == 'reject']
+                assert design.margin <= max(stops) + 1e-5
             low, high = design.passage.passing
             for k, other in enumerate(rows):
                 if other.id in result.alike:
@@ -214,13 +234,17 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
     flat = next(row for row in rows if row.height < 0.01)
     measured = []
 
-    def measure(row, trap, dimension, value):
+    def measure(row, trap, dimension, value, wanted):
         """A band of 2 mm above and 1 mm below the critical height; no other trap rejects."""
         measured.append((trap.kind, dimension, row.id))
-        return Band(value + 0.002, value - 0.001 if trap.kind == 'wiper' else math.inf)
+        assert wanted == (row.id == flat.id)
+        if wanted:
+            return Band(value + 0.002, math.nan)
+        return Band(math.nan, value - 0.001 if trap.kind == 'wiper' else math.inf)
 
-    found = design_traps(shape, rows, track, flat.id, measure=measure).designs[0]
-    (trap,) = found.traps
+    on = pass_traps(shape, rows, track, (flat.id,))
+    found = design_traps(on, measure=measure).designs[0]
+    (trap,) = found.passage.track.traps
     heights = sorted({round(row.height, 6) for row in rows})
     assert trap.height == pytest.approx((heights[0] + 0.002 + heights[1] - 0.001) / 2, abs=1e-5)
     assert found.margin == pytest.approx((heights[1] - heights[0] - 0.003) / 2, abs=1e-5)
@@ -234,12 +258,41 @@ def test_a_trap_whose_bands_never_end_is_not_proposed(part, rows_of):
     rows = rows_of(shape)
     track = Track(Surface(width=0.05, roll=math.radians(5)))
 
-    def measure(row, trap, dimension, value):
+    def measure(row, trap, dimension, value, wanted):
         return Band(math.inf, math.inf) if trap.kind == 'wiper' else Band(value, value)
 
     flat = next(row for row in rows if row.height < 0.01)
-    found = design_traps(shape, rows, track, flat.id, measure=measure)
-    assert all(trap.kind != 'wiper' for trap in found.designs[0].traps)
+    found = design_traps(pass_traps(shape, rows, track, (flat.id,)), measure=measure)
+    assert all(trap.kind != 'wiper' for trap in found.designs[0].passage.track.traps)
+
+
+@pytest.mark.slow
+def test_the_traps_of_a_track_stay_and_need_no_help(part, rows_of):
+    # On its side: the wiper rejects what is 25 mm and higher.
+    shape = part('u_bracket')
+    rows = rows_of(shape)
+    surface = Surface(width=0.057, roll=math.radians(5))
+    wiper, row = Wiper(0.0225), next(r for r in rows if 0.009 < r.yaw.distance < 0.0097)
+    assert row.height == pytest.approx(0.02)
+    one = design_traps(pass_traps(shape, rows, Track(surface, traps=(wiper,)), (row.id,)), 1)
+    best = one.designs[0].passage
+    assert best.track.traps[0] is wiper
+    assert [trap.kind for trap in best.track.traps[1:]] == ['balcony']
+    assert best.purity == (1, 1)
+    with pytest.raises(InvalidValueError, match='its own traps pass; statics says reject'):
+        design_traps(pass_traps(shape, rows, Track(surface, traps=(Wiper(0.01),)), (row.id,)))
+
+
+@pytest.mark.slow
+def test_mirror_images_count_as_wanted_only_if_they_are(part, rows_of):
+    shape = part('l_bracket')
+    rows = rows_of(shape)
+    track = Track(Surface(width=0.067, roll=math.radians(5)))
+    one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
+    for wanted, pure in (((one.id,), 0.5), ((one.id, other.id), 1.0)):
+        found = design_traps(pass_traps(shape, rows, track, wanted))
+        assert {*found.alike} == {one.id, other.id}
+        assert found.designs[0].passage.purity == pytest.approx((pure, pure))
 
 
 @pytest.mark.slow
@@ -249,10 +302,10 @@ def test_a_triangle_is_proposed_for_mirror_images(part, rows_of):
     one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
     alike = mirror_images(rows, 1e-4)
     assert other.id in alike[rows.index(one)]
-    cut, margin = asymmetric_cut(shape, rows, LEVEL, one.id, other.id)
-    assert margin > 0.5e-3
+    cut, margin = asymmetric_cut(pass_traps(shape, rows, Track(LEVEL), (one.id,)), other.id)
+    assert margin > 0.1e-3
     found = outcomes([one, other], cut, LEVEL, shape)
-    assert [each.outcome == 'pass' for each in found] == [True, False]
+    assert [each.outcome for each in found] == ['pass', 'reject']
 
 
 def test_a_box_is_its_own_mirror_image(box, rows_of):

@@ -32,7 +32,8 @@ def trap(kind, **values):
     [
         ({}, 'missing width'),
         ({'width': 40}, 'invalid width 40'),
-        ({'width': '40mm', 'wall': {'height': 0}}, 'invalid height 0'),
+        ({'width': '40mm', 'wall': {'height': 0}}, 'wall: invalid height 0'),
+        ([1], 'expected a mapping'),
         ({'width': '40mm', 'trap': []}, "invalid value 'trap' of a track"),
         (trap('wipe'), "invalid kind of trap 'wipe'"),
         (trap('balcony', width='50mm'), 'width 50 mm of a balcony: expected at most'),
@@ -40,7 +41,7 @@ def trap(kind, **values):
         (trap('canyon', start=0.02, end=0.01), 'lower'),
         (trap('projection', depth='41mm'), 'depth 41 mm of a projection'),
         (trap('cut_out', points=[[0, 0.05], [0.01, 0.05], [0.01, 0.06]]), 'cuts into the track'),
-        (trap('wiper', height='0mm'), 'invalid height 0'),
+        (trap('wiper', height='0mm'), 'trap 1: invalid height 0'),
         (trap('riser', start='10mm', height=0), 'invalid height 0'),
         (trap('wiper', height=12.7), 'invalid height 12.7'),
         (trap('wiper', height='12.7 parsecs'), "invalid height '12.7 parsecs'"),
@@ -121,7 +122,10 @@ def test_the_number_of_simulated_parts_is_checked():
 
 @pytest.mark.slow
 def test_unknown_rows_and_actions_are_refused():
-    with pytest.raises(InvalidValueError, match='wanted orientation 9'):
-        tracked(want=9)
+    for wrong in (9, 0, True, 1.5, 'a'):
+        with pytest.raises(InvalidValueError, match=f'wanted orientation {wrong!r}'):
+            tracked(want=wrong)
+    with pytest.raises(InvalidValueError, match='number of traps 4'):
+        ra.design_track('hex_nut', traps=4, drops=DROPS)
     with pytest.raises(InvalidValueError, match="'shake'"):
         ra.track('hex_nut', {'width': '40mm'}, before=['shake'], drops=DROPS)

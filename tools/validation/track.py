@@ -166,14 +166,14 @@ def _design_line(name: str, want: int, text: str) -> str:
     described = {'width': width, 'roll': '5deg', 'speed': DESIGN_SPEED}
     dropped = ra.track(part, described, want)
     start = time.process_time()
-    design_traps(part, dropped.rows, read_track(described), want)
+    design_traps(dropped.passage)
     seconds = time.process_time() - start
     found = ra.design_track(part, want, described, simulate=1)
     if not found.designs:
         return f'| {name}, {text} | {len(dropped.rows)} | {seconds:.2f} | none | | | | |'
     best = found.best
     # Other parts than those that measured the bands.
-    again = ra.track(part, best.passage.track, best.alike, simulate=DESIGN_PARTS, seed=SEED + 1)
+    again = ra.track(part, best.passage.track, want, simulate=DESIGN_PARTS, seed=SEED + 1)
     runs = again.runs
     assert runs is not None
     mask = np.array([row.id in best.alike for row in again.rows])

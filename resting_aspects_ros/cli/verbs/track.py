@@ -1,7 +1,7 @@
 """`resting_aspects track`: what passes the traps of a bowl or linear feeder."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,6 @@ from resting_aspects_ros.cli.options import (
     add_seed,
     add_workers,
     parse_integer,
-    refuse,
     requested_conditions,
     requested_part,
 )
@@ -82,11 +81,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='ROW',
         type=parse_integer,
         default=[],
-        help='row of the table (not an aspect) that the feeder shall deliver (1); can be repeated '
-        'without --design',
+        help='row of the table (not an aspect) that the feeder shall deliver (1); can be repeated',
     )
     parser.add_argument(
-        '--design', action='store_true', help='propose traps that pass only the wanted orientation'
+        '--design',
+        action='store_true',
+        help='propose traps that pass only the wanted orientation, after those that are given',
     )
     parser.add_argument(
         '--simulate',
@@ -134,8 +134,6 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.track_result import TrackDesign
 
         part = requested_part(arguments)
-        if arguments.design:
-            refuse(arguments, ('trap',), 'without --design, which proposes the traps')
         described = _described(arguments)
         if arguments.on is not None:
             on = given_track(arguments.on)
@@ -154,7 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
         }
         make: Callable[[], TrackResult | TrackDesign]
         if arguments.design:
-            make = partial(design_track, part, _only(arguments.want), on, **options)
+            make = partial(design_track, part, arguments.want, on, **options)
         else:
             make = partial(track, part, on, arguments.want, **options)
         result: TrackResult | TrackDesign
@@ -173,13 +171,6 @@ def run(arguments: argparse.Namespace) -> int:
         if code == DONE and isinstance(result, TrackDesign) and not result.designs:
             return FAILED
         return code
-
-
-def _only(want: Sequence[int]) -> int:
-    """Return the row for which traps are designed; raises InvalidValueError."""
-    if len(want) > 1:
-        raise InvalidValueError(f'invalid --want {want[1]}: expected one row with --design')
-    return want[0] if want else 1
 
 
 def _described(arguments: argparse.Namespace) -> dict[str, Any]:
