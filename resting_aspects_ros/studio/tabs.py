@@ -25,7 +25,6 @@ from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page
-from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, plan_reorientation
@@ -99,8 +98,7 @@ def _show_aspects(work: Work) -> None:
     hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
-    about = model_range_text(result.distribution, result.no_model_range)
-    work.show('range', [Text(about, 'plain')])
+    work.show('range', [Text(result.range_text, 'plain')])
 
 
 def _show_bars(work: Work, distribution: Distribution, caption: str) -> None:
@@ -311,6 +309,7 @@ def _show_comparison(work: Work) -> None:
         # Pictures show the classes: no directions in the part.
         sides = dataclasses.replace(found.sides, down=None)
         items += comparison_items(class_rows(a.distribution), found.comparison, sides)
+        items += [Text(text, 'plain') for text in found.range_texts]
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))
@@ -332,6 +331,8 @@ def _designs(first: Opened, second: Opened, a: DropResult, b: DropResult) -> Ite
     confidence = a.distribution.confidence
     for found in compare_cases(cases, confidence):
         yield from pages.comparison_items(found, pictures, confidence)
+    for text in dict.fromkeys([a.range_text, b.range_text]):
+        yield Text(text, 'plain')
     for case, opened in sides:
         classes = zip(opened.names, pages.case_colours(case), opened.pictures, strict=False)
         tiles = [Tile(name, colour, picture, []) for name, colour, picture in classes]
@@ -368,7 +369,8 @@ def _show_counts(work: Work) -> None:
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
     sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
-    html = items_html(list(comparison_items(rows, found.comparison, sides)))
+    about = [Text(text, 'plain') for text in found.range_texts]
+    html = items_html([*comparison_items(rows, found.comparison, sides), *about])
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)
