@@ -25,6 +25,7 @@ from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page
+from resting_aspects_ros.api.model_range import covered_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, plan_reorientation
@@ -77,11 +78,18 @@ from resting_aspects_ros.studio.work import Work, drop_options, section_items
 
 # The bars are shown again when the number of drops has grown by this factor.
 GROWTH = 1.1
+# In the place of the model range while its drops are made, so that nothing moves then.
+PENDING = 'model range ...'
 
 
 def _show_aspects(work: Work) -> None:
     """Drop the part, and show the shares meanwhile."""
     work.show_command(drop_recipe(work.opened.source, work.settings).line)
+    conditions = work.settings.conditions
+    pending = ''
+    if conditions.surroundings is None:
+        pending = PENDING
+        work.show('range', [Text(covered_text(conditions.uncertain), 'plain')])
     tally, shown = DropTally(no_drops(work.opened.aspects), MAX_DROPS), 0
     report = work.progress('drops')
 
@@ -89,25 +97,24 @@ def _show_aspects(work: Work) -> None:
         nonlocal shown
         if done and done >= GROWTH * shown:
             shown = done
-            _show_bars(work, tally.distribution, '')
+            _show_bars(work, tally.distribution, '', pending)
         report(done, total)
 
     result = work.drops(consumers=[tally.add], progress=progress)
     _show_bars(work, result.distribution, result.subtitle)
-    conditions = work.settings.conditions
     hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     work.show('range', [Text(result.range_text, 'plain')])
 
 
-def _show_bars(work: Work, distribution: Distribution, caption: str) -> None:
+def _show_bars(work: Work, distribution: Distribution, caption: str, pending: str = '') -> None:
     if not distribution.drops:
         return
     work.publish(
         'bars',
         {
-            'rows': changing_texts(distribution),
+            'rows': changing_texts(distribution, pending),
             'caption': caption,
             'pickable': pickable_text(distribution, work.settings.pickable),
         },
