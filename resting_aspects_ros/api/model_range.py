@@ -59,9 +59,9 @@ def covered_text(uncertain: Sequence[str], confidence: float = CONFIDENCE) -> st
     covers = f'covers what is uncertain of {list_text(names)}, and' if names else known
     return (
         'Model range: where the probability on a real surface is with '
-        f'{100 * confidence:g} % confidence, if no parts were counted there. It '
-        f'{covers} how far measured bodies deviate from the model. About {ENOUGH_COUNTED} '
-        'counted parts of your own tell more (calibrate).'
+        f'{100 * confidence:g} % confidence. It {covers} how far measured bodies deviate from the '
+        f'model, but no counts of this part: those of about {ENOUGH_COUNTED} tell more (report '
+        '--against).'
     )
 
 
