@@ -535,10 +535,10 @@ def find_fit_test(fit: Fit, rng: np.random.Generator) -> FitTest:
     scale = MODEL_DISCREPANCY if fit.discrepancy else 0.0
     drops = [part.drops for part in fit.given.parts]
     weights = []  # (m, g) of the squared deviations of the counts of each part
-    for n, (shares, error) in zip(drops, fit.shares, strict=True):
-        rest = np.maximum(1 - shares, 1e-9)
-        variance = n + n**2 * (error[:, None] + shares * rest * discrepancy(shares, scale) ** 2)
-        weights.append(1 / (variance * shares))
+    for n, (shares, _) in zip(drops, fit.shares, strict=True):
+        # With the error of the shares, conditions where it is large would fit any counts.
+        excess = shares * (1 - shares) * discrepancy(shares, scale) ** 2
+        weights.append(1 / ((n + n**2 * excess) * shares))
 
     def statistics(tables: Sequence[Counts]) -> Array:
         """Return the sum (r, m) of tables (r, g) of each part at each candidate."""
