@@ -24,6 +24,7 @@ from resting_aspects_ros.api.counts import (
     counted_by_class,
 )
 from resting_aspects_ros.api.drop import DropResult
+from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
@@ -85,7 +86,16 @@ class ComparisonResult(Result):
         a, b = self.a, self.b
         down = a.down if a.down is not None else b.down
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
-        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names)
+        models = a.model, b.model
+        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names, models=models)
+
+    @property
+    def range_texts(self) -> list[str]:
+        """Return what the model ranges of A and B cover; one text if it is true of both."""
+        texts = [model_range_text(each.model) for each in (self.a, self.b)]
+        if texts[0] == texts[1] or not all(texts):
+            return [text for text in texts if text][:1]
+        return [f'{label}: {text}' for label, text in zip('AB', texts, strict=True)]
 
     @property
     def verdict(self) -> str:

@@ -16,6 +16,7 @@ from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.comparison import DropCounts
 from resting_aspects_ros.statistics.counted_parts import Groups, group_places
 from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.model_range import ModelRange
 
 _NUMBER = r'(?:class(?:es)?[_ ]?)?0*[1-9]\d{0,8}'
 _GROUP = re.compile(rf'{_NUMBER}(?:\s*\+\s*{_NUMBER})*', re.IGNORECASE)
@@ -80,6 +81,8 @@ class CountedDrops:
         None if not known.
     classes : tuple of int
         The symmetry class of each aspect; None if not known.
+    model : ModelRange
+        The model ranges of the groups; None if not known, as for parts that were counted by hand.
     complete : bool
         False if more drops were requested than are counted.
     """
@@ -94,6 +97,7 @@ class CountedDrops:
     run: RunDescription | None = None
     complete: bool = True
     classes: tuple[int, ...] | None = None
+    model: ModelRange | None = None
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -131,8 +135,8 @@ class CountedDrops:
         counts = np.zeros(len(into), dtype=np.int64)
         np.add.at(counts, group_places(self.groups, into), self.tally.counts)
         tally = dataclasses.replace(self.tally, counts=counts)
-        # The aspects of several classes have no common direction.
-        return dataclasses.replace(self, groups=into, tally=tally, down=None)
+        # The aspects of several classes have no common direction, and no range is known of them.
+        return dataclasses.replace(self, groups=into, tally=tally, down=None, model=None)
 
 
 def counts_of_run(
@@ -155,6 +159,7 @@ def counts_of_run(
         run=run,
         complete=complete,
         classes=tuple(aspect.symmetry_class for aspect in aspects),
+        model=distribution.model,
     )
 
 
@@ -183,6 +188,7 @@ def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> C
         by_class=True,
         down=None if given.down is None else given.down[first],
         classes=None,
+        model=given.model and given.model.of_classes(),
     )
 
 

@@ -15,7 +15,7 @@ from resting_aspects_ros.api.conditions import (
     warn_of_surroundings,
     with_surroundings,
 )
-from resting_aspects_ros.api.model_range import add_model_range, missing_in
+from resting_aspects_ros.api.model_range import add_model_range, missing_in, model_range_text
 from resting_aspects_ros.api.plan import (
     CountsByState,
     PlannedDrops,
@@ -124,6 +124,11 @@ class DropResult(Result):
         of = '' if self.complete else f' of {self.run.drops}'
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
+    @property
+    def range_text(self) -> str:
+        """What the model range covers, or why there is none; can be empty."""
+        return model_range_text(self.distribution.model, self.no_model_range)
+
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects drop --json` prints."""
         fields: dict[str, object] = {
@@ -166,7 +171,7 @@ class DropResult(Result):
         """Return a bar for each symmetry class, with a picture of the part in it."""
         from resting_aspects_ros.report.drop_figures import distribution_figure
 
-        return distribution_figure(self.distribution, self.part, self.title)
+        return distribution_figure(self.distribution, self.part, self.title, self.range_text)
 
 
 # -- Drops ----------------------------------------------------------------------------------------

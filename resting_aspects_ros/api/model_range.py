@@ -15,7 +15,8 @@ from resting_aspects_ros.simulation.conditions import BULLET, QUANTITIES, Surfac
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids
-from resting_aspects_ros.statistics.model_range import Draws, with_model_range
+from resting_aspects_ros.statistics.intervals import CONFIDENCE
+from resting_aspects_ros.statistics.model_range import Draws, ModelRange, with_model_range
 
 # Number of draws of the uncertain conditions, and of drops at each. On two cores they take 0.1 to
 # 0.3 s; the standard error of the standard deviation between 16 draws is 18 % of it.
@@ -44,18 +45,23 @@ def missing_in(run: RunDescription, surfaces: Surfaces | None = None) -> str:
     return OF_UNKNOWN if known.recorded_uncertainty(run.conditions) is None else ''
 
 
-def model_range_text(distribution: Distribution, missing: str = '') -> str:
+def model_range_text(model: ModelRange | None, missing: str = '') -> str:
     """Describe what the model range covers, or why there is none; empty if nothing is known."""
-    if distribution.model is None:
+    if model is None:
         return f'No model range: {missing}.' if missing else ''
-    names = [QUANTITIES[name].label for name in distribution.model.uncertain]
+    return covered_text(model.uncertain, model.confidence)
+
+
+def covered_text(uncertain: Sequence[str], confidence: float = CONFIDENCE) -> str:
+    """Describe what a model range covers if these conditions are uncertain."""
+    names = [QUANTITIES[name].label for name in uncertain]
     known = 'takes the conditions as exact and covers only'
     covers = f'covers what is uncertain of {list_text(names)}, and' if names else known
     return (
         'Model range: where the probability on a real surface is with '
-        f'{100 * distribution.confidence:g} % confidence, if no parts were counted there. It '
-        f'{covers} how far measured bodies deviate from the model. About {ENOUGH_COUNTED} '
-        'counted parts of your own tell more (calibrate).'
+        f'{100 * confidence:g} % confidence. It {covers} how far measured bodies deviate from the '
+        f'model, but no counts of this part: those of about {ENOUGH_COUNTED} tell more (report '
+        '--against).'
     )
 
 

@@ -19,7 +19,6 @@ from resting_aspects_ros.api.conditions import (
     when_text,
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
-from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
@@ -123,7 +122,7 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
         notes=notes,
         facts=_facts(result),
         history=result.history,
-        range_text=model_range_text(distribution, result.no_model_range),
+        range_text=result.range_text,
         level_floor=has_level_floor(result.run.conditions),
         **more,
     )
@@ -146,6 +145,7 @@ def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, 
         'class',
         tuple(map(ids_text, classes)),
         ('simulated', printable(Path(against.source).name)),
+        (own.model, against.model),
     )
     return found, sides
 

@@ -202,10 +202,13 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
     counts = np.array([aspect.count for aspect in aspects], dtype=np.int64)
     down = [[math.nan] * 3 if aspect.rolls else aspect.down_in_part for aspect in aspects]
     classes = [aspect.symmetry_class for aspect in aspects]
-    try:
-        run = document.description() if isinstance(document, RunDocument) else None
-    except InvalidValueError as error:
-        raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
+    run, model = None, None
+    if isinstance(document, RunDocument):
+        try:
+            run = document.description()
+        except InvalidValueError as error:
+            raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
+        model = _model(path, document, aspects)
     given = CountedDrops(
         str(path),
         single_groups(ids),
@@ -216,6 +219,7 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
         run=run,
         complete=document.complete,
         classes=tuple(each for each in classes if each) if None not in classes else None,
+        model=model,
     )
     if document.drops != given.drops:
         raise invalid_field(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
@@ -259,7 +263,7 @@ def document_result(
             document.confidence,
             document.precision > 0,
             document.energy_growth,
-            model=_model(document, ordered),
+            model=given.model,
         )
         distribution.intervals()
         history = _history(document, distribution)
@@ -276,8 +280,10 @@ def document_result(
     )
 
 
-def _model(document: RunDocument, aspects: Sequence[ReportAspect]) -> ModelRange | None:
-    """Return the model ranges of a document; raises ValueError if some are missing."""
+def _model(
+    path: Path, document: RunDocument, aspects: Sequence[ReportAspect]
+) -> ModelRange | None:
+    """Return the model ranges of a document; raises InvalidValueError if some are missing."""
     if document.model_uncertain is None:
         return None
     tables = [
@@ -291,11 +297,13 @@ def _model(document: RunDocument, aspects: Sequence[ReportAspect]) -> ModelRange
     shares = np.array([each.count for each in aspects]) / max(document.drops, 1)
     outside = (shares < by_aspect[:, 0]) | (shares > by_aspect[:, 1])
     if numbers != classes or not (found[:, 0] <= found[:, 1]).all() or outside.any():
-        raise ValueError('invalid model range: expected bounds of each aspect and class')
+        raise InvalidValueError(
+            f'{str(path)!r}: invalid model range: expected bounds of each aspect and class'
+        )
     uncertain = document.model_uncertain
     if unknown := set(uncertain) - set(QUANTITIES):
-        raise ValueError(f'invalid model_uncertain {shown(min(unknown))}: expected conditions')
-    return ModelRange(by_aspect, by_class, uncertain)
+        raise invalid_field(path, 'model_uncertain', min(unknown), 'conditions')
+    return ModelRange(by_aspect, by_class, uncertain, document.confidence)
 
 
 def _part(

@@ -69,7 +69,7 @@ def print_table(
     """Print the table of a distribution, with bounds for aspects that were never seen."""
     show_table(distribution_table(distribution, title, part, each=each))
     show_texts(
-        model_range_text(distribution, no_model_range),
+        model_range_text(distribution.model, no_model_range),
         never_seen_text(distribution, each=each),
         merged_text(distribution.aspects),
     )

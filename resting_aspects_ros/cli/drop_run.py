@@ -7,12 +7,12 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
 from resting_aspects_ros.api.plan import DEFAULT_REPLICATES, read_state_csv
 from resting_aspects_ros.api.result import check_output, make_folder, poses_file
-from resting_aspects_ros.cli.console import print_result
+from resting_aspects_ros.cli.console import print_result, show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import (
     INTERRUPTED,
     Session,
@@ -42,9 +42,6 @@ from resting_aspects_ros.simulation.conditions import (
     Noise,
     quantities_of,
 )
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.studies.batch import BatchEntry
 
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 BATCH_FOLDER = Path('out') / 'batch'
@@ -207,8 +204,9 @@ def drop_batch_and_show(arguments: argparse.Namespace, session: Session) -> int:
 
     Raises RestingAspectsError for wrong input that concerns all parts.
     """
-    # This import is slow, and only needed for a batch.
+    # These imports are slow, and only needed for a batch.
     from resting_aspects_ros.studies.batch import INDEX, drop_batch
+    from resting_aspects_ros.studies.pages import batch_range_texts, batch_table
 
     refuse(arguments, _SINGLE, 'with a single part, not with a batch')
     batch = drop_batch(
@@ -225,22 +223,11 @@ def drop_batch_and_show(arguments: argparse.Namespace, session: Session) -> int:
     for entry in batch.entries:
         if entry.error:
             print(f'{entry.source}: {entry.error}', file=sys.stderr)
-        else:
-            print(_line(entry))
+    show_table(batch_table(batch))
+    show_texts(*batch_range_texts(batch))
     assert batch.folder is not None
     print(f'Index: {batch.folder / INDEX}')
     if session.stop.asked:
         print(f'interrupted after {len(batch.entries)} parts', file=sys.stderr)
         return INTERRUPTED
     return 0 if batch.complete else 1
-
-
-def _line(entry: 'BatchEntry') -> str:
-    """Return the most probable classes of a part in one line."""
-    from resting_aspects_ros.report.format import class_rows
-    from resting_aspects_ros.studies.pages import TOP
-
-    assert entry.result is not None
-    rows = sorted(class_rows(entry.result.distribution), key=lambda row: -row.count)[:TOP]
-    shares = [f'{row.name} {100 * row.interval.probability:.1f} %' for row in rows]
-    return f'{entry.case.part.name}: {", ".join(shares)}'

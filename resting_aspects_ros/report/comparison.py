@@ -14,6 +14,7 @@ from resting_aspects_ros.report.format import (
     decimals_of,
     direction_text,
     interval_of,
+    interval_text,
     outside_aspects,
     percent_text,
     points,
@@ -23,6 +24,7 @@ from resting_aspects_ros.report.table import DOWN, NOTHING, Table
 from resting_aspects_ros.statistics.comparison import REST, TABLES, Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL, Interval, intervals
+from resting_aspects_ros.statistics.model_range import ModelRange
 
 # A million drops justify more decimals, but the table would not fit 80 columns.
 MAX_DECIMALS = 2
@@ -44,6 +46,8 @@ class ComparedResults:
         The ids as text, such as '3+4' for classes that were counted together; by default the ids.
     labels : (str, str)
         Names of the two sides.
+    models : (ModelRange or None, ModelRange or None)
+        The model ranges of both, of the share in all drops; None if not known.
     """
 
     ids: tuple[int, ...]
@@ -53,6 +57,7 @@ class ComparedResults:
     what: Literal['aspect', 'class'] = 'aspect'
     names: tuple[str, ...] = ()
     labels: tuple[str, str] = ('A', 'B')
+    models: tuple[ModelRange | None, ModelRange | None] = (None, None)
 
     def name(self, k: int) -> str:
         """Return the name of row ``k``."""
@@ -76,12 +81,25 @@ class ComparedResults:
             for tally in self.tallies
         ]
 
+    def ranges(self) -> list[list[Interval | None]]:
+        """Return, for each side, the model range of each aspect; None if it is not known."""
+        return [
+            [None] * len(self.ids)
+            if model is None
+            else [
+                Interval(int(count) / tally.drops, *bounds)
+                for count, bounds in zip(tally.counts, model.by_aspect.tolist(), strict=True)
+            ]
+            for tally, model in zip(self.tallies, self.models, strict=True)
+        ]
+
 
 def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
     """Return a table with a row for each aspect, and for each outcome in no aspect.
 
     It fits 80 columns, and its cells are ASCII. Shares of aspects refer to the drops in an
-    aspect, other shares to all drops.
+    aspect, other shares to all drops. Model ranges are below the interval of the first side, and
+    below the share of the second.
 
     Parameters
     ----------
@@ -97,19 +115,23 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         sides.what,
         DOWN if sides.down is not None else '',
         f'{first}\n(%)',
-        f'{percent}\ninterval of {first}',
-        f'{second}\n(%)',
+        f'{percent}\ninterval of {first}' + (',\nmodel range' if sides.models[0] else ''),
+        f'{second} (%),\nmodel\nrange' if sides.models[1] else f'{second}\n(%)',
         f'{first} - {second}\n(%)',
         f'{percent}\nsimultaneous',
     )
     table = Table(title, headings, texts={headings[1]: None})
-    sides_shares = sides.shares(comparison.confidence)
+    sides_shares, ranges = sides.shares(comparison.confidence), sides.ranges()
     for k, (a, b, row) in enumerate(
         zip(*sides_shares, _differences(comparison, sides), strict=True)
     ):
-        both = (percent_text(each.probability, row.decimals) for each in (a, b))
-        one, other = both
-        cells = (one, _share_texts(a)[1], other, row.difference, row.bounds)
+        one, other = (percent_text(each.probability, row.decimals) for each in (a, b))
+        below, below_other = (
+            '' if (model := side[k]) is None else f'\n{interval_text(model)[:-2]}'
+            for side in ranges
+        )
+        interval = f'{_share_texts(a)[1]}{below}'
+        cells = (one, interval, f'{other}{below_other}', row.difference, row.bounds)
         table.add_row(sides.name(k), _down_text(sides, k), *cells)
     table.add_section()
     for name in REST:
@@ -178,7 +200,8 @@ def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
         for label, tally in zip(sides.labels, sides.tallies, strict=True)
     )
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
-        rows['shares'] = 'aspects: of drops in aspects; others: of all drops'
+        ranged = ' and model ranges' if any(sides.models) else ''
+        rows['shares'] = f'aspects: of drops in aspects; others{ranged}: of all drops'
     return rows
 
 
@@ -226,13 +249,17 @@ def comparison_document(
 
     inputs : the fields that describe each side, under ``a`` and ``b``: file, part, drops, ...
     """
-    shares = sides.shares(comparison.confidence)
+    shares, ranges = sides.shares(comparison.confidence), sides.ranges()
     lower, upper = comparison.largest_bounds
     return {
         'schema_version': SCHEMA_VERSION,
         **{
-            name: {**inputs[name], **{outcome: getattr(tally, outcome) for outcome in REST}}
-            for name, tally in zip('ab', sides.tallies, strict=True)
+            name: {
+                **inputs[name],
+                **{outcome: getattr(tally, outcome) for outcome in REST},
+                'model_uncertain': model and list(model.uncertain),
+            }
+            for name, tally, model in zip('ab', sides.tallies, sides.models, strict=True)
         },
         'confidence': comparison.confidence,
         'interval': INTERVAL,
@@ -248,8 +275,12 @@ def comparison_document(
                         'share': side[k].probability,
                         'lower': side[k].lower,
                         'upper': side[k].upper,
+                        'model_lower': (model := ranged[k]) and model.lower,
+                        'model_upper': model and model.upper,
                     }
-                    for name, tally, side in zip('ab', sides.tallies, shares, strict=True)
+                    for name, tally, side, ranged in zip(
+                        'ab', sides.tallies, shares, ranges, strict=True
+                    )
                 },
                 'deviation': float(comparison.deviation[k]),
                 'deviation_lower': float(comparison.lower[k]),

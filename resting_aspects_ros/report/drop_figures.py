@@ -33,6 +33,7 @@ from resting_aspects_ros.report.format import (
     interval_of,
     interval_text,
     millimetre_texts,
+    model_range,
     outside_rows,
     probability_text,
     rgb,
@@ -156,6 +157,7 @@ def comparison_figure(
     rows: Sequence[Row],
     sides: Sequence[tuple[str, Sequence[Interval]]],
     differences: Sequence[str],
+    ranges: Sequence[Sequence[Interval | None]],
     width: float = WIDE,
 ) -> 'Figure':
     """Plot two distributions as bars with whiskers, and write the differences beside them.
@@ -166,6 +168,8 @@ def comparison_figure(
         Label of each of the two, and the interval of each row. The bars of the second are paler.
     differences : sequence of str
         The text beside each row.
+    ranges : sequence of sequence of (Interval or None)
+        The model range of each row, of both; thin bars beside their bars.
     """
     legend = '\n'.join(
         textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
@@ -177,8 +181,11 @@ def comparison_figure(
     )
     axes, tall = row_axes.axes, row_axes.data(0.25)
     both = [side for _, side in sides]
-    top = max(each.upper for side in both for each in side)
-    for side, shift, alpha in zip(both, (-tall / 2, tall / 2), (1.0, 0.45), strict=True):
+    known = [each for side in (*both, *ranges) for each in side if each is not None]
+    top = max(each.upper for each in known)
+    for side, models, shift, alpha in zip(
+        both, ranges, (-tall / 2, tall / 2), (1.0, 0.45), strict=True
+    ):
         shares = np.array([each.probability for each in side])
         lower = shares - [each.lower for each in side]
         upper = [each.upper for each in side] - shares
@@ -193,7 +200,12 @@ def comparison_figure(
             elinewidth=1.0,
             capsize=3,
         )
-    ends = [max(each.upper for each in of_row) for of_row in zip(*both, strict=True)]
+        for model, row, y in zip(models, rows, row_axes.places + 2.12 * shift, strict=True):
+            if model is not None:
+                draw_range(axes, model, row.colour, y, 0.12 * tall)
+    ends = [
+        max(each.upper for each in of_row if each) for of_row in zip(*both, *ranges, strict=True)
+    ]
     text_width = row_axes.write(differences, ends)
     # The axis leaves room for the text beside the longest bar.
     axes_width = axes.get_position().width * width
@@ -346,24 +358,24 @@ BELOW_HEADER, BOTTOM = 28, 84
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
 ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
 BAR = 42
-LABEL, BESIDE_LABEL, BESIDE_BAR = 200, 18, 190
+LABEL, BESIDE_LABEL, BESIDE_BAR = 200, 18, 225
 
 
 def distribution_figure(
-    distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
+    distribution: Distribution, part: Part | None, title: str, range_text: str = ''
 ) -> 'Figure':
     """Plot a bar for each symmetry class, with a picture of the part in it if the part is known.
 
     If there are more than 12 classes, the 12 most probable are shown, in the order of their
     numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
-    intervals. The subtitle can state the conditions.
+    intervals, and thin bars below are the model ranges. ``range_text`` says what these cover.
     """
     rows = _rows(distribution)
     side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
     of_aspect = side if part else ROW_WITHOUT_PICTURE
     sides = [of_aspect if row.aspects else ROW_OF_OTHERS for row in rows]
     room = max(sum(sides), ROW_OF_OTHERS)
-    header = Header(title, subtitle, BARS_WIDTH)
+    header = Header(title, range_text, BARS_WIDTH)
     height = header.height + BELOW_HEADER + room + BOTTOM
     figure, canvas = pixel_axes(BARS_WIDTH, height)
     header.draw(canvas)
@@ -433,7 +445,7 @@ def _draw_bars(
     """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
     for row, middle in zip(rows, middles, strict=True):
         _draw_bar(axes, row, middle, distribution.drops)
-    longest = max((row.interval.upper for row in rows), default=1.0)
+    longest = max((row.upper for row in rows), default=1.0)
     room = axes.get_position().width * BARS_WIDTH
     axes.set_xlim(0, longest * room / (room - BESIDE_BAR))
     plain_axes(axes, 'x')
@@ -441,9 +453,10 @@ def _draw_bars(
     axes.set_yticks([])
     axes.spines['left'].set_visible(True)
     axes.spines['left'].set_color(FAINT)
+    ranges = ' and, as thin bar, model range' if distribution.model else ''
     axes.set_xlabel(
-        f'probability from {distribution.drops} drops, with '
-        f'{100 * distribution.confidence:g} % interval ({distribution.interval.capitalize()})',
+        f'probability from {distribution.drops} drops, with {100 * distribution.confidence:g} % '
+        f'interval ({distribution.interval.capitalize()}){ranges}',
         size=8,
         color=FAINT,
         loc='left',
@@ -466,10 +479,18 @@ def _draw_bar(axes: 'Axes', row: Row, middle: float, drops: int) -> None:
     unseen = 'never seen' if drops else 'no drops'
     text = probability_text(interval) if interval.probability else unseen
     _write_beside(
-        axes, interval.upper, middle, 1, text, size=10.5, weight='bold', color=TEXT, va='bottom'
+        axes, row.upper, middle, 1, text, size=10.5, weight='bold', color=TEXT, va='bottom'
     )
     bounds = interval_text(interval)
-    _write_beside(axes, interval.upper, middle, -1.5, bounds, size=7.5, color=FAINT, va='top')
+    if row.model is not None:
+        draw_range(axes, row.model, row.colour, middle - 0.62 * BAR, 0.14 * BAR)
+        bounds += f'\n{model_range(row.model)}'
+    _write_beside(axes, row.upper, middle, -1.5, bounds, size=7.5, color=FAINT, va='top')
+
+
+def draw_range(axes: 'Axes', model: Interval, colour: str, middle: float, height: float) -> None:
+    """Draw a model range as a thin bar."""
+    axes.barh(middle, model.upper - model.lower, height, model.lower, color=colour, alpha=0.55)
 
 
 def _write_beside(axes: 'Axes', x: float, y: float, rise: float, text: str, **style: Any) -> None:

@@ -39,6 +39,7 @@ from resting_aspects_ros.report.format import (
     class_rows,
     interval_text,
     millimetre_texts,
+    model_range,
     outside_rows,
     probability_text,
     rgb,
@@ -174,7 +175,7 @@ def drop_page(
     """
     drawn = DrawnRows(distribution, part)
     rows = [*drawn.rows, *drawn.outside]
-    longest = max((_upper(row) for row in rows), default=1.0)
+    longest = max((row.upper for row in rows), default=1.0)
     shown = outcome_rows(distribution, drawn, part, level=level_floor, longest=longest)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
@@ -199,7 +200,9 @@ def drop_page(
         sections.append(Section(CONVERGENCE, 'convergence', [chart]))
     if estimates and drawn.rows and part is not None:
         sections.append(_estimate_section(drawn.rows, part, estimates, not_defined or {}, spread))
-    saved = partial(distribution_figure, distribution, drawn.part, f'{title}, {subtitle}')
+    saved = partial(
+        distribution_figure, distribution, drawn.part, f'{title}, {subtitle}', range_text
+    )
     return Page(
         file=PAGE,
         title=title,
@@ -328,13 +331,15 @@ def comparison_items(
             sides.labels, sides.tallies, sides.shares(comparison.confidence), strict=True
         )
     ]
-    draw = partial(comparison_figure, rows, labelled, difference_texts(comparison, sides))
+    texts = difference_texts(comparison, sides)
+    draw = partial(comparison_figure, rows, labelled, texts, sides.ranges())
+    thin = ' Thin bars are model ranges.' if any(sides.models) else ''
     yield _chart(
         'comparison',
         draw,
         'Bars show the share of each aspect in the drops that came to rest in an aspect, with '
-        f'{confidence} % intervals (Wilson). The text beside the bars is the difference, {first} '
-        f'minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
+        f'{confidence} % intervals (Wilson).{thin} The text beside the bars is the difference, '
+        f'{first} minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
     )
     yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
     yield comparison_table(comparison, sides, '')
@@ -432,12 +437,8 @@ def share_fields(row: Row, drops: int, longest: float) -> ShareFields:
         interval_text(row.interval),
         _bar(row.interval, longest),
         model,
-        '' if row.model is None else f'model range {interval_text(row.model)}',
+        '' if row.model is None else model_range(row.model),
     )
-
-
-def _upper(row: Row) -> float:
-    return row.interval.upper if row.model is None else max(row.interval.upper, row.model.upper)
 
 
 def _members(distribution: Distribution, row: Row) -> Table:

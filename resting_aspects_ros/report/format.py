@@ -64,6 +64,11 @@ def interval_text(interval: Interval) -> str:
     return Number(f'{lower} to {upper} %', 100 * interval.lower, 100 * interval.upper)
 
 
+def model_range(model: Interval) -> str:
+    """Return a model range where no heading says so, as 'model range 15 to 40 %'."""
+    return f'model range {interval_text(model)}'
+
+
 def points_text(deviation: float, lower: float, upper: float) -> str:
     """Return a difference of shares in percentage points, as '+3.1 (-0.9 to +7.0)'."""
     decimals = decimals_of(Interval(deviation, lower, upper))
@@ -210,6 +215,11 @@ class Row:
     colour: str
     aspects: tuple[Aspect, ...] = ()
     model: Interval | None = None
+
+    @property
+    def upper(self) -> float:
+        """Where the interval and the model range end."""
+        return max(each.upper for each in (self.interval, self.model) if each is not None)
 
 
 def class_rows(distribution: Distribution) -> list[Row]:

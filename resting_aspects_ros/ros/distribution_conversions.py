@@ -252,7 +252,7 @@ def _model_from(msg: AspectDistribution) -> ModelRange | None:
         )
     if (by_class == [0, 1]).all():
         return None
-    return ModelRange(by_aspect, by_class, tuple(msg.model_uncertain))
+    return ModelRange(by_aspect, by_class, tuple(msg.model_uncertain), msg.confidence)
 
 
 def estimate_msg(

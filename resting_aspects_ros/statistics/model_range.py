@@ -16,7 +16,7 @@ from scipy.special import expit, logit, ndtri
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.intervals import bounds
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds
 
 # Standard deviation of the discrepancy on the log odds at a share of 1/2, and the power of
 # 4 p (1 - p) with which it grows for rare and for frequent outcomes. The first is estimated on the
@@ -38,11 +38,14 @@ class ModelRange:
     uncertain : tuple of str
         Conditions whose uncertainty the ranges cover. Empty: the conditions are taken as exact,
         and the ranges cover only the discrepancy of the model.
+    confidence : float
+        Of each range by itself.
     """
 
     by_aspect: Array
     by_class: Array
     uncertain: tuple[str, ...] = ()
+    confidence: float = CONFIDENCE
 
     def of_classes(self) -> 'ModelRange':
         """Return the ranges of the symmetry classes in the place of those of the aspects."""
@@ -169,7 +172,8 @@ def with_model_range(
         # Aspects that a symmetry exchanges have equal probabilities on any surface.
         by_aspect[np.array(ids) - 1] = lower / len(ids), upper / len(ids)
     uncertain = () if draws is None else draws.uncertain
-    model = ModelRange(_containing(distribution, by_aspect), by_class, uncertain)
+    ranges = _containing(distribution, by_aspect), by_class
+    model = ModelRange(*ranges, uncertain, distribution.confidence)
     return dataclasses.replace(distribution, model=model)
 
 

@@ -307,13 +307,14 @@ class BatchEntry:
         """The counts as a case with one point."""
         assert self.result is not None
         assert self.result.part is not None
-        found = self.result.distribution
+        found = self.result.distribution.by_class()
         other = [getattr(found, name) for name in OUTSIDE]
         return Case(
             self.result.part,
             found.aspects,
-            found.by_class().counts[None],
+            found.counts[None],
             np.array([other], dtype=np.int64),
+            model=found.model,
         )
 
     @cached_property

@@ -10,6 +10,7 @@ import numpy as np
 from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.errors import analysis
 from resting_aspects_ros.report.drop_page import PAGE
+from resting_aspects_ros.report.drops import MODEL_RANGE, model_text, shares
 from resting_aspects_ros.report.figure import (
     FAINT,
     TEXT,
@@ -20,9 +21,13 @@ from resting_aspects_ros.report.figure import (
 from resting_aspects_ros.report.format import (
     COLOURS,
     GREY,
+    Row,
     aspect_colour,
     class_rows,
+    interval_text,
+    model_range,
     rgb,
+    short_name,
     shown_difference,
 )
 from resting_aspects_ros.report.page import (
@@ -422,16 +427,17 @@ def comparison_items(
         table.add_row(
             first.class_names[one],
             second.class_names[other],
-            f'{100 * each.first_share:.1f} %',
-            f'{100 * each.second_share:.1f} %',
+            _share(each.first_share, first, one, '\n'),
+            _share(each.second_share, second, other, '\n'),
             f'{difference:+.1f} points\n{100 * each.lower:+.1f} to {100 * each.upper:+.1f}',
         )
     yield table
     means = 'Shares are means over the points that both have. ' if len(first.drops) > 1 else ''
+    ranges = 'Below the shares: model ranges. ' if first.model or second.model else ''
     yield (
-        f'{means}The difference is {second.name} minus {first.name}, in percentage points; small: '
-        f'{100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the part radius '
-        'apart on average.'
+        f'{means}{ranges}The difference is {second.name} minus {first.name}, in percentage '
+        f'points; small: {100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the '
+        'part radius apart on average.'
     )
     both = (first.drops > 0) & (second.drops > 0)
     alone = []
@@ -439,13 +445,25 @@ def comparison_items(
         (first, {each.first for each in found.shared}),
         (second, {each.second for each in found.shared}),
     ):
-        shares = 100 * (case.classes[both] / case.drops[both, None]).mean(axis=0)
-        numbered = enumerate(zip(case.class_names, shares.tolist(), strict=True), start=1)
-        names = [f'{name} ({share:.1f} %)' for k, (name, share) in numbered if k not in shared]
+        shares = (case.classes[both] / case.drops[both, None]).mean(axis=0)
+        named = enumerate(zip(case.class_names, shares.tolist(), strict=True))
+        names = [
+            f'{name} ({_share(share, case, k, ", model range ")})'
+            for k, (name, share) in named
+            if k + 1 not in shared
+        ]
         if names:
             alone.append(f'{case.name}: {", ".join(names)}')
     if alone:
         yield f'Only in one of them: {"; ".join(alone)}.'
+
+
+def _share(share: float, case: Case, k: int, before: str) -> str:
+    """Return the share of a symmetry class, and its model range after a text if it is known."""
+    text = f'{100 * share:.1f} %'
+    if case.model is None:
+        return text
+    return f'{text}{before}{interval_text(Interval(share, *case.model.by_aspect[k].tolist()))}'
 
 
 def batch_page(batch: 'BatchResult', file: str, *, compare: bool) -> Page:
@@ -461,7 +479,7 @@ def batch_page(batch: 'BatchResult', file: str, *, compare: bool) -> Page:
             ('seed of the batch', str(batch.seed)),
             ('engine', f'{run.engine} {run.engine_version}'),
         ]
-    items: list[Item] = [_batch_entry(entry) for entry in done]
+    items: list[Item] = [*batch_range_texts(batch), *map(_batch_entry, done)]
     if failed:
         items.append(Text('Parts that failed', 'part'))
         items.append(Findings([('yes', f'{each.source}:', each.error) for each in failed]))
@@ -492,7 +510,6 @@ def _batch_entry(entry: 'BatchEntry') -> Gallery:
     assert entry.result is not None
     found = entry.result.distribution
     rows = class_rows(found)
-    order = np.argsort([-row.count for row in rows], kind='stable')[:TOP].tolist()
     shares = np.array([row.count for row in rows]) / max(found.drops, 1)
     name = entry.case.part.name
     numbers = (
@@ -505,14 +522,46 @@ def _batch_entry(entry: 'BatchEntry') -> Gallery:
                 rows[k].name,
                 rows[k].colour,
                 entry.pictures[k],
-                (f'{100 * rows[k].interval.probability:.1f} %', _percent(rows[k].interval)),
+                [
+                    f'{100 * rows[k].interval.probability:.1f} %',
+                    _percent(rows[k].interval),
+                    *([] if (model := rows[k].model) is None else [model_range(model)]),
+                ],
             )
-            for k in order
+            for k in _most_probable(rows)
         ],
         heading=name,
         link=f'{entry.folder}/{PAGE}',
         texts=[*([entry.source] if entry.source != name else []), numbers],
     )
+
+
+def batch_table(batch: 'BatchResult') -> Table:
+    """Return a table of the most probable classes of each part."""
+    interval = f'{100 * batch.confidence:g} % interval'
+    headings = ('part', 'aspects', 'proba-\nbility', interval, MODEL_RANGE)
+    table = Table('', headings, texts={'part': None})
+    for entry in batch.entries:
+        if entry.result is not None:
+            found = entry.result.distribution
+            rows = class_rows(found)
+            for number, k in enumerate(_most_probable(rows)):
+                name = '' if number else entry.case.part.name
+                probability, sampling, _ = shares(rows[k].interval, rows[k].count, found.drops)
+                cells = probability, sampling, model_text(rows[k])
+                table.add_row(name, short_name(rows[k]), *cells)
+    return table
+
+
+def batch_range_texts(batch: 'BatchResult') -> list[str]:
+    """Return what the model ranges of the parts cover, and why there are none; each text once."""
+    texts = [each.result.range_text for each in batch.entries if each.result is not None]
+    return list(dict.fromkeys(filter(None, texts)))
+
+
+def _most_probable(rows: Sequence[Row]) -> list[int]:
+    """Return the indices of the classes with the most drops."""
+    return sorted(range(len(rows)), key=lambda k: -rows[k].count)[:TOP]
 
 
 def _percent(found: Interval) -> str:

@@ -38,6 +38,7 @@ from resting_aspects_ros.simulation.scene import Scene
 from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
+from resting_aspects_ros.statistics.model_range import ModelRange
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.design import Setting
@@ -313,6 +314,8 @@ class Case:
         Number of the symmetry class from which the actions start; None: dropped.
     skipped : dict of int to str
         Why points are impossible for this part.
+    model : ModelRange or None
+        The model ranges of the symmetry classes, if there is one point and they are known.
     """
 
     part: Part
@@ -321,6 +324,7 @@ class Case:
     other: Counts
     start: int | None = None
     skipped: dict[int, str] = field(default_factory=dict)
+    model: ModelRange | None = None
 
     @property
     def name(self) -> str:

@@ -126,8 +126,12 @@ def _facts(part: Part, aspects: AspectSet) -> list[tuple[str, str]]:
     return facts
 
 
-def changing_texts(distribution: Distribution) -> list[dict[str, Any]]:
-    """Return what changes in each row of `empty_rows` with the counts."""
+def changing_texts(distribution: Distribution, pending: str = '') -> list[dict[str, Any]]:
+    """Return what changes in each row of `empty_rows` with the counts.
+
+    pending : str
+        Text in the place of a model range that is not known yet.
+    """
     drops = distribution.drops
     texts = []
     for row in [*class_rows(distribution), *outside(distribution)]:
@@ -139,7 +143,7 @@ def changing_texts(distribution: Distribution) -> list[dict[str, Any]]:
                 'count': f'{row.count:,} of {drops:,}',
                 'bar': fields.bar,
                 'model': fields.model,
-                'range': fields.model_text,
+                'range': fields.model_text or (pending if row.aspects else ''),
                 'hidden': not row.aspects and row.name not in ALWAYS and not row.count,
                 'unseen': not row.count,
             }

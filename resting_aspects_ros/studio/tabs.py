@@ -24,7 +24,7 @@ from resting_aspects_ros.api.counts import counted_by_class
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page
-from resting_aspects_ros.api.model_range import model_range_text
+from resting_aspects_ros.api.model_range import covered_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
 from resting_aspects_ros.api.pages import reorientation_page
 from resting_aspects_ros.api.reorient import (
@@ -81,11 +81,18 @@ from resting_aspects_ros.studio.work import Work, drop_options, section_items
 
 # The bars are shown again when the number of drops has grown by this factor.
 GROWTH = 1.1
+# In the place of the model range while its drops are made, so that nothing moves then.
+PENDING = 'model range ...'
 
 
 def _show_aspects(work: Work) -> None:
     """Drop the part, and show the shares meanwhile."""
     work.show_command(drop_recipe(work.opened.source, work.settings).line)
+    conditions = work.settings.conditions
+    pending = ''
+    if conditions.surroundings is None:
+        pending = PENDING
+        work.show('range', [Text(covered_text(conditions.uncertain), 'plain')])
     tally, shown = DropTally(no_drops(work.opened.aspects), MAX_DROPS), 0
     report = work.progress('drops')
 
@@ -93,26 +100,24 @@ def _show_aspects(work: Work) -> None:
         nonlocal shown
         if done and done >= GROWTH * shown:
             shown = done
-            _show_bars(work, tally.distribution, '')
+            _show_bars(work, tally.distribution, '', pending)
         report(done, total)
 
     result = work.drops(consumers=[tally.add], progress=progress)
     _show_bars(work, result.distribution, result.subtitle)
-    conditions = work.settings.conditions
     hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
-    about = model_range_text(result.distribution, result.no_model_range)
-    work.show('range', [Text(about, 'plain')])
+    work.show('range', [Text(result.range_text, 'plain')])
 
 
-def _show_bars(work: Work, distribution: Distribution, caption: str) -> None:
+def _show_bars(work: Work, distribution: Distribution, caption: str, pending: str = '') -> None:
     if not distribution.drops:
         return
     work.publish(
         'bars',
         {
-            'rows': changing_texts(distribution),
+            'rows': changing_texts(distribution, pending),
             'caption': caption,
             'pickable': pickable_text(distribution, work.settings.pickable),
         },
@@ -314,6 +319,7 @@ def _show_comparison(work: Work) -> None:
         # Pictures show the classes: no directions in the part.
         sides = dataclasses.replace(found.sides, down=None)
         items += comparison_items(class_rows(a.distribution), found.comparison, sides)
+        items += [Text(text, 'plain') for text in found.range_texts]
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))
@@ -335,6 +341,8 @@ def _designs(first: Opened, second: Opened, a: DropResult, b: DropResult) -> Ite
     confidence = a.distribution.confidence
     for found in compare_cases(cases, confidence):
         yield from pages.comparison_items(found, pictures, confidence)
+    for text in dict.fromkeys([a.range_text, b.range_text]):
+        yield Text(text, 'plain')
     for case, opened in sides:
         classes = zip(opened.names, pages.case_colours(case), opened.pictures, strict=False)
         tiles = [Tile(name, colour, picture, []) for name, colour, picture in classes]
@@ -371,7 +379,8 @@ def _show_counts(work: Work) -> None:
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
     sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
-    html = items_html(list(comparison_items(rows, found.comparison, sides)))
+    about = [Text(text, 'plain') for text in found.range_texts]
+    html = items_html([*comparison_items(rows, found.comparison, sides), *about])
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)

@@ -1,5 +1,6 @@
 """Two distributions side by side, as a table and as a document, are what was compared."""
 
+import dataclasses
 import json
 import re
 from decimal import Decimal
@@ -18,6 +19,7 @@ from resting_aspects_ros.report.comparison import (
 )
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.statistics.model_range import ModelRange
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
 ONE = DropCounts(np.array([50, 30, 20]), 60, 30, 10)
@@ -53,8 +55,11 @@ def test_document_is_complete_and_not_rounded():
     comparison, sides = compared(ONE, OTHER, DOWN, ids=(1, 3, 7))
     document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {'file': 'y'}})
     assert json.loads(to_json(document)) == document
-    assert document['a'] == {'file': 'x', 'unclassified': 60, 'unsettled': 30, 'failed': 10}
-    assert document['b'] == {'file': 'y', 'unclassified': 0, 'unsettled': 50, 'failed': 0}
+    model = {'model_uncertain': None}
+    rest = {'unclassified': 60, 'unsettled': 30, 'failed': 10}
+    assert document['a'] == {'file': 'x', **rest, **model}
+    rest = {'unclassified': 0, 'unsettled': 50, 'failed': 0}
+    assert document['b'] == {'file': 'y', **rest, **model}
     aspects = document['aspects']
     assert [aspect['id'] for aspect in aspects] == [1, 3, 7]
     assert [aspect['down_in_part'] for aspect in aspects] == [[0, 0, -1], [0.6, -0.8, 0], None]
@@ -71,3 +76,22 @@ def test_document_is_complete_and_not_rounded():
     assert (largest['aspect'], largest['deviation']) == (7, comparison.largest_deviation)
     assert document['total_variation'] == pytest.approx(0.2)
     assert document['mean_deviation'] == pytest.approx(0.4 / 3)
+
+
+@pytest.mark.parametrize('ranged', ['a', 'b', 'ab'])
+def test_model_ranges_of_each_side_are_shown_in_80_columns(lines, ranged):
+    comparison, sides = compared(ONE, OTHER, DOWN)
+    bounds = np.array([[0.123, 0.567], [0.0, 1.0], [0.004, 0.095]])
+    model = ModelRange(bounds, bounds, ('friction',))
+    models = tuple(model if name in ranged else None for name in 'ab')
+    sides = dataclasses.replace(sides, models=models)
+    shown = '\n'.join(lines(comparison_table(comparison, sides, 'title')))
+    for text in ('12 to 57', '0 to 100', '0.4 to 9.5'):
+        assert shown.count(text) == len(ranged)
+    document = comparison_document(comparison, sides, {'a': {}, 'b': {}})
+    for name in 'ab':
+        known = name in ranged
+        assert document[name]['model_uncertain'] == (['friction'] if known else None)
+        for row, expected in zip(document['aspects'], bounds.tolist(), strict=True):
+            found = [row[name]['model_lower'], row[name]['model_upper']]
+            assert found == (expected if known else [None, None])

@@ -20,10 +20,11 @@ from resting_aspects_ros.report.drop_figures import (
     distribution_figure,
 )
 from resting_aspects_ros.report.figure import png_bytes
-from resting_aspects_ros.report.format import COLOURS, GREY
+from resting_aspects_ros.report.format import COLOURS, GREY, class_rows, interval_text
 from resting_aspects_ros.report.picture import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.statistics.model_range import with_model_range
 
 PIXELS = 160
 BLUE = (0.0, 0.45, 0.7)
@@ -65,6 +66,19 @@ def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
     for colour, count in zip(COLOURS, distribution.counts, strict=False):
         assert bar_length(image, colour) == pytest.approx(longest * count / 400, abs=2)
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
+
+
+def test_picture_has_both_widths_and_says_what_the_wider_one_covers(distribution, texts):
+    ranged = with_model_range(distribution)
+    figure = distribution_figure(ranged, None, 'title', 'Model range: all of it.')
+    words = texts(figure)
+    assert 'Model range: all of it.' in words
+    bars = figure.axes[1].patches
+    ends = {(round(b.get_x(), 6), round(b.get_x() + b.get_width(), 6)) for b in bars}
+    for row in class_rows(ranged):
+        shown = f'{interval_text(row.interval)}\nmodel range {interval_text(row.model)}'
+        assert shown in words
+        assert (round(row.model.lower, 6), round(row.model.upper, 6)) in ends
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
 from resting_aspects_ros.studio.rows import Source, pickable_text
 from resting_aspects_ros.studio.settings import Settings, changed, number_of
-from resting_aspects_ros.studio.tabs import BOTH_DIFFER, TABS
+from resting_aspects_ros.studio.tabs import BOTH_DIFFER, PENDING, TABS
 
 
 def complete(message):
@@ -34,6 +34,23 @@ def test_bars_are_those_of_the_function(bracket, shown):
         (100 * expected.counts / 2000).tolist(), abs=0.01
     )
     assert [row['hidden'] for row in rows[5:]] == [False, False, True, True, True]
+
+
+def test_place_of_the_model_range_is_kept_while_it_is_made(bracket, shown):
+    topics = [name for name, _ in shown.messages]
+    assert topics.index('range') < topics.index('bars', topics.index('range'))
+    runs = [m['rows'] for m in shown.of('bars') if m['rows']]
+    for rows in runs[:-1]:
+        assert [row['range'] for row in rows] == [PENDING] * 5 + [''] * 5
+        assert not any(row['model'] for row in rows)
+    assert len(runs) > 1
+    assert all(row['range'].endswith(' %') and row['model'] for row in runs[-1][:5])
+    texts = {m['html'] for m in shown.of('range')}
+    assert len(texts) == 1  # the sentence does not change when the range is known
+    before = shown.count
+    bracket.change('surroundings', 'slope')
+    shown.wait('bars', complete, before)
+    assert not any(row['range'] for m in shown.of('bars')[len(runs) + 1 :] for row in m['rows'])
 
 
 def test_latest_of_many_changes_wins_without_a_queue(bracket, shown):

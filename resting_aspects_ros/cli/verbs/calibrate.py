@@ -105,4 +105,5 @@ def _save(result: 'CalibrationResult', folder: Path, *, quiet: bool) -> None:
         result.save_picture(folder / PICTURE)
         written.append(folder / PICTURE)
     if not quiet:
-        print(f'Written: {", ".join(map(str, written))}', flush=True)
+        print(f'Written: {", ".join(map(str, written))}')
+        print(f'To use it: --surfaces {folder / ENTRY} --surface {result.surface}', flush=True)

@@ -39,7 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     def show() -> None:
         title = f'A: {result.a.title}\nB: {result.b.title}'
         show_table(comparison_table(result.comparison, result.sides, title))
-        show_texts(measures_text(result.comparison, result.sides), result.verdict)
+        measures = measures_text(result.comparison, result.sides)
+        show_texts(measures, result.verdict, *result.range_texts)
 
     show_result(arguments, result.to_json, show)
     return DONE

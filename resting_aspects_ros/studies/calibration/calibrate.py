@@ -1,6 +1,5 @@
 """Calibrate a surface to counts, for the Python interface and the command line."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -25,11 +24,11 @@ from resting_aspects_ros.studies.calibration.posterior import (
     REPEATED,
     ROUNDS,
     Fit,
-    GTest,
+    FitTest,
     Prediction,
     find_estimates,
+    find_fit_test,
     fit_surface,
-    g_test,
     predict,
 )
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -135,11 +134,11 @@ def summarise(fit: Fit, seed: int) -> CalibrationResult:
     rng = np.random.default_rng((seed, 1))
     estimates, predicted = tuple(find_estimates(fit)), tuple(predict(fit, rng))
     left_out: tuple[Prediction, ...] = ()
-    tested = GTest(math.nan, math.nan)
+    tested: FitTest | None = None
     with analysis('the check without each of the parts'):
         left_out = tuple(predict(fit, rng, left_out=True))
-    with analysis('the G test'):
-        tested = g_test(fit, rng)
+    with analysis('the test of the fit'):
+        tested = find_fit_test(fit, rng)
     return CalibrationResult(fit, estimates, predicted, left_out, tested, seed)
 
 

@@ -18,10 +18,12 @@ from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.special import expit, gammaln, logit, logsumexp, xlogy
+from scipy.special import expit, gammaln, logit, logsumexp
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.statistics.intervals import containing
+from resting_aspects_ros.statistics.model_range import DISCREPANCY as MODEL_DISCREPANCY
+from resting_aspects_ros.statistics.model_range import discrepancy
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
 from resting_aspects_ros.studies.design import Factor, sobol
 
@@ -53,7 +55,7 @@ CONFIDENCE, DRAWS = 0.9, 4000
 # A condition is not determined if its interval is longer than this share of the range.
 WIDE = 0.5
 # Of a test by parametric bootstrap.
-REPETITIONS = 199
+REPETITIONS = 499
 
 
 def terms(points: Array, degree: int) -> Array:
@@ -358,7 +360,7 @@ def _check(fit: Fit, best: Array, simulated: Sequence[Counts]) -> tuple[tuple[Ar
     return tuple(deviations), differ
 
 
-# -- Estimates, predictions and the G test --------------------------------------------------------
+# -- Estimates, predictions and the test of the fit -----------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,18 +416,26 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class GTest:
-    """Test of the hypothesis that the counts are multinomial with shares of the simulation.
+class FitTest:
+    """Test of the hypothesis that the counts are those of a surface within the ranges.
+
+    Under the hypothesis, the log odds of each share deviate from the simulation as those of
+    measured bodies do (see statistics.model_range), and the counts are multinomial.
 
     statistic : float
-        G of the counts and the shares at the conditions that fit them best.
+        The smallest sum over all shares of the squared deviation over its variance, times 1 - p:
+        Pearson's chi2, if nothing but sampling made them deviate.
     p : float
         Probability of a statistic at least as large if the hypothesis is true, by parametric
-        bootstrap: counts are drawn with these shares, and each table has its own best conditions.
+        bootstrap: counts are drawn with the best conditions, and have their own best conditions.
+    part, group : int
+        Indices of the share that contributes most.
     """
 
     statistic: float
     p: float
+    part: int
+    group: int
 
 
 def find_estimates(fit: Fit) -> list[Estimate]:
@@ -509,25 +519,48 @@ def dirichlet(shares: Array, rho: Array, rng: np.random.Generator) -> Array:
     return np.asarray(gammas / np.maximum(gammas.sum(axis=1, keepdims=True), 1e-300))
 
 
-def g_test(fit: Fit, rng: np.random.Generator) -> GTest:
-    """Return the G test of all parts together."""
+def deviated(shares: Array, scale: float, rng: np.random.Generator) -> Array:
+    """Return shares (r, g) whose log odds deviate as those of measured bodies; see model_range."""
+    p = np.clip(shares, 1e-9, 1 - 1e-9)
+    squares = p**2
+    # The log odds of a share also change with the other shares.
+    others = (squares.sum(axis=1, keepdims=True) - squares) / (1 - p) ** 2
+    spread = discrepancy(p, scale) / np.sqrt(1 + others)
+    real = p * np.exp(spread * rng.standard_normal(p.shape))
+    return np.asarray(real / real.sum(axis=1, keepdims=True))
+
+
+def find_fit_test(fit: Fit, rng: np.random.Generator) -> FitTest:
+    """Return the test of all parts together."""
+    scale = MODEL_DISCREPANCY if fit.discrepancy else 0.0
     drops = [part.drops for part in fit.given.parts]
-    logs = [np.log(shares) for shares, _ in fit.shares]
+    weights = []  # (m, g) of the squared deviations of the counts of each part
+    for n, (shares, _) in zip(drops, fit.shares, strict=True):
+        # With the error of the shares, conditions where it is large would fit any counts.
+        excess = shares * (1 - shares) * discrepancy(shares, scale) ** 2
+        weights.append(1 / ((n + n**2 * excess) * shares))
 
-    def best(tables: Sequence[Counts]) -> tuple[float, int]:
-        """Return G of tables (g,) of all parts, and the candidate that fits them best."""
-        likelihood = np.sum([each @ y for each, y in zip(logs, tables, strict=True)], axis=0)
-        k = int(likelihood.argmax())
-        whole = sum(xlogy(y, y / y.sum()).sum() for y in tables)
-        return max(0.0, 2 * float(whole - likelihood[k])), k
+    def statistics(tables: Sequence[Counts]) -> Array:
+        """Return the sum (r, m) of tables (r, g) of each part at each candidate."""
+        parts = zip(tables, drops, fit.shares, weights, strict=True)
+        return np.sum(
+            [
+                y**2 @ w.T - 2 * y @ (n * p * w).T + ((n * p) ** 2 * w).sum(axis=1)
+                for y, n, (p, _), w in parts
+            ],
+            axis=0,
+        )
 
-    def drawn(k: int) -> list[Counts]:
-        """Return tables with the shares of a candidate, and the error of these shares."""
-        return [
-            rng.multinomial(n, dirichlet(shares[k : k + 1], error[k : k + 1], rng)[0])
-            for n, (shares, error) in zip(drops, fit.shares, strict=True)
-        ]
-
-    found, k = best([part.counts for part in fit.given.parts])
-    repeated = np.array([best(drawn(k))[0] for _ in range(REPETITIONS)])
-    return GTest(found, float((1 + (repeated >= found - 1e-9).sum()) / (1 + REPETITIONS)))
+    counted = [part.counts for part in fit.given.parts]
+    of_counted = statistics([each[None] for each in counted])[0]
+    k = int(of_counted.argmin())
+    drawn, terms = [], []
+    for y, n, (shares, error), w in zip(counted, drops, fit.shares, weights, strict=True):
+        own = dirichlet(np.tile(shares[k], (REPETITIONS, 1)), np.full(REPETITIONS, error[k]), rng)
+        drawn.append(rng.multinomial(n, deviated(own, scale, rng)))
+        terms.append((y - n * shares[k]) ** 2 * w[k])
+    repeated = statistics(drawn).min(axis=1)
+    found = max(0.0, float(of_counted[k]))
+    p = float((1 + (repeated >= found - 1e-9).sum()) / (1 + REPETITIONS))
+    worst = max(range(len(terms)), key=lambda j: float(terms[j].max()))
+    return FitTest(found, p, worst, int(terms[worst].argmax()))

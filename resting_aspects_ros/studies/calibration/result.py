@@ -21,7 +21,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.studies.calibration.posterior import (
     Estimate,
     Fit,
-    GTest,
+    FitTest,
     Prediction,
     correlation,
     find_discrepancy,
@@ -31,13 +31,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
-# Below this probability, the counts are said to contradict the simulation.
+# Below this probability, the counts are said to contradict every surface.
 SIGNIFICANCE = 0.01
-# A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
-MAX_DISCREPANCY = 0.1
 # The simulated shares are said to be too uncertain above this share of that of the counted ones.
 MAX_ERROR = 1.0
 # Factors are said to trade off if their correlation is at least this.
@@ -65,8 +63,8 @@ class CalibrationResult(Result):
         Of each part, from the counts of all parts.
     left_out : tuple of Prediction
         Of each part, from the counts of the others; empty if there is one part.
-    g_test : GTest
-        Whether any conditions in the ranges explain the counts, without a discrepancy.
+    test : FitTest or None
+        Whether any surface in the ranges explains the counts; None if the test failed.
     fit : Fit
     """
 
@@ -74,7 +72,7 @@ class CalibrationResult(Result):
     estimates: tuple[Estimate, ...]
     predictions: tuple[Prediction, ...]
     left_out: tuple[Prediction, ...]
-    g_test: GTest
+    test: FitTest | None
     seed: int
 
     @property
@@ -105,13 +103,8 @@ class CalibrationResult(Result):
 
     @property
     def contradicted(self) -> bool:
-        """Whether no conditions in the ranges explain the counts."""
-        return self.g_test.p < SIGNIFICANCE
-
-    @property
-    def usable(self) -> bool:
-        """Whether the surface describes the counts at least roughly."""
-        return not self.contradicted or find_discrepancy(self.fit)[0] <= MAX_DISCREPANCY
+        """Whether no surface in the ranges explains the counts."""
+        return self.test is not None and self.test.p < SIGNIFICANCE
 
     def draws(self, size: int = DRAWS) -> list[dict[str, float]]:
         """Return conditions that are drawn from the posterior, as values of the factors."""
@@ -134,7 +127,7 @@ class CalibrationResult(Result):
             'conditions': {**conditions, 'height_of': self.conditions.height_of.name},
             'estimates': [_estimate(each) for each in self.estimates],
             'discrepancy': {'mean': mean, 'low': low, 'high': high} if fit.discrepancy else None,
-            'g_test': None if math.isnan(self.g_test.p) else dataclasses.asdict(self.g_test),
+            'test': self.test and {'statistic': self.test.statistic, 'p': self.test.p},
             'contradicted': self.contradicted,
             'parts': [
                 {
@@ -243,15 +236,18 @@ def statements(result: CalibrationResult) -> list[str]:
 def _on_agreement(result: CalibrationResult) -> Iterator[str]:
     *most, last = (each.factor.label for each in result.estimates)
     fitted = f'{", ".join(most)} or {last}' if most else last
-    p = result.g_test.p
-    if math.isnan(p):
+    deviating = ', deviating as measured bodies do' if result.fit.discrepancy else ''
+    if result.test is None:
         yield 'Whether the simulation can explain these counts could not be tested.'
     elif not result.contradicted:
-        yield f'The simulation can explain these counts within sampling (G test, p = {p:.2g}).'
+        yield f'The simulation can explain these counts{deviating} (p = {result.test.p:.2g}).'
     else:
+        part = result.fit.given.parts[result.test.part]
+        group = part.names[result.test.group]
         yield (
-            f'No {fitted} within the ranges explain these counts within sampling (G test, '
-            f'p = {p:.2g}).'
+            f'No {fitted} within the ranges explain these counts{deviating} '
+            f'(p = {result.test.p:.2g}), least of all the share of {group} of {part.name}: check '
+            'the counts, the release and the ranges before using these values.'
         )
     if not result.fit.discrepancy:
         return
@@ -266,11 +262,6 @@ def _on_agreement(result: CalibrationResult) -> Iterator[str]:
         f'Beyond sampling, a share of 50 % deviates from the simulation by {50 * mean:.1f} points '
         f'(standard deviation; 90 % interval {50 * low:.1f} to {50 * high:.1f}).'
     )
-    if not result.usable:
-        yield (
-            'This is too much for a surface: check the counts, the release and the ranges before '
-            'using these values.'
-        )
 
 
 def _on_estimate(each: Estimate) -> str:

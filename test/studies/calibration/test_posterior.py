@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import expit, logsumexp
+from scipy.special import expit, logit, logsumexp
 from scipy.stats import beta, betabinom, binom, dirichlet_multinomial, power_divergence
 
+from resting_aspects_ros.statistics.model_range import DISCREPANCY, discrepancy
 from resting_aspects_ros.studies.calibration import posterior
 from resting_aspects_ros.studies.calibration.posterior import (
     DISCREPANCIES,
@@ -16,9 +17,10 @@ from resting_aspects_ros.studies.calibration.posterior import (
     REPEATED,
     ROUNDS,
     ShareModel,
+    deviated,
     find_estimates,
+    find_fit_test,
     fit_surface,
-    g_test,
     log_density,
     predict,
     shortest_interval,
@@ -257,27 +259,52 @@ def test_weights_count_as_often_as_they_say():
 
 
 def test_statistic_is_that_of_scipy_for_the_best_candidate(agreeing):
-    theirs = np.zeros(len(agreeing.candidates))
-    for part, (shares, _) in zip(agreeing.given.parts, agreeing.shares, strict=True):
-        expected = part.drops * shares
-        theirs += power_divergence(part.counts, expected, 0, 1, 'log-likelihood').statistic
-    assert g_test(agreeing, rng()).statistic == pytest.approx(theirs.min())
+    """Without a discrepancy, it is Pearson's."""
+    exact = dataclasses.replace(agreeing, discrepancies=np.zeros(1))
+    theirs = np.zeros(len(exact.candidates))
+    for part, (shares, _) in zip(exact.given.parts, exact.shares, strict=True):
+        theirs += power_divergence(part.counts, part.drops * shares, 0, 1, 'pearson').statistic
+    assert find_fit_test(exact, rng()).statistic == pytest.approx(theirs.min())
 
 
 def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
-    assert g_test(agreeing, rng()).p > 0.01
-    assert g_test(contradicting, rng()).p == pytest.approx(1 / (1 + posterior.REPETITIONS))
+    assert find_fit_test(agreeing, rng()).p > 0.05
+    found = find_fit_test(contradicting, rng())
+    assert found.p == pytest.approx(1 / (1 + posterior.REPETITIONS))
+    assert found.part in (0, 2)  # the flat and the tall box, whose labels are swapped
+
+
+@pytest.mark.parametrize(('drops', 'share'), [(50, 0.1), (200, 0.2), (1000, 0.25)])
+def test_impossible_share_is_found_with_enough_drops(invented, drops, share):
+    """At least 45 % of the drops of the low box are on its square faces on any surface."""
+    counts = [(round(share * drops), drops), *invented.counted(TRUTH, drops, rng())[1:]]
+    found = find_fit_test(invented.fit(counts, per_point=300), rng())
+    assert found.p < 0.05
+    assert found.part == 0
+
+
+@pytest.mark.parametrize('shares', [[0.5, 0.5], [0.03, 0.97], [0.3, 0.3, 0.2, 0.15, 0.05]])
+def test_log_odds_deviate_as_those_of_measured_bodies(shares):
+    given = np.tile(shares, (20_000, 1))
+    found = deviated(given, DISCREPANCY, rng())
+    assert found.sum(axis=1) == pytest.approx(1)
+    spread = logit(found).std(axis=0)
+    assert spread == pytest.approx(discrepancy(np.array(shares)), rel=0.15)
 
 
 @pytest.mark.slow
-def test_g_test_has_its_level(invented, monkeypatch):
-    monkeypatch.setattr(posterior, 'REPETITIONS', 99)
+def test_alarms_are_as_rare_as_they_say(invented):
+    """Counts of bodies that deviate from surfaces within the ranges as measured ones do."""
     generator, found = np.random.default_rng(5), []
-    for seed in range(80):
-        counts = invented.counted(generator.random(2), 200, generator)
-        found.append(g_test(invented.fit(counts, per_point=100, seed=seed), generator).p)
-    # Four standard errors of the share of 80 p values.
-    assert np.mean(np.array(found) <= 0.1) < 0.1 + 4 * np.sqrt(0.09 / 80)
+    for seed in range(20):
+        point, counts = generator.random(2), []
+        for height in HEIGHTS:
+            real = deviated(box_shares([point], height), DISCREPANCY, generator)
+            counts.append((generator.binomial(1000, real[0, 0]), 1000))
+        fit = invented.fit(counts, per_point=300, seed=seed)
+        found.append(find_fit_test(fit, generator).p)
+    # Four standard errors of the share of 20 p values.
+    assert np.mean(np.array(found) < 0.1) < 0.1 + 4 * np.sqrt(0.09 / 20)
 
 
 def test_predictions_are_near_the_truth(agreeing):

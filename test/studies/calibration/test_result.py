@@ -48,7 +48,7 @@ def test_counts_that_no_conditions_explain_are_said(result, contradicting):
     wrong = summarise(contradicting, 1)
     assert 'can explain these counts' in str(result)
     assert 'No restitution or friction within' in ' '.join(statements(wrong))
-    assert (result.contradicted, wrong.contradicted, wrong.usable) == (False, True, False)
+    assert (result.contradicted, wrong.contradicted) == (False, True)
 
 
 def test_entry_is_a_surface_with_its_samples(result, tmp_path):
