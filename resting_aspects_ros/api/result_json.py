@@ -208,7 +208,8 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
             run = document.description()
         except InvalidValueError as error:
             raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
-        model = _model(path, document, aspects)
+        ordered = sorted(document.aspects, key=lambda each: each.id)
+        model = _model(path, document, ordered)
     given = CountedDrops(
         str(path),
         single_groups(ids),

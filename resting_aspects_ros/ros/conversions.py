@@ -32,7 +32,7 @@ from resting_aspects_ros.simulation.job import RunDescription as Run
 from resting_aspects_ros.simulation.job import check_first_drop, check_run_id
 from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, SceneBody
 from resting_aspects_ros.simulation.surroundings import Surroundings, described_surroundings
-from resting_aspects_ros.simulation.surroundings_kinds import mesh_file
+from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, mesh_file
 from resting_aspects_ros.statistics.poses import RestingPoses
 
 NANOSECONDS = 1_000_000_000
@@ -296,14 +296,14 @@ def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
     found = surroundings_of(message.surroundings)
     if found is None:
         raise InvalidValueError("invalid kind '' of surroundings: expected one")
-    name, sha256 = message.surroundings.mesh, message.surroundings.mesh_sha256
-    if sha256:
-        label = f'mesh {shown(name)} of the surroundings of {shown(message.part)}'
-        mesh = mesh_file(bytes(message.mesh), name, label)
-        if mesh.sha256 != sha256:
-            raise InvalidValueError(f'invalid {label}: expected the hash {shown(sha256)}')
-        found = replace(found, shape=replace(found.shape, file=mesh))
-    return found
+    shape = found.shape
+    if not isinstance(shape, MeshSurface):
+        return found
+    label = f'mesh {shown(shape.mesh)} of the surroundings of {shown(message.part)}'
+    mesh = mesh_file(bytes(message.mesh), shape.mesh, label)
+    if mesh.sha256 != shape.mesh_sha256:
+        raise InvalidValueError(f'invalid {label}: expected the hash {shown(shape.mesh_sha256)}')
+    return replace(found, shape=replace(shape, file=mesh))
 
 
 def serialized_surroundings(data: bytes) -> Surroundings:
