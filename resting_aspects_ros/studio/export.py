@@ -224,10 +224,10 @@ def _recipe(
             words += ['--set', f'{name}={value!r}']
         inner = ''.join(f', {name}={value!r}' for name, value in changes.items())
         arguments.append(f'surroundings=ra.surroundings({settings.surroundings!r}{inner})')
-    unit = f', unit={source.unit!r}' if source.path and source.unit else ''
+    more = ''.join(f', {name}={value!r}' for name, value in file_values(source).items())
     python = (
         'import resting_aspects_ros as ra\n\n'
-        f'part = ra.load_part({source.given!r}{unit})\n'
+        f'part = ra.load_part({source.given!r}{more})\n'
         f'result = ra.{function or verb}({", ".join(arguments)})\n'
         'print(result.to_json())\n'
     )
@@ -235,9 +235,14 @@ def _recipe(
 
 
 def _part_words(source: Source) -> list[str]:
-    unit = ['--unit', source.unit] if source.path and source.unit else []
     given = f'./{source.given}' if source.given.startswith('-') else source.given
-    return [given, *unit]
+    return [given, *_flags(file_values(source))]
+
+
+def file_values(source: Source) -> dict[str, Any]:
+    """Return the unit and the body of a file, if they were chosen."""
+    values = {'unit': source.unit, 'body': source.body} if source.path else {}
+    return {name: value for name, value in values.items() if value}
 
 
 def _flags(values: Mapping[str, Any]) -> list[str]:

@@ -6,6 +6,7 @@ the reports. `page.py` has the titles. Read `_show_outlines` first, the simplest
 
 import base64
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -54,6 +55,7 @@ from resting_aspects_ros.studio.export import (
     FILES,
     SURFACES_FILE,
     drop_recipe,
+    file_values,
     forecast_recipe,
     outlines_recipe,
     recipes,
@@ -388,7 +390,8 @@ def _fitted(work: Work) -> CalibrationResult:
         mesh = source.path.with_name(work.opened.part.name + source.path.suffix)
         if not mesh.exists():
             shutil.copyfile(source.path, mesh)
-        part |= {'mesh': str(mesh), 'unit': work.opened.part.unit}
+        mesh.with_suffix('.yaml').write_text(json.dumps(file_values(source)), encoding='utf-8')
+        part['mesh'] = str(mesh)
     for number in range(1, work.settings.classes + 1):
         part['counts'].setdefault(str(number), 0)
     counts = {

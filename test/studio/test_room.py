@@ -12,6 +12,9 @@ import trimesh
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.studies.calibration.counts_file import make_surface_counts
+from resting_aspects_ros.studio import tabs
+from resting_aspects_ros.studio.export import drop_recipe
 from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
 from resting_aspects_ros.studio.rows import Source, pickable_text
@@ -263,3 +266,36 @@ def test_part_is_opened_in_a_process_that_can_be_cancelled(tmp_path):
     finally:
         opener.end()
     assert opener._ready is None
+
+
+def test_body_of_a_file_is_chosen_from_a_list(bracket, shown, tmp_path, monkeypatch):
+    path = tmp_path / 'part.stl'
+    small = trimesh.creation.box((5, 6, 7))
+    small.apply_translation((50, 0, 0))
+    trimesh.util.concatenate([trimesh.creation.box((10, 20, 30)), small]).export(path)
+    before = shown.count
+    bracket.open(Source('two.stl', path))
+    problem = shown.wait('problem', lambda m: m['text'], before)['text']
+    assert problem.endswith('(1: 10 x 20 x 30 mm, 2: 5 x 6 x 7 mm): choose one.')
+    offered = shown.of('first')[-1]
+    assert (offered['bodies'][2], offered['body']) == ('2: 5 x 6 x 7 mm', 0)
+    bracket.open_again('body', 2)
+    assert shown.wait('part', after=before)['name'] == 'two'
+    bracket.open_again('unit', 'cm')
+    part = shown.wait('part', lambda m: '50 x 60 x 70 mm' in m['facts'], before)
+    assert part
+    offered = shown.of('first')[-1]
+    assert (len(offered['bodies']), offered['body'], offered['unit']) == (3, 2, 'cm')
+    work = bracket.work()
+    recipe = drop_recipe(work.opened.source, work.settings)
+    assert '--unit cm --body 2' in recipe.line
+    assert "unit='cm', body=2" in recipe.python
+    with pytest.raises(InvalidValueError):
+        bracket.open_again('body', '2')
+    bracket.change('count.1', '8')
+    bracket.change('count.2', '2')
+    given = []
+    monkeypatch.setattr(tabs, 'calibrate', lambda counts, **_: given.append(counts))
+    tabs._fitted(bracket.work())
+    counted = make_surface_counts(given[0], tmp_path).parts[0]
+    assert counted.part.part_sha256 == work.opened.part.part_sha256
