@@ -17,7 +17,12 @@ from resting_aspects_ros.api.track import default_track
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import distribution_table
 from resting_aspects_ros.report.table import Table, save_csv, save_xlsx
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, QUANTITIES, DropConditions
+from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
+    QUANTITIES,
+    DropConditions,
+    quantities_of,
+)
 from resting_aspects_ros.simulation.job import DEFAULT_DROPS
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studio.rows import Opened, Source
@@ -106,26 +111,33 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
 
 
 def track_on(part: Part, rail: Rail) -> dict[str, Any]:
-    """Return the track of the tab Track, as `ra.design_track` accepts it."""
+    """Return the track of the tab Track, as `ra.track` and `ra.design_track` accept it."""
     changes = _rail_changes(rail)
     wall = {'friction': changes.pop('wall_friction')} if 'wall_friction' in changes else {}
     track = default_track(part).document
-    return {**track, **changes, 'wall': {**track['wall'], **wall}}
+    traps = [trap.document for trap in rail.traps or ()]
+    return {**track, **changes, 'wall': {**track['wall'], **wall}, 'traps': traps}
 
 
 def track_recipe(opened: Opened, settings: Settings) -> Recipe:
-    """Return how the traps of the tab Track are designed; drops are on a level plane."""
+    """Return how the result of the tab Track is made; drops are on a level plane."""
     rail, surface = settings.rail, _Surface(settings.conditions)
     values = {'drops': settings.drops, 'tolerance': rail.tolerance, 'seed': settings.seed}
+    traps = [] if rail.traps else ['--design']
+    for each in rail.traps or ():
+        numbers = ','.join(f'{name}={getattr(each, name)!r}' for name in quantities_of(each))
+        traps += ['--trap', f'{each.kind}:{numbers}']
     words = [
         *_part_words(opened.source),
-        '--design',
+        *traps,
         *_flags({'want': rail.want, **_rail_changes(rail), **values}),
         *surface.flags,
     ]
-    first = f'{rail.want}, {track_on(opened.part, rail)!r}'
+    first = f'{track_on(opened.part, rail)!r}, want={rail.want}'
     named = {**values, **surface.values}
-    return _recipe('track', opened.source, words, first, named, function='design_track')
+    function = 'track' if rail.traps else 'design_track'
+    first = first if rail.traps else f'on={first}'
+    return _recipe('track', opened.source, words, first, named, function=function)
 
 
 def _rail_changes(rail: Rail) -> dict[str, Any]:

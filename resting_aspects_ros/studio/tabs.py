@@ -32,7 +32,8 @@ from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, plan_reorientation
 from resting_aspects_ros.api.reorientation_files import reorientation_page
 from resting_aspects_ros.api.runner import DropTally
-from resting_aspects_ros.api.track import design_track
+from resting_aspects_ros.api.track import design_track, track
+from resting_aspects_ros.api.track_result import TrackResult
 from resting_aspects_ros.report.drop_page import NOT_LEVEL, comparison_items
 from resting_aspects_ros.report.format import aspect_colour, aspects_text, class_rows, size_text
 from resting_aspects_ros.report.outlines import (
@@ -67,12 +68,14 @@ from resting_aspects_ros.studio.export import (
 from resting_aspects_ros.studio.page import controls_html
 from resting_aspects_ros.studio.rows import Opened, changing_texts, pickable_text
 from resting_aspects_ros.studio.settings import (
+    TRAP_KINDS,
     Settings,
     action_sliders,
     cell_sliders,
     condition_sliders,
     counts_csv,
     rail_sliders,
+    trap_sliders,
 )
 from resting_aspects_ros.studio.work import Work, drop_options, section_items
 
@@ -247,11 +250,14 @@ ON_A_PLANE = 'The shares are those of drops on a level plane: surroundings have 
 
 
 def _track_controls(settings: Settings, _opened: Opened) -> str:
-    return controls_html('rail', sliders=rail_sliders(settings.rail))
+    rail = settings.rail
+    return controls_html(
+        'rail', sliders=rail_sliders(rail), traps=trap_sliders(rail), kinds=TRAP_KINDS
+    )
 
 
 def _show_track(work: Work) -> None:
-    """Design the traps, and show them with the parts per minute."""
+    """Design the traps, or take those of the user, and show them with the parts per minute."""
     settings, rail = work.settings, work.settings.rail
     work.show_command(track_recipe(work.opened, settings).line)
     options = {
@@ -266,20 +272,23 @@ def _show_track(work: Work) -> None:
 
     def progress(done: int, total: int) -> None:
         of_drops(done, total)
-        if done == total:  # what follows takes longer than the drops
+        if done == total and not rail.traps:  # what follows takes longer than the drops
             work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
 
-    found = work.made(design_track, work.opened.part, options, 'drops', progress=progress)
+    function = track if rail.traps else design_track
+    found = work.made(function, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
+    best: TrackResult = found if rail.traps else found.best
     items = _level_note(work, ON_A_PLANE)
-    if not found.designs:
+    if not rail.traps and not found.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
     items += [Text(sentence, 'plain') for sentence in found.sentences]
-    items += section_items(reversed(found.best.page().sections))  # the traps first
+    items += section_items(reversed(best.page().sections))  # the traps first
     words = [f'{term}: {text}' for term, text in reading('track').items() if term in TRACK_WORDS]
     items.append(Fold('what the words mean', words))
-    work.show('track', items)
+    proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
+    work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
 
 
 # -- Compare: two parts, or two conditions, side by side ------------------------------------------

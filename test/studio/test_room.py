@@ -1,6 +1,7 @@
 """A room: the latest change wins, results are shown, and nothing is left behind."""
 
 import gc
+import json
 import re
 import threading
 import weakref
@@ -18,8 +19,15 @@ from resting_aspects_ros.studio.export import drop_recipe
 from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
 from resting_aspects_ros.studio.rows import Source, pickable_text
-from resting_aspects_ros.studio.settings import Settings, changed, number_of
+from resting_aspects_ros.studio.settings import (
+    TRAP_KINDS,
+    Settings,
+    changed,
+    number_of,
+    trap_sliders,
+)
 from resting_aspects_ros.studio.tabs import BOTH_DIFFER, TABS
+from resting_aspects_ros.tracks.traps import Wiper
 
 
 def complete(message):
@@ -170,6 +178,52 @@ def test_track_tells_that_it_looks_for_traps_and_explains_its_words(bracket, sho
     html = shown.wait('track', lambda m: 'Traps' in m['html'])['html']
     assert 'Unknown: statics' in html
     assert any('traps that pass row 1' in m['text'] for m in shown.of('progress'))
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize('kind', TRAP_KINDS)
+def test_trap_of_each_kind_can_be_added_changed_and_removed(kind):
+    added = changed(Settings(), 'trap.add', kind)
+    (trap,) = added.rail.traps
+    ((_, text, dimensions),) = trap_sliders(added.rail)
+    assert text.endswith('.')
+    for each in dimensions:
+        assert changed(added, each.name, each.value).rail.traps == (trap,)
+    two = changed(added, 'trap.add', 'wiper')
+    higher = changed(two, 'trap.2.height', '12.5').rail.traps
+    assert higher == (trap, Wiper(0.0125))
+    assert changed(two, 'trap.remove', '1').rail.traps == (Wiper(0.01),)
+    assert changed(added, 'trap.remove', '1').rail.traps is None
+    listed = json.dumps([each.document for each in higher])
+    assert changed(Settings(), 'trap.all', listed).rail.traps == higher
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('trap.add', 'cut_out'),
+        ('trap.2.start', 1),
+        ('trap.1.height', 1),
+        ('trap.1.start', 20),
+        ('trap.remove', 0),
+        ('trap.x', 1),
+        ('trap.all', '{}'),
+        ('trap.all', '[1]'),
+        ('trap.all', '[' * 5000),
+        ('trap.all', json.dumps(21 * [Wiper(0.01).document])),
+    ],
+)
+def test_wrong_trap_is_one_sentence(name, value):
+    with pytest.raises(InvalidValueError, match='invalid'):
+        changed(changed(Settings(), 'trap.add', 'canyon'), name, value)
+
+
+def test_traps_of_the_user_are_shown_instead_of_proposals(bracket, shown):
+    bracket.change('tab', 'track')
+    bracket.change('trap.add', 'wiper')
+    html = shown.wait('track', lambda m: 'wiper, height 10 mm: reject' in m['html'])['html']
+    assert 'data-set' not in html
+    assert shown.wait('same', lambda m: '--trap wiper:height=0.01' in m['text'])
 
 
 @pytest.mark.slow

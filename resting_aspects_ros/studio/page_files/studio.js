@@ -156,7 +156,7 @@ document.addEventListener('change', (event) => {
 document.addEventListener('click', (event) => {
   const button = event.target.closest('button');
   if (!button) return;
-  const { tab, open, pick, clear } = button.dataset;
+  const { tab, open, pick, clear, set, value } = button.dataset;
   const task = button.dataset.do;
   if (tab) chooseTab(tab);
   else if (open) {
@@ -164,6 +164,7 @@ document.addEventListener('click', (event) => {
     find('#file').click();
   } else if (pick) change(`pickable.${pick}`, button.getAttribute('aria-pressed') !== 'true');
   else if (clear) change(clear, '');
+  else if (set) change(set, value);
   else if (task === 'more' || task === 'fit') change(task, true);
   else if (task) {
     send({ do: task });
