@@ -44,7 +44,7 @@ from resting_aspects_ros.report.outlines import (
     pair_table,
     svg_drawing,
 )
-from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
+from resting_aspects_ros.report.page import Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
@@ -77,7 +77,7 @@ from resting_aspects_ros.studio.settings import (
     rail_sliders,
     trap_sliders,
 )
-from resting_aspects_ros.studio.work import Work, drop_options, section_items
+from resting_aspects_ros.studio.work import Work, drop_options, page_items, words_item
 
 # -- Aspects: the share of each class, while the conditions are changed ---------------------------
 
@@ -105,7 +105,8 @@ def _show_aspects(work: Work) -> None:
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     about = model_range_text(result.distribution, result.no_model_range)
-    work.show('range', [Text(about, 'plain')])
+    words = reading('drops', confidence=f'{100 * result.distribution.confidence:g}')
+    work.show('range', [Text(about, 'plain'), words_item(words)])
 
 
 def _show_bars(work: Work, distribution: Distribution, caption: str) -> None:
@@ -144,10 +145,10 @@ def _show_outlines(work: Work) -> None:
 def _outline_tile(result: OutlinesResult, k: int) -> Tile:
     outline = result.outlines[k]
     alike = members(outline, result.aspects)
-    name = f'class {outline.symmetry_class}'
-    drawing = svg_drawing(outline.polygon, name).encode()
+    name, colour = f'class {outline.symmetry_class}', aspect_colour(alike[0])
+    drawing = svg_drawing(outline.polygon, name, colour).encode()
     picture = f'data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}'
-    return Tile(name, aspect_colour(alike[0]), picture, [aspects_text(alike)])
+    return Tile(name, colour, picture, [aspects_text(alike)])
 
 
 # -- Reorientation: how an action brings the part from aspect to aspect, and the best plan --------
@@ -192,7 +193,7 @@ def _show_transitions(
     items: list[Item] = [Text(note, 'note') for note in page.notes]
     if not wanted:
         items.append(Text(NO_PLAN, 'plain'))
-    work.show('reorientation', items + section_items(reversed(page.sections)))  # the plan first
+    work.show('reorientation', items + page_items(page, backwards=True))  # the plan first
 
 
 # -- Forecast: how many parts per minute a robot picks --------------------------------------------
@@ -234,7 +235,7 @@ def _show_forecast(work: Work) -> None:
         parts_on_tray=cell.parts_on_tray,
     )
     page = forecast_page([result])
-    work.show('forecast', _level_note(work, ON_A_TRAY) + section_items(page.sections))
+    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(page))
 
 
 def _level_note(work: Work, text: str) -> list[Item]:
@@ -244,7 +245,6 @@ def _level_note(work: Work, text: str) -> list[Item]:
 
 # -- Track: which traps of a bowl or linear feeder pass only the wanted orientation ---------------
 
-TRACK_WORDS = ('Row', 'Share', 'Margin', 'Jam', 'Unknown')
 NO_DESIGN = 'No traps pass only the wanted row. The table shows all rows.'
 ON_A_PLANE = 'The shares are those of drops on a level plane: surroundings have no effect on them.'
 
@@ -284,9 +284,7 @@ def _show_track(work: Work) -> None:
     if not rail.traps and not found.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
     items += [Text(sentence, 'plain') for sentence in found.sentences]
-    items += section_items(reversed(best.page().sections))  # the traps first
-    words = [f'{term}: {text}' for term, text in reading('track').items() if term in TRACK_WORDS]
-    items.append(Fold('what the words mean', words))
+    items += page_items(best.page(), backwards=True)  # the traps first
     proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
     work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
 
@@ -319,9 +317,11 @@ def _show_comparison(work: Work) -> None:
     items: list[Item] = [_side('A', a), _side('B', b)]
     if second.part.part_sha256 == work.opened.part.part_sha256:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
-        # Pictures show the classes: no directions in the part.
-        sides = dataclasses.replace(found.sides, down=None)
-        items += comparison_items(class_rows(a.distribution), found.comparison, sides)
+        rows = class_rows(a.distribution)
+        names = tuple(row.name.partition(' ')[2] for row in rows)
+        # Pictures show the aspects: no directions in the part.
+        sides = dataclasses.replace(found.sides, down=None, what='aspect', names=names)
+        items += comparison_items(rows, found.comparison, sides)
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))

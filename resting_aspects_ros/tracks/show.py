@@ -291,7 +291,7 @@ def track_figure(
             length = 0.0
         axes.text(
             place + length / 2, 1.04 * max(width, high), str(number), ha='center', va='bottom',
-            fontsize=9,
+            fontsize=9, color=TEXT,
         )  # fmt: skip
         place += length + 1.2 * size
     track = shapely.box(-1.8 * size, 0, place, width).difference(shapely.union_all(cut))
@@ -306,7 +306,10 @@ def track_figure(
         arrowprops={'arrowstyle': '->', 'color': TEXT},
     )
     axes.set_title(
-        ';  '.join(f'{k}: {name}' for k, name in enumerate(names, 1)), fontsize=8, loc='left'
+        ';  '.join(f'{k}: {name}' for k, name in enumerate(names, 1)),
+        fontsize=8,
+        loc='left',
+        color=TEXT,
     )
     axes.set_xlim(-1.8 * size, place)
     axes.set_ylim(min(-0.1 * width, low), 1.25 * max(width, high))
@@ -348,7 +351,7 @@ def flow_figure(found: Passage, names: Sequence[str]) -> 'Figure':
             _draw_band(axes, (stage, stage + 1.0), (middle, high), right.get(k), pass_on)
         total = sum(lost.values())
         out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
-        axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8)
+        axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8, color=TEXT)
         lowest = min(lowest, -0.1 - total)
         alive = {k: share for k, share in kept.items() if share > 0}
         left = right
@@ -389,7 +392,7 @@ def _stack(shares: Mapping[int, float], top: float = 1.0) -> dict[int, tuple[flo
 def _label(axes: 'Axes', x: float, ends: tuple[float, float], text: str, align: str) -> None:
     """Write the number of a row beside its band, if the band is high enough for it."""
     if ends[1] - ends[0] > 0.045:
-        axes.text(x, sum(ends) / 2, text, ha=align, va='center', fontsize=8)
+        axes.text(x, sum(ends) / 2, text, ha=align, va='center', fontsize=8, color=TEXT)
 
 
 def _draw_band(
