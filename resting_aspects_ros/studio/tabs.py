@@ -105,8 +105,12 @@ def _show_aspects(work: Work) -> None:
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     about = model_range_text(result.distribution, result.no_model_range)
-    words = reading('drops', confidence=f'{100 * result.distribution.confidence:g}')
-    work.show('range', [Text(about, 'plain'), words_item(words)])
+    words = _words('drops', result.distribution.confidence)
+    work.show('range', [Text(about, 'plain'), words])
+
+
+def _words(kind: str, confidence: float) -> Item:
+    return words_item(reading(kind, confidence=f'{100 * confidence:g}'))
 
 
 def _show_bars(work: Work, distribution: Distribution, caption: str) -> None:
@@ -139,7 +143,7 @@ def _show_outlines(work: Work) -> None:
     ]
     if len(seen) > 1:
         items.append(pair_table(seen, alike, ''))
-    work.show('outlines', items)
+    work.show('outlines', [*items, words_item(reading('outlines'))])
 
 
 def _outline_tile(result: OutlinesResult, k: int) -> Tile:
@@ -322,6 +326,7 @@ def _show_comparison(work: Work) -> None:
         # Pictures show the aspects: no directions in the part.
         sides = dataclasses.replace(found.sides, down=None, what='aspect', names=names)
         items += comparison_items(rows, found.comparison, sides)
+        items.append(_words('compare', found.comparison.confidence))
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))
@@ -379,7 +384,8 @@ def _show_counts(work: Work) -> None:
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
     sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
-    html = items_html(list(comparison_items(rows, found.comparison, sides)))
+    words = _words('compare', found.comparison.confidence)
+    html = items_html([*comparison_items(rows, found.comparison, sides), words])
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)

@@ -350,8 +350,9 @@ def flow_figure(found: Passage, names: Sequence[str]) -> 'Figure':
             _draw_band(axes, (stage, stage + 0.75), (low, middle), gone.get(k), stop)
             _draw_band(axes, (stage, stage + 1.0), (middle, high), right.get(k), pass_on)
         total = sum(lost.values())
-        out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
-        axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8, color=TEXT)
+        if total:
+            out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
+            axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8, color=TEXT)
         lowest = min(lowest, -0.1 - total)
         alive = {k: share for k, share in kept.items() if share > 0}
         left = right
