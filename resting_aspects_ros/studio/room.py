@@ -155,7 +155,8 @@ class Room:
                 f'invalid choice {shown(value)}: expected a unit or the number of a body, for a '
                 'mesh file'
             )
-        self.open(dataclasses.replace(source, **{name: value or None}), side)
+        changes: dict[str, Any] = {name: value or None}
+        self.open(dataclasses.replace(source, **changes), side)
 
     def cancel(self) -> None:
         """Cancel the opening of parts."""
