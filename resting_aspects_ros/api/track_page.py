@@ -55,7 +55,7 @@ def track_page(result: 'TrackResult') -> Page:
     if names:
         draw = partial(track_figure, found.track.surface.width, names, result.cuts())
         flow = partial(flow_figure, found, names)
-        long = len(result.rows) > MANY_ROWS
+        long = len(rows.rows) > MANY_ROWS
         items: list[Item] = [
             Chart(
                 'track',

@@ -29,6 +29,7 @@ from resting_aspects_ros.tracks.show import (
     range_text,
     row_fields,
     row_table,
+    shown_rows,
     trap_table,
 )
 from resting_aspects_ros.tracks.simulate import TrackRuns
@@ -263,9 +264,12 @@ class TrackResult(Result):
             'alike': 'Rows {} are alike to these traps, as mirror images are: where one of them '
             'passes, all do.',
         }
+        shown = {self.rows[k].id for k in shown_rows(found)}
         for flag in self.flags:
-            ids: Any = flag['orientations']
-            yield texts[str(flag['flag'])].format(numbers_text(ids))
+            given: Any = flag['orientations']
+            ids = [number for number in given if number in shown]
+            if ids:
+                yield texts[str(flag['flag'])].format(numbers_text(ids))
         lost = 1 - float(found.probability.sum())
         if self.before and lost > 5e-4:
             yield f'{share_text(lost)} % of the parts are in no aspect after the actions.'
@@ -275,9 +279,9 @@ class TrackResult(Result):
     def tables(self) -> list[Table]:
         """Return the tables of the rows, of what each trap does to them, and of grey bands."""
         found = self.passage
-        tables = [row_table(self.rows, found, self.runs, self.title)]
+        tables = [row_table(found, self.runs, self.title)]
         if found.outcomes:
-            tables.append(trap_table(self.rows, self.trap_names, found.outcomes, self.runs))
+            tables.append(trap_table(self.trap_names, found, self.runs))
         if self.bands:
             tables.append(
                 band_table([(trap_text(t), name, row, band) for t, name, row, band in self.bands])
@@ -423,8 +427,9 @@ class TrackResult(Result):
         """Return each orientation from above, with its contact, and whether it passes."""
         from resting_aspects_ros.tracks.show import rows_figure
 
-        outlines = [self._outline(row) for row in self.rows]
-        regions = [self._supported(row) for row in self.rows]
+        rows = [self.rows[k] for k in shown_rows(self.passage)]
+        outlines = [self._outline(row) for row in rows]
+        regions = [self._supported(row) for row in rows]
         return rows_figure(self.passage, outlines, regions)
 
     def page(self) -> 'Page':

@@ -34,6 +34,7 @@ from resting_aspects_ros.part.part import (
     check_size,
     coarseness,
     is_valid_name,
+    listed,
     size_warnings,
     valid_name,
 )
@@ -54,11 +55,24 @@ SAME_VOLUME = 1e-6
 MIN_VOLUME_SHARE = 1e-9
 MAX_BODIES = 10_000
 MAX_NEAR_PAIRS = 2_000  # bodies whose boxes touch are compared triangle by triangle
-MAX_LISTED = 5
+# How a user of the command line chooses a body, after 'choose one'.
+CHOOSE = ' with --body, or with "body" in the YAML file beside the mesh'
 
 
 class SeparateBodiesError(PartError):
-    """A mesh has several bodies that do not touch each other, and none is chosen."""
+    """A file has several bodies that do not all touch each other, and none is chosen.
+
+    Parameters
+    ----------
+    what : str
+        The file, the number of its bodies, and how they lie.
+    bodies : tuple of str
+        See Part.
+    """
+
+    def __init__(self, what: str, bodies: tuple[str, ...] = ()) -> None:
+        super().__init__(f'{what} ({listed(bodies)}): choose one{CHOOSE}' if bodies else what)
+        self.bodies = bodies
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,8 +106,8 @@ class _Body:
 
 def unite_bodies(
     surface: Surface, chosen: int | str | None, unit: str, label: str
-) -> tuple[Surface, int]:
-    """Return the surface of one solid and the number of the chosen body, 0 if none was chosen.
+) -> tuple[Surface, int, tuple[str, ...]]:
+    """Return the surface of one solid, the number of the chosen body or 0, and all bodies.
 
     Bodies that touch count as one body; they are united if they overlap. Bodies are numbered from
     1, the largest first.
@@ -119,7 +133,7 @@ def unite_bodies(
     if surface.defect:
         if chosen is not None:
             raise PartError(f'{label} {surface.defect}: no body of it can be chosen')
-        return surface, 0
+        return surface, 0, ()
     middle = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
     # A power of two, so that scaling is exact.
     size = 2.0 ** np.ceil(np.log2(np.ptp(surface.vertices, axis=0).max()))
@@ -130,18 +144,16 @@ def unite_bodies(
         raise InvalidValueError(
             f'invalid body {shown(chosen)} of {label}: expected 1 to {len(groups)}'
         )
-    if len(groups) > 1 and chosen is None:
-        raise SeparateBodiesError(
-            f'{label} has {len(groups)} bodies that do not touch each other '
-            f'({_list(groups, size, unit)}): choose one with --body N, or with "body: N" in the '
-            'YAML file beside the mesh'
-        )
+    texts = _texts(groups, size, unit) if len(groups) > 1 else ()
+    if texts and chosen is None:
+        what = f'{label} has {len(groups)} bodies that do not touch each other'
+        raise SeparateBodiesError(what, texts)
     group = groups[(chosen or 1) - 1]
     if group:
         surface = _cut(surface, np.isin(surface.body, [body.number for body in group]))
     if len(group) > 1:
         surface = _united(surface, group, middle, size, label)
-    return surface, chosen if chosen is not None and len(groups) > 1 else 0
+    return surface, chosen if texts and chosen is not None else 0, texts
 
 
 def _solids(corners: Array, number: Indices) -> list[_Body]:
@@ -164,14 +176,14 @@ def _cut(surface: Surface, kept: npt.NDArray[np.bool_]) -> Surface:
     return Surface(vertices, faces, None, surface.warnings, surface.body[kept])
 
 
-def _list(groups: list[list[_Body]], size: float, unit: str) -> str:
+def _texts(groups: list[list[_Body]], size: float, unit: str) -> tuple[str, ...]:
+    """Return number and size of each group of bodies."""
     sides = [
         np.max([body.high for body in group], axis=0)
         - np.min([body.low for body in group], axis=0)
-        for group in groups[:MAX_LISTED]
+        for group in groups
     ]
-    texts = [f'{k}: {box_text(size * each, unit)}' for k, each in enumerate(sides, 1)]
-    return ', '.join(texts) + (', ...' if len(groups) > MAX_LISTED else '')
+    return tuple(f'{k}: {box_text(size * each, unit)}' for k, each in enumerate(sides, 1))
 
 
 def _groups(bodies: list[_Body], label: str) -> list[list[_Body]]:
@@ -287,24 +299,27 @@ def mesh_part(
     in_unit = unit or DEFAULT_UNIT
     check_size(vertices, in_unit, label)
     try:
-        surface, body = unite_bodies(closed_surface(vertices, faces), chosen, in_unit, label)
-        part = _solid_part(label, surface, unit, body, given, file)
+        surface, body, bodies = unite_bodies(
+            closed_surface(vertices, faces), chosen, in_unit, label
+        )
+        part = _solid_part(label, surface, unit, given, file)
     except PartError as error:
         _, coarse = coarseness(vertices, faces, in_unit, steps)
-        raise type(error)(f'{error}; {coarse}' if coarse else str(error)) from None
+        if coarse:
+            error.args = (f'{error}; {coarse}',)
+        raise
     change, coarse = coarseness(surface.vertices, surface.faces, in_unit, steps)
     if change >= REFUSED_VOLUME_CHANGE:
         raise PartError(f'{label} cannot be used: {coarse}')
     if coarse:
         part = replace(part, warnings=(*part.warnings, f'{label}: {coarse}'))
-    return part
+    return replace(part, body=body, bodies=bodies)
 
 
 def _solid_part(
     label: str,
     surface: Surface,
     unit: str | None,
-    body: int,
     given: GivenMassValues,
     file: tuple[str, bytes, str],
 ) -> Part:
@@ -341,7 +356,6 @@ def _solid_part(
         hull_error,
         found.volume,
         tuple(f'{label}: {warning}' for warning in warnings),
-        body,
     )
 
 
@@ -516,8 +530,7 @@ def _left_out(label: str, names: list[str]) -> tuple[str, ...]:
     """Return a warning that names what is not a solid, if anything."""
     if not names:
         return ()
-    listed = ', '.join(names[:MAX_LISTED]) + (', ...' if len(names) > MAX_LISTED else '')
-    return (f'{label}: what is not a solid is left out: {one_line(listed)}',)
+    return (f'{label}: what is not a solid is left out: {one_line(listed(names))}',)
 
 
 def _scene_part(
@@ -546,17 +559,14 @@ def _scene_part(
             ) from None
         if not several:
             raise
-        raise PartError(
-            f'{label} has {len(scene.bodies)} bodies, which do not all touch each other '
-            f'({scene.listed()}): choose one with --body NUMBER or --body NAME, or with "body" in '
-            'the YAML file beside the mesh'
-        ) from error
+        what = f'{label} has {len(scene.bodies)} bodies, which do not all touch each other'
+        raise SeparateBodiesError(what, scene.texts) from error
     if not several:
         return part
     if not number:
         note = (
-            f'{label}: its {len(scene.bodies)} bodies ({scene.listed()}) are treated as one part; '
-            'choose one with --body NUMBER or --body NAME'
+            f'{label}: its {len(scene.bodies)} bodies ({listed(scene.texts)}) are treated as one '
+            f'part; choose one{CHOOSE}'
         )
         part = replace(part, warnings=(note, *part.warnings))
-    return replace(part, body=number)
+    return replace(part, body=number, bodies=scene.texts)

@@ -3,6 +3,7 @@
 import hashlib
 import re
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -58,6 +59,7 @@ MAX_VOLUME_CHANGE = 1e-4
 REFUSED_VOLUME_CHANGE = 0.5
 MAX_SIZE = 1e6  # m, any coordinate: far above any part, far below overflow in the integrals
 MIN_SIZE = 1e-9  # m
+MAX_LISTED = 5  # bodies in a sentence
 
 
 def check_size(vertices: Array, unit: str, label: str) -> None:
@@ -80,6 +82,11 @@ def box_text(sides: Array, unit: str) -> str:
     """Return the sides of a box (3,), given in the unit, as text in mm: '40 x 30 x 20 mm'."""
     lengths = 1e3 * UNITS[unit] * sides
     return ' x '.join(f'{x:.4g}' if x < 1e4 else f'{x:.0f}' for x in lengths.tolist()) + ' mm'
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return the first texts of a list with commas."""
+    return ', '.join(texts[:MAX_LISTED]) + (', ...' if len(texts) > MAX_LISTED else '')
 
 
 def size_warnings(vertices: Array, unit: str, *, given: bool) -> list[str]:
@@ -184,6 +191,9 @@ class Part:
     body : int
         Number of the body of the mesh that the part is, from 1, largest first; 0 if the mesh is
         a single body.
+    bodies : tuple of str
+        Number, name if there is one, and size of each body of the file, the largest first; empty
+        if there is only one.
     """
 
     name: str
@@ -200,6 +210,7 @@ class Part:
     volume: float
     warnings: tuple[str, ...]
     body: int = 0
+    bodies: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (

@@ -8,6 +8,7 @@ import warnings
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from resting_aspects_ros.part.mesh_files import (
     checked_triangles,
     coordinate_steps,
 )
-from resting_aspects_ros.part.part import UNITS, box_text
+from resting_aspects_ros.part.part import UNITS, box_text, listed
 from resting_aspects_ros.part.surface import (
     WELD,
     TriangleEdges,
@@ -33,7 +34,6 @@ from resting_aspects_ros.part.surface import (
 )
 
 UNPACKED = 256 << 20  # maximum size of the files in a 3MF, bytes
-MAX_LISTED = 5
 # The words of the unit in a 3MF, as trimesh returns them. Lengths in a GLB are in metres.
 _UNITS = {
     'micron': 'um',
@@ -69,11 +69,9 @@ class Scene:
             return chosen
         if type(chosen) in (int, str) and str(chosen) in names:
             return names.index(str(chosen)) + 1
-        expected = ', '.join(map(shown, names[:MAX_LISTED]))
-        more = ', ...' if len(names) > MAX_LISTED else ''
         raise InvalidValueError(
             f'invalid body {shown(chosen)} of {label}: expected 1 to {len(names)}, or one of '
-            f'{expected}{more}'
+            f'{listed(list(map(shown, names)))}'
         )
 
     def triangles(self, number: int) -> Triangles:
@@ -82,14 +80,14 @@ class Scene:
             return self.bodies[number - 1].triangles
         return _joined([body.triangles for body in self.bodies])
 
-    def listed(self) -> str:
-        """Return the numbers, names and sizes of the bodies."""
-        texts = [
+    @cached_property
+    def texts(self) -> tuple[str, ...]:
+        """Number, name and size of each body."""
+        return tuple(
             f'{k}: {shown(body.name)} '
             f'{box_text(np.ptp(body.triangles.vertices, axis=0), self.unit)}'
-            for k, body in enumerate(self.bodies[:MAX_LISTED], 1)
-        ]
-        return ', '.join(texts) + (', ...' if len(self.bodies) > MAX_LISTED else '')
+            for k, body in enumerate(self.bodies, 1)
+        )
 
 
 def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:

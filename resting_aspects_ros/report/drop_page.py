@@ -2,7 +2,7 @@
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -325,6 +325,8 @@ def comparison_items(
     """Yield what shows the comparison of two sets of drops, with a row for each compared class."""
     confidence = f'{100 * comparison.confidence:g}'
     first, second = sides.labels
+    if sides.what == 'class':
+        rows = [replace(row, name=f'class {sides.name(k)}') for k, row in enumerate(rows)]
     labelled = [
         (f'{label}, {tally.counts.sum()} of {tally.drops} drops in an aspect', shares)
         for label, tally, shares in zip(
@@ -337,9 +339,9 @@ def comparison_items(
     yield _chart(
         'comparison',
         draw,
-        'Bars show the share of each aspect in the drops that came to rest in an aspect, with '
-        f'{confidence} % intervals (Wilson).{thin} The text beside the bars is the difference, '
-        f'{first} minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
+        f'Bars show the share of each {sides.what} in the drops that came to rest in an aspect, '
+        f'with {confidence} % intervals (Wilson).{thin} The text beside the bars is the '
+        f'difference, {first} minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
     )
     yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
     yield comparison_table(comparison, sides, '')

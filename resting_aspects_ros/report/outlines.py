@@ -296,8 +296,8 @@ MM = 1000.0  # mm/m
 SVG_MARGIN, LINE = 1.0, 0.1
 
 
-def svg_drawing(polygon: Polygon, title: str) -> str:
-    """Return the outline as an SVG file that is printed at its true size.
+def svg_drawing(polygon: Polygon, title: str, colour: str = 'none') -> str:
+    """Return the outline as an SVG file that is printed at its true size, filled with a colour.
 
     User units are mm, x to the right and y down, as SVG prescribes: the corner (x, y) of the
     outline is at (1000 x, -1000 y), and (0, 0) is below the centre of mass. Outer ring and holes
@@ -319,7 +319,7 @@ def svg_drawing(polygon: Polygon, title: str) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_number(box[2])}mm" '
         f'height="{_number(box[3])}mm" viewBox="{" ".join(map(_number, box))}">\n'
         f'<title>{escape(title)}</title>\n'
-        f'<path id="outline" fill="none" fill-rule="evenodd" stroke="black" '
+        f'<path id="outline" fill="{colour}" fill-rule="evenodd" stroke="black" '
         f'stroke-width="{LINE}" d="{path}"/>\n'
         '</svg>\n'
     )

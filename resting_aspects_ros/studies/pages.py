@@ -390,7 +390,7 @@ def optimum_figure(result: 'OptimiseResult') -> 'Figure':
         if not entropy_wanted:
             axes.yaxis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
         if k % MAX_COLUMNS == 0:
-            text = 'entropy (nat)' if entropy_wanted else 'share'
+            text = 'uncertainty\n(entropy, nat)' if entropy_wanted else 'share'
             axes.set_ylabel(text, size=8.5, color=TEXT)
     figure.tight_layout(pad=0.6)
     return figure

@@ -22,6 +22,7 @@ from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     QUANTITIES,
     DropConditions,
+    quantities_of,
 )
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studio.rows import Opened, Source
@@ -110,26 +111,33 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
 
 
 def track_on(part: Part, rail: Rail) -> dict[str, Any]:
-    """Return the track of the tab Track, as `ra.design_track` accepts it."""
+    """Return the track of the tab Track, as `ra.track` and `ra.design_track` accept it."""
     changes = _rail_changes(rail)
     wall = {'friction': changes.pop('wall_friction')} if 'wall_friction' in changes else {}
     track = default_track(part).document
-    return {**track, **changes, 'wall': {**track['wall'], **wall}}
+    traps = [trap.document for trap in rail.traps or ()]
+    return {**track, **changes, 'wall': {**track['wall'], **wall}, 'traps': traps}
 
 
 def track_recipe(opened: Opened, settings: Settings) -> Recipe:
-    """Return how the traps of the tab Track are designed; drops are on a level plane."""
+    """Return how the result of the tab Track is made; drops are on a level plane."""
     rail, surface = settings.rail, _Surface(settings.conditions)
     values = {'drops': settings.drops, 'tolerance': rail.tolerance, 'seed': settings.seed}
+    traps = [] if rail.traps else ['--design']
+    for each in rail.traps or ():
+        numbers = ','.join(f'{name}={getattr(each, name)!r}' for name in quantities_of(each))
+        traps += ['--trap', f'{each.kind}:{numbers}']
     words = [
         *_part_words(opened.source),
-        '--design',
+        *traps,
         *_flags({'want': rail.want, **_rail_changes(rail), **values}),
         *surface.flags,
     ]
-    first = f'{rail.want}, {track_on(opened.part, rail)!r}'
+    first = f'{track_on(opened.part, rail)!r}, want={rail.want}'
     named = {**values, **surface.values}
-    return _recipe('track', opened.source, words, first, named, function='design_track')
+    function = 'track' if rail.traps else 'design_track'
+    first = first if rail.traps else f'on={first}'
+    return _recipe('track', opened.source, words, first, named, function=function)
 
 
 def _rail_changes(rail: Rail) -> dict[str, Any]:
@@ -228,10 +236,10 @@ def _recipe(
             words += ['--set', f'{name}={value!r}']
         inner = ''.join(f', {name}={value!r}' for name, value in changes.items())
         arguments.append(f'surroundings=ra.surroundings({settings.surroundings!r}{inner})')
-    unit = f', unit={source.unit!r}' if source.path and source.unit else ''
+    more = ''.join(f', {name}={value!r}' for name, value in file_values(source).items())
     python = (
         'import resting_aspects_ros as ra\n\n'
-        f'part = ra.load_part({source.given!r}{unit})\n'
+        f'part = ra.load_part({source.given!r}{more})\n'
         f'result = ra.{function or verb}({", ".join(arguments)})\n'
         'print(result.to_json())\n'
     )
@@ -239,9 +247,14 @@ def _recipe(
 
 
 def _part_words(source: Source) -> list[str]:
-    unit = ['--unit', source.unit] if source.path and source.unit else []
     given = f'./{source.given}' if source.given.startswith('-') else source.given
-    return [given, *unit]
+    return [given, *_flags(file_values(source))]
+
+
+def file_values(source: Source) -> dict[str, Any]:
+    """Return the unit and the body of a file, if they were chosen."""
+    values = {'unit': source.unit, 'body': source.body} if source.path else {}
+    return {name: value for name, value in values.items() if value}
 
 
 def _flags(values: Mapping[str, Any]) -> list[str]:

@@ -55,11 +55,12 @@ def _loaded(source: Source) -> Part:
         return load_part(source.given)
     try:
         name = valid_name(Path(source.given).stem)
-        return load_mesh(source.path, name, unit=source.unit)
+        return load_mesh(source.path, name, unit=source.unit, body=source.body)
     except RestingAspectsError as error:
         # The user knows the file by its own name.
         text = str(error).replace(str(source.path), source.given)
-        raise type(error)(text.replace(source.path.name, source.given)) from None
+        error.args = (text.replace(source.path.name, source.given),)
+        raise
 
 
 # -- The process ----------------------------------------------------------------------------------

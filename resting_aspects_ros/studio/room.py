@@ -12,7 +12,7 @@ import threading
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,9 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.part.library import parts_folder
-from resting_aspects_ros.part.part import UNITS
+from resting_aspects_ros.part.loading import CHOOSE, SeparateBodiesError
+from resting_aspects_ros.part.mesh_files import MESH_FORMATS
+from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.report.page import Text, items_html
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.opening import Opener
@@ -82,6 +84,7 @@ class Room:
         self._workers, self._opener, self._clock = workers, opener, clock
         self._publish = publish
         self._parts: dict[str, Opened | None] = dict.fromkeys(SIDES)
+        self._files: dict[str, Source] = {}  # the newest, also if a body has to be chosen
         self._opening = dict.fromkeys(SIDES, 0)  # numbers of the newest requests
         self._changed = threading.Condition()
         self._requested, self._closed = 0, False
@@ -140,14 +143,20 @@ class Room:
             )
         self.open(Source(name), side)
 
-    def open_again(self, unit: Any) -> None:
-        """Open the file of the part in another unit; raises InvalidValueError."""
-        part = self._parts['first']
-        if unit not in tuple(UNITS) or part is None or part.source.path is None:
+    def open_again(self, name: Any, value: Any, side: str = 'first') -> None:
+        """Open the file of a side in another unit or as another body; 0: all bodies.
+
+        Raises InvalidValueError.
+        """
+        source = self._files.get(side)
+        is_good = value in tuple(UNITS) if name == 'unit' else type(value) is int
+        if name not in ('unit', 'body') or not is_good or source is None or source.path is None:
             raise InvalidValueError(
-                f'invalid unit {shown(unit)}: expected one of {", ".join(UNITS)} for a mesh file'
+                f'invalid choice {shown(value)}: expected a unit or the number of a body, for a '
+                'mesh file'
             )
-        self.open(dataclasses.replace(part.source, unit=unit))
+        changes: dict[str, Any] = {name: value or None}
+        self.open(dataclasses.replace(source, **changes), side)
 
     def cancel(self) -> None:
         """Cancel the opening of parts."""
@@ -159,6 +168,7 @@ class Room:
     def forget_second(self) -> None:
         """Compare the part with itself again."""
         self._parts['second'] = None
+        self._publish('second', {'unit': '', 'bodies': [], 'body': 0})
         self.work_now()
 
     def close(self) -> None:
@@ -245,11 +255,18 @@ class Room:
                 self._publish('opening', {'text': text})
 
         with self._reported('problem'):
-            opened = self._opener.open(source, step, newer)
+            try:
+                opened = self._opener.open(source, step, newer)
+            except SeparateBodiesError as error:
+                if not newer():
+                    self._offer(side, source, ['choose ...', *error.bodies])
+                raise
             with self._changed:
                 if newer():
                     return
                 self._parts[side] = opened
+                bodies = opened.part.bodies
+                self._offer(side, opened.source, ['all bodies', *bodies] if bodies else [])
                 if side == 'first':
                     self.settings = self.settings.for_part(len(opened.names))
                     self._show_part(opened)
@@ -294,13 +311,19 @@ class Room:
 
     # -- What is shown ------------------------------------------------------------------------
 
+    def _offer(self, side: str, source: Source, bodies: Sequence[str]) -> None:
+        """Offer the units and the bodies of a file."""
+        self._files[side] = source
+        has_unit = source.path is None or source.path.suffix[1:] not in MESH_FORMATS
+        unit = '' if has_unit else source.unit or DEFAULT_UNIT
+        self._publish(side, {'unit': unit, 'bodies': bodies, 'body': source.body or 0})
+
     def _show_part(self, opened: Opened) -> None:
         self._publish(
             'part',
             {
                 'name': opened.part.name,
                 'file': opened.source.given,
-                'unit': opened.part.unit if opened.source.path else '',
                 'facts': ' · '.join(f'{label}: {value}' for label, value in opened.facts),
             },
         )
@@ -348,6 +371,7 @@ def _note(text: str) -> Text:
 def _sentence(text: str) -> str:
     if not text:
         return ''
+    text = text.replace(CHOOSE, '')  # the page has a list
     return f'{text[0].upper()}{text[1:]}{"" if text.endswith((".", "?")) else "."}'
 
 

@@ -43,11 +43,14 @@ class Source:
         The uploaded file; None for an example.
     unit : str or None
         Of a mesh file without a unit; None: mm.
+    body : int or None
+        Number of the body of a file with several; None: all, as one part.
     """
 
     given: str
     path: Path | None = None
     unit: str | None = None
+    body: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -461,8 +461,8 @@ def _receive(seat: Seat, text: str) -> str | None:
             room.change(name, message.get('to'), number if type(number) is int else None)
         elif 'example' in message:
             room.open_example(message['example'], _side(message))
-        elif 'unit' in message:
-            room.open_again(message['unit'])
+        elif 'again' in message:
+            room.open_again(message['again'], message.get('to'), _side(message))
         else:
             tasks: dict[Any, Callable[[], None]] = {
                 'now': room.work_now,

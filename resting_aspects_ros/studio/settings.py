@@ -5,6 +5,7 @@ new here are only the ranges of the sliders, which are those that are useful in 
 """
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -29,8 +30,8 @@ from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
     surroundings_names,
 )
-from resting_aspects_ros.tracks.description import Track, Wall
-from resting_aspects_ros.tracks.traps import Surface
+from resting_aspects_ros.tracks.description import MAX_TRAPS, Track, Wall
+from resting_aspects_ros.tracks.traps import KINDS, CutOut, Surface, Trap, read_trap
 
 T = TypeVar('T')
 Changes: TypeAlias = dict[str, Any]
@@ -73,6 +74,7 @@ UNIT_RANGES = {
     'rad': (-math.radians(60), math.radians(60)),
     's': (0.0, 5.0),
     'Hz': (0.0, 200.0),
+    'N': (0.0, 1.0),
     'N s': (0.0, 0.05),
     '': (0.0, 1.0),
 }
@@ -98,11 +100,21 @@ RAIL = {
 }
 MAX_ROW = 1000  # of the orientations on a track
 MAX_ON_TRAY = 1000  # parts
+# Traps that are described by numbers alone, and what a new one has, SI units.
+TRAP_KINDS = [kind for kind in KINDS if kind != CutOut.kind]
+NEW_TRAP = {'m': 0.01, 'N': 0.1}
+NEW_START = 0.005
 
 
 @dataclass(frozen=True)
 class Rail:
-    """The track of a bowl feeder for which traps are designed; a width of None is the default."""
+    """The track of a bowl feeder.
+
+    width : float or None
+        m; None: that fits the part.
+    traps : tuple of Trap or None
+        None: those that are proposed for the wanted row.
+    """
 
     width: float | None = None
     roll: float = math.radians(5)
@@ -111,6 +123,7 @@ class Rail:
     fill: float = 1.0
     tolerance: float = 0.0
     want: int = 1
+    traps: tuple[Trap, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -347,6 +360,49 @@ def _set_rail(settings: Settings, key: str, value: Any) -> Changes:
     return {'rail': dataclasses.replace(settings.rail, **changes)}
 
 
+def _set_trap(settings: Settings, key: str, value: Any) -> Changes:
+    """Change a dimension, as in '0.height', or 'all' traps, 'add' one, 'remove' one."""
+    traps = list(settings.rail.traps or ())
+    number, _, name = key.partition('.')
+    if key == 'all':
+        made = _listed_traps(value)
+    elif key == 'add':
+        made = (*traps, _new_trap(_choice('trap', value, TRAP_KINDS)))
+    elif key == 'remove':
+        del traps[_integer('trap', value, 1, len(traps)) - 1]
+        made = tuple(traps)
+    else:
+        k = _integer('trap', number, 1, len(traps)) - 1
+        given = number_of(name, _quantity(quantities_of(traps[k]), name), value)
+        traps[k] = dataclasses.replace(traps[k], **{name: given})
+        made = tuple(traps)
+    if len(made) > MAX_TRAPS:
+        raise InvalidValueError(f'invalid number of traps: expected at most {MAX_TRAPS}')
+    return {'rail': dataclasses.replace(settings.rail, traps=made or None)}
+
+
+def _listed_traps(text: Any) -> tuple[Trap, ...]:
+    """Return the traps of a JSON text; raises InvalidValueError."""
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError, RecursionError):
+        found = None
+    if not isinstance(found, list):
+        raise InvalidValueError(f'invalid traps {shown(text)}: expected a list in JSON')
+    return tuple(read_trap(each) for each in found)
+
+
+def _new_trap(kind: str) -> Trap:
+    known = quantities_of(KINDS[kind])
+    has_default = KINDS[kind].__dataclass_fields__
+    values = {
+        name: NEW_START if name == 'start' else NEW_TRAP[each.unit]
+        for name, each in known.items()
+        if has_default[name].default is dataclasses.MISSING
+    }
+    return read_trap({'kind': kind, **values})
+
+
 def _set_other(settings: Settings, key: str, value: Any) -> Changes:
     side = dataclasses.replace(settings, conditions=settings.other)
     return {'other': changed(side, key, value).conditions}
@@ -378,6 +434,7 @@ _CHANGES: dict[str, Callable[[Settings, str, Any], Changes]] = {
     'plan': _set_plan,
     'cell': _set_cell,
     'rail': _set_rail,
+    'trap': _set_trap,
     'other': _set_other,
     'count': _set_count,
     'fit': _set_fit,
@@ -488,6 +545,21 @@ def rail_sliders(rail: Rail) -> list[Slider]:
     ]
 
 
+def trap_sliders(rail: Rail) -> list[tuple[str, str, list[Slider]]]:
+    """Return kind, explanation and sliders of each trap of the user."""
+    return [
+        (
+            trap.kind.replace('_', ' '),
+            (trap.__doc__ or '').partition('\n')[0],
+            [
+                slider(f'trap.{number}.{name}', '', quantity, getattr(trap, name))
+                for name, quantity in quantities_of(trap).items()
+            ],
+        )
+        for number, trap in enumerate(rail.traps or (), 1)
+    ]
+
+
 def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     """Yield the name and the value of each control of the page."""
     yield 'live', settings.live
@@ -499,6 +571,7 @@ def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     yield 'cell.action', settings.cell.action
     yield 'cell.parts_on_tray', str(settings.cell.parts_on_tray or '')
     yield 'rail.want', str(settings.rail.want)
+    yield 'trap.add', ''
     yield 'other.surface', settings.other.surface
     for number in range(1, settings.classes + 1):
         yield f'pickable.{number}', number in settings.pickable
@@ -512,6 +585,7 @@ def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
         *action_sliders(settings.action),
         *cell_sliders(settings.cell),
         *rail_sliders(settings.rail),
+        *(each for _, _, sliders in trap_sliders(settings.rail) for each in sliders),
         *condition_sliders(settings.other, 'other.'),
     ]:
         yield each.name, each.value

@@ -6,6 +6,7 @@ the reports. `page.py` has the titles. Read `_show_outlines` first, the simplest
 
 import base64
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,7 +35,8 @@ from resting_aspects_ros.api.reorient import (
     reorient,
 )
 from resting_aspects_ros.api.runner import DropTally
-from resting_aspects_ros.api.track import design_track
+from resting_aspects_ros.api.track import design_track, track
+from resting_aspects_ros.api.track_result import TrackResult
 from resting_aspects_ros.report.drop_page import NOT_LEVEL, comparison_items
 from resting_aspects_ros.report.format import aspect_colour, aspects_text, class_rows, size_text
 from resting_aspects_ros.report.outlines import (
@@ -45,7 +47,7 @@ from resting_aspects_ros.report.outlines import (
     pair_table,
     svg_drawing,
 )
-from resting_aspects_ros.report.page import Fold, Gallery, Item, Text, Tile, items_html, reading
+from resting_aspects_ros.report.page import Gallery, Item, Text, Tile, items_html, reading
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
@@ -57,6 +59,7 @@ from resting_aspects_ros.studio.export import (
     FILES,
     SURFACES_FILE,
     drop_recipe,
+    file_values,
     forecast_recipe,
     outlines_recipe,
     recipes,
@@ -68,14 +71,16 @@ from resting_aspects_ros.studio.export import (
 from resting_aspects_ros.studio.page import controls_html
 from resting_aspects_ros.studio.rows import Opened, changing_texts, pickable_text
 from resting_aspects_ros.studio.settings import (
+    TRAP_KINDS,
     Settings,
     action_sliders,
     cell_sliders,
     condition_sliders,
     counts_csv,
     rail_sliders,
+    trap_sliders,
 )
-from resting_aspects_ros.studio.work import Work, drop_options, section_items
+from resting_aspects_ros.studio.work import Work, drop_options, page_items, words_item
 
 # -- Aspects: the share of each class, while the conditions are changed ---------------------------
 
@@ -108,7 +113,12 @@ def _show_aspects(work: Work) -> None:
     hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
-    work.show('range', [Text(result.range_text, 'plain')])
+    words = _words('drops', result.distribution.confidence)
+    work.show('range', [Text(result.range_text, 'plain'), words])
+
+
+def _words(kind: str, confidence: float) -> Item:
+    return words_item(reading(kind, confidence=f'{100 * confidence:g}'))
 
 
 def _show_bars(work: Work, distribution: Distribution, caption: str, pending: str = '') -> None:
@@ -141,16 +151,16 @@ def _show_outlines(work: Work) -> None:
     ]
     if len(seen) > 1:
         items.append(pair_table(seen, alike, ''))
-    work.show('outlines', items)
+    work.show('outlines', [*items, words_item(reading('outlines'))])
 
 
 def _outline_tile(result: OutlinesResult, k: int) -> Tile:
     outline = result.outlines[k]
     alike = members(outline, result.aspects)
-    name = f'class {outline.symmetry_class}'
-    drawing = svg_drawing(outline.polygon, name).encode()
+    name, colour = f'class {outline.symmetry_class}', aspect_colour(alike[0])
+    drawing = svg_drawing(outline.polygon, name, colour).encode()
     picture = f'data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}'
-    return Tile(name, aspect_colour(alike[0]), picture, [aspects_text(alike)])
+    return Tile(name, colour, picture, [aspects_text(alike)])
 
 
 # -- Reorientation: how an action brings the part from aspect to aspect, and the best plan --------
@@ -195,7 +205,7 @@ def _show_transitions(
     items: list[Item] = [Text(note, 'note') for note in page.notes]
     if not wanted:
         items.append(Text(NO_PLAN, 'plain'))
-    work.show('reorientation', items + section_items(reversed(page.sections)))  # the plan first
+    work.show('reorientation', items + page_items(page, backwards=True))  # the plan first
 
 
 # -- Forecast: how many parts per minute a robot picks --------------------------------------------
@@ -237,7 +247,7 @@ def _show_forecast(work: Work) -> None:
         parts_on_tray=cell.parts_on_tray,
     )
     page = forecast_page([result])
-    work.show('forecast', _level_note(work, ON_A_TRAY) + section_items(page.sections))
+    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(page))
 
 
 def _level_note(work: Work, text: str) -> list[Item]:
@@ -247,17 +257,19 @@ def _level_note(work: Work, text: str) -> list[Item]:
 
 # -- Track: which traps of a bowl or linear feeder pass only the wanted orientation ---------------
 
-TRACK_WORDS = ('Row', 'Share', 'Margin', 'Jam', 'Unknown')
 NO_DESIGN = 'No traps pass only the wanted row. The table shows all rows.'
 ON_A_PLANE = 'The shares are those of drops on a level plane: surroundings have no effect on them.'
 
 
 def _track_controls(settings: Settings, _opened: Opened) -> str:
-    return controls_html('rail', sliders=rail_sliders(settings.rail))
+    rail = settings.rail
+    return controls_html(
+        'rail', sliders=rail_sliders(rail), traps=trap_sliders(rail), kinds=TRAP_KINDS
+    )
 
 
 def _show_track(work: Work) -> None:
-    """Design the traps, and show them with the parts per minute."""
+    """Design the traps, or take those of the user, and show them with the parts per minute."""
     settings, rail = work.settings, work.settings.rail
     work.show_command(track_recipe(work.opened, settings).line)
     options = {
@@ -272,20 +284,21 @@ def _show_track(work: Work) -> None:
 
     def progress(done: int, total: int) -> None:
         of_drops(done, total)
-        if done == total:  # what follows takes longer than the drops
+        if done == total and not rail.traps:  # what follows takes longer than the drops
             work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
 
-    found = work.made(design_track, work.opened.part, options, 'drops', progress=progress)
+    function = track if rail.traps else design_track
+    found = work.made(function, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
+    best: TrackResult = found if rail.traps else found.best
     items = _level_note(work, ON_A_PLANE)
-    if not found.designs:
+    if not rail.traps and not found.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
     items += [Text(sentence, 'plain') for sentence in found.sentences]
-    items += section_items(reversed(found.best.page().sections))  # the traps first
-    words = [f'{term}: {text}' for term, text in reading('track').items() if term in TRACK_WORDS]
-    items.append(Fold('what the words mean', words))
-    work.show('track', items)
+    items += page_items(best.page(), backwards=True)  # the traps first
+    proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
+    work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
 
 
 # -- Compare: two parts, or two conditions, side by side ------------------------------------------
@@ -316,10 +329,13 @@ def _show_comparison(work: Work) -> None:
     items: list[Item] = [_side('A', a), _side('B', b)]
     if second.part.part_sha256 == work.opened.part.part_sha256:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
-        # Pictures show the classes: no directions in the part.
-        sides = dataclasses.replace(found.sides, down=None)
-        items += comparison_items(class_rows(a.distribution), found.comparison, sides)
+        rows = class_rows(a.distribution)
+        names = tuple(row.name.partition(' ')[2] for row in rows)
+        # Pictures show the aspects: no directions in the part.
+        sides = dataclasses.replace(found.sides, down=None, what='aspect', names=names)
+        items += comparison_items(rows, found.comparison, sides)
         items += [Text(text, 'plain') for text in found.range_texts]
+        items.append(_words('compare', found.comparison.confidence))
     else:
         if work.settings.other != work.settings.conditions:
             items.append(Text(BOTH_DIFFER, 'note'))
@@ -380,7 +396,8 @@ def _show_counts(work: Work) -> None:
     rows = class_rows(result.distribution)
     sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
     about = [Text(text, 'plain') for text in found.range_texts]
-    html = items_html([*comparison_items(rows, found.comparison, sides), *about])
+    words = _words('compare', found.comparison.confidence)
+    html = items_html([*comparison_items(rows, found.comparison, sides), *about, words])
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)
@@ -400,7 +417,8 @@ def _fitted(work: Work) -> CalibrationResult:
         mesh = source.path.with_name(work.opened.part.name + source.path.suffix)
         if not mesh.exists():
             shutil.copyfile(source.path, mesh)
-        part |= {'mesh': str(mesh), 'unit': work.opened.part.unit}
+        mesh.with_suffix('.yaml').write_text(json.dumps(file_values(source)), encoding='utf-8')
+        part['mesh'] = str(mesh)
     for number in range(1, work.settings.classes + 1):
         part['counts'].setdefault(str(number), 0)
     counts = {

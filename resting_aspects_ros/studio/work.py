@@ -1,13 +1,13 @@
 """What a tab receives to make what it shows."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.page import Item, Section, Text, items_html
+from resting_aspects_ros.report.page import Fold, Item, Page, Text, items_html
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.rows import Opened
 from resting_aspects_ros.studio.settings import Settings
@@ -93,9 +93,14 @@ def drop_options(settings: Settings) -> dict[str, Any]:
     }
 
 
-def section_items(sections: Iterable[Section]) -> list[Item]:
-    """Return the items of the sections of a page, each below its heading."""
+def page_items(page: Page, *, backwards: bool = False) -> list[Item]:
+    """Return the items of the sections of a page, each below its heading, and its words."""
     items: list[Item] = []
-    for section in sections:
+    for section in reversed(page.sections) if backwards else page.sections:
         items += [Text(section.heading, 'part'), *section.items]
-    return items
+    return [*items, words_item(page.reading)]
+
+
+def words_item(reading: Mapping[str, str]) -> Fold:
+    """Return the explanations of a page, shown on request."""
+    return Fold('what the words mean', [f'{term}: {text}' for term, text in reading.items()])

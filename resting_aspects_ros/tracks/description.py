@@ -77,15 +77,12 @@ class Track:
             **_values(self.surface),
             'wall': _values(self.wall),
             **_values(self),
-            'traps': [{'kind': trap.kind, **_values(trap)} for trap in self.traps],
+            'traps': [trap.document for trap in self.traps],
         }
 
 
 def _values(given: Any) -> dict[str, Any]:
-    found: dict[str, Any] = {name: getattr(given, name) for name in quantities_of(given)}
-    if hasattr(given, 'points'):
-        found['points'] = [list(each) for each in given.points]
-    return found
+    return {name: getattr(given, name) for name in quantities_of(given)}
 
 
 def _check_fits(trap: Trap, surface: Surface) -> None:

@@ -37,6 +37,8 @@ COLOURS = {
     'unknown': '#999999',
 }
 PART, CONTACT, SUPPORT = '#C9D6E2', '#4477AA', '#EE7733'
+# A row with a smaller share of the parts is shown only if it is wanted.
+LEAST = 5e-4
 # Orientations of a figure in a line, and its width, inches.
 _COLUMNS, _WIDTH = 4, 8.0
 
@@ -72,9 +74,14 @@ def outcome_fields(row: int, found: Outcome) -> dict[str, Any]:
     }
 
 
-def row_table(
-    rows: Sequence[Orientation], found: Passage, runs: 'TrackRuns | None', title: str
-) -> Table:
+def shown_rows(found: Passage) -> list[int]:
+    """Return the indices of the rows that people see: no others that hardly a part arrives in."""
+    return [
+        k for k, row in enumerate(found.rows) if row.probability >= LEAST or row.id in found.wanted
+    ]
+
+
+def row_table(found: Passage, runs: 'TrackRuns | None', title: str) -> Table:
     """Return the table of the orientations, and which of them pass the traps."""
     headings = [
         'row',
@@ -89,8 +96,9 @@ def row_table(
     if runs is not None:  # a terminal has no room for both
         headings = [name for name in headings if not name.startswith('length')] + ['simulated']
     table = Table(title, headings, texts={'passes': None})
-    columns = zip(rows, *(each.tolist() for each in found.passing), strict=True)
-    for k, (row, low, high) in enumerate(columns):
+    shown = shown_rows(found)
+    for k in shown:
+        row, (low, high) = found.rows[k], (float(each[k]) for each in found.passing)
         cells = [
             f'{row.id} *' if row.id in found.wanted else str(row.id),
             numbers_text(row.aspects),
@@ -106,10 +114,14 @@ def row_table(
             del cells[5]
             cells.append(f'{probability_text(share)}\n{interval_text(share)}')
         table.add_row(*cells)
-    table.caption = '* wanted'
+    table.caption = '* wanted.'
+    others = np.delete(found.probability, shown)
+    if len(others):
+        names = f'{len(others)} other rows are' if len(others) > 1 else 'One other row is'
+        table.caption += f' {names} not shown, with {share_text(others.sum())} % of the parts.'
     if runs is not None:
         table.caption += (
-            f'. Simulated: share of {runs.parts} parts of the row that passes all traps, with its '
+            f' Simulated: share of {runs.parts} parts of the row that passes all traps, with its '
             '95 % interval (Wilson).'
         )
     return table
@@ -121,22 +133,17 @@ def _passes(low: float, high: float) -> str:
     return 'not known' if (low, high) == (0, 1) else f'{share_text(low)} to {share_text(high)} %'
 
 
-def trap_table(
-    rows: Sequence[Orientation],
-    names: Sequence[str],
-    found: Sequence[Sequence[Outcome]],
-    runs: 'TrackRuns | None',
-) -> Table:
+def trap_table(names: Sequence[str], found: Passage, runs: 'TrackRuns | None') -> Table:
     """Return the table of what each trap does to each row: outcome, and margin in mm."""
     headings = [f'{k}: {name}' for k, name in enumerate(names, 1)]
     # A terminal needs short lines; a page shows a heading in one line.
     table = Table('', ('row', *(each.replace(', ', ',\n') for each in headings)))
-    for k, row in enumerate(rows):
+    for k in shown_rows(found):
         cells = []
-        for t, of_trap in enumerate(found):
+        for t, of_trap in enumerate(found.outcomes):
             text = _outcome_text(of_trap[k])
             cells.append(text if runs is None else f'{text}\n{_run_text(runs, t, k)}')
-        table.add_row(str(row.id), *cells)
+        table.add_row(str(found.rows[k].id), *cells)
     table.caption = (
         'Below each outcome is the margin in mm, and the dimension that limits it: how far the '
         'trap is from the value at which the outcome changes.'
@@ -208,15 +215,17 @@ def rows_figure(
     Parameters
     ----------
     outlines : sequence of shapely geometry
-        Outline of each row from above, m, wall at y = 0.
+        Outline of each shown row from above, m, wall at y = 0.
     supported : sequence of shapely geometry
-        Convex hull of what the track carries of each row, m.
+        Convex hull of what the track carries of each shown row, m.
     """
-    rows = found.rows
+    shown = shown_rows(found)
+    rows = [found.rows[k] for k in shown]
     lines = -(-len(rows) // _COLUMNS)
     figure = new_figure(_WIDTH, 2.3 * lines)
     reach = max(max(row.length, row.width) for row in rows)
-    for k, (row, outcome) in enumerate(zip(rows, found.ends, strict=True)):
+    for k, row in enumerate(rows):
+        outcome = found.ends[shown[k]]
         axes = figure.add_subplot(lines, _COLUMNS, k + 1)
         _draw_wall(axes, reach)
         _fill(axes, outlines[k], PART, 1.0)
@@ -229,7 +238,7 @@ def rows_figure(
         axes.set_aspect('equal')
         axes.axis('off')
         star = ' *' if row.id in found.wanted else ''
-        margin = _deciding_margin(found, k)
+        margin = _deciding_margin(found, shown[k])
         below = '' if margin is None else f'\nmargin {1e3 * margin:+.2f} mm'
         axes.set_title(
             f'{row.id}{star}: {share_text(row.probability)} %, {outcome}{below}',
@@ -282,7 +291,7 @@ def track_figure(
             length = 0.0
         axes.text(
             place + length / 2, 1.04 * max(width, high), str(number), ha='center', va='bottom',
-            fontsize=9,
+            fontsize=9, color=TEXT,
         )  # fmt: skip
         place += length + 1.2 * size
     track = shapely.box(-1.8 * size, 0, place, width).difference(shapely.union_all(cut))
@@ -297,7 +306,10 @@ def track_figure(
         arrowprops={'arrowstyle': '->', 'color': TEXT},
     )
     axes.set_title(
-        ';  '.join(f'{k}: {name}' for k, name in enumerate(names, 1)), fontsize=8, loc='left'
+        ';  '.join(f'{k}: {name}' for k, name in enumerate(names, 1)),
+        fontsize=8,
+        loc='left',
+        color=TEXT,
     )
     axes.set_xlim(-1.8 * size, place)
     axes.set_ylim(min(-0.1 * width, low), 1.25 * max(width, high))
@@ -338,8 +350,9 @@ def flow_figure(found: Passage, names: Sequence[str]) -> 'Figure':
             _draw_band(axes, (stage, stage + 0.75), (low, middle), gone.get(k), stop)
             _draw_band(axes, (stage, stage + 1.0), (middle, high), right.get(k), pass_on)
         total = sum(lost.values())
-        out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
-        axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8)
+        if total:
+            out = f'{share_text(total)} % out at\n{name.partition(",")[0]}'
+            axes.text(stage + 0.77, -0.1 - total / 2, out, va='center', fontsize=8, color=TEXT)
         lowest = min(lowest, -0.1 - total)
         alive = {k: share for k, share in kept.items() if share > 0}
         left = right
@@ -380,7 +393,7 @@ def _stack(shares: Mapping[int, float], top: float = 1.0) -> dict[int, tuple[flo
 def _label(axes: 'Axes', x: float, ends: tuple[float, float], text: str, align: str) -> None:
     """Write the number of a row beside its band, if the band is high enough for it."""
     if ends[1] - ends[0] > 0.045:
-        axes.text(x, sum(ends) / 2, text, ha=align, va='center', fontsize=8)
+        axes.text(x, sum(ends) / 2, text, ha=align, va='center', fontsize=8, color=TEXT)
 
 
 def _draw_band(

@@ -124,6 +124,12 @@ class Trap:
                 'first'
             )
 
+    @property
+    def document(self) -> dict[str, Any]:
+        """The trap as plain values in SI units, as `read_trap` reads it."""
+        values = {name: getattr(self, name) for name in quantities_of(self)}
+        return {'kind': self.kind, **values}
+
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
         raise NotImplementedError
@@ -363,6 +369,11 @@ class CutOut(Cut):
                 f'invalid points {shown(self.points)}: expected a polygon that does not cross '
                 'itself'
             )
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """See Trap."""
+        return {**super().document, 'points': [list(each) for each in self.points]}
 
     def removed(self) -> shapely.Geometry:
         """See Cut."""

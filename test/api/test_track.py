@@ -170,3 +170,14 @@ def test_without_a_design_other_rows_are_named():
     assert found.best.passage.wanted == (4,)
     assert any('No set of traps' in text for text in found.advice)
     assert any('these wanted rows' in text for text in found.advice)
+
+
+def test_rows_in_which_hardly_a_part_arrives_are_summed_up_in_tables_but_not_in_files(tmp_path):
+    found = ra.track('washer', {**NUT, 'traps': [WIPER]}, drops=20)
+    assert [row.probability for row in found.rows] == pytest.approx([1, 0, 0])
+    assert [len(table.rows) for table in found.tables()] == [1, 1]
+    assert '2 other rows are not shown, with 0.0 % of the parts' in found.tables()[0].caption
+    assert len(json.loads(found.to_json())['orientations']) == 3
+    found.save_csv(tmp_path / 'rows.csv')
+    assert len((tmp_path / 'rows.csv').read_text().splitlines()) == 4
+    assert len(ra.track('washer', NUT, [2], drops=20).tables()[0].rows) == 2

@@ -124,6 +124,31 @@ def test_dropped_file_and_its_3d_view(browser, address, tmp_path):
         assert page.locator('#name').inner_text() == 'my_crate'
 
 
+def test_one_body_of_a_file_and_traps_of_ones_own(browser, address, tmp_path):
+    bodies = [trimesh.creation.box((10, 20, 30)), trimesh.creation.box((5, 6, 7))]
+    bodies[1].apply_translation((50, 0, 0))
+    trimesh.util.concatenate(bodies).export(tmp_path / 'two.stl')
+    with opened(browser, address) as page:
+        page.locator('#file').set_input_files(tmp_path / 'two.stl')
+        page.locator('#problem', has_text='choose one').wait_for()
+        page.locator('[data-again=body]').first.select_option('2: 5 x 6 x 7 mm')
+        done(page)
+        assert '5 x 6 x 7 mm' in page.locator('#facts').inner_text()
+        assert not page.locator('#problem').is_visible()
+        page.locator('#tab-track').click()
+        proposed = page.locator('[data-set="trap.all"]', has_text='Change')
+        proposed.click()
+        page.get_by_label('Remove trap 1').wait_for()
+        for kind in ('wiper', 'wiper'):  # the list is ready for the same kind again
+            count = page.locator('[data-set="trap.remove"]').count()
+            page.get_by_label('Add a trap').select_option(kind)
+            page.locator('[data-set="trap.remove"]').nth(count).wait_for()
+        page.locator('[data-set="trap.remove"]').last.click()
+        height = page.locator(f'input[type=number][id="trap.{count}.height"]')
+        height.fill('4.5')
+        page.locator('[data-slot=track]', has_text='height 4.5 mm').wait_for()
+
+
 def test_keyboard_alone(browser, address):
     with opened(browser, address) as page:
         choose(page)

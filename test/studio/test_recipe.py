@@ -54,6 +54,7 @@ def test_drops_of_command_and_python_are_those_of_the_page(bracket, changes):
         {'condition.height': '90', 'action.speed': '0.4', 'cell.robot': '2.5'},
         {'cell.parts_on_tray': '7', 'cell.width': '150', 'surface': 'steel'},
         {'rail.want': '3', 'rail.width': '60', 'rail.roll': '8', 'rail.wall_friction': '0.3'},
+        {'rail.want': '2', 'trap.add': 'wiper', 'trap.1.height': '24.5'},
     ],
 )
 def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):

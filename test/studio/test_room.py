@@ -1,6 +1,7 @@
 """A room: the latest change wins, results are shown, and nothing is left behind."""
 
 import gc
+import json
 import re
 import threading
 import weakref
@@ -12,11 +13,21 @@ import trimesh
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.studies.calibration.counts_file import make_surface_counts
+from resting_aspects_ros.studio import tabs
+from resting_aspects_ros.studio.export import drop_recipe
 from resting_aspects_ros.studio.opening import Opener
 from resting_aspects_ros.studio.room import KEPT, collected_warnings, route_warnings
 from resting_aspects_ros.studio.rows import Source, pickable_text
-from resting_aspects_ros.studio.settings import Settings, changed, number_of
+from resting_aspects_ros.studio.settings import (
+    TRAP_KINDS,
+    Settings,
+    changed,
+    number_of,
+    trap_sliders,
+)
 from resting_aspects_ros.studio.tabs import BOTH_DIFFER, PENDING, TABS
+from resting_aspects_ros.tracks.traps import Wiper
 
 
 def complete(message):
@@ -186,6 +197,52 @@ def test_track_tells_that_it_looks_for_traps_and_explains_its_words(bracket, sho
     assert any('traps that pass row 1' in m['text'] for m in shown.of('progress'))
 
 
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize('kind', TRAP_KINDS)
+def test_trap_of_each_kind_can_be_added_changed_and_removed(kind):
+    added = changed(Settings(), 'trap.add', kind)
+    (trap,) = added.rail.traps
+    ((_, text, dimensions),) = trap_sliders(added.rail)
+    assert text.endswith('.')
+    for each in dimensions:
+        assert changed(added, each.name, each.value).rail.traps == (trap,)
+    two = changed(added, 'trap.add', 'wiper')
+    higher = changed(two, 'trap.2.height', '12.5').rail.traps
+    assert higher == (trap, Wiper(0.0125))
+    assert changed(two, 'trap.remove', '1').rail.traps == (Wiper(0.01),)
+    assert changed(added, 'trap.remove', '1').rail.traps is None
+    listed = json.dumps([each.document for each in higher])
+    assert changed(Settings(), 'trap.all', listed).rail.traps == higher
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('trap.add', 'cut_out'),
+        ('trap.2.start', 1),
+        ('trap.1.height', 1),
+        ('trap.1.start', 20),
+        ('trap.remove', 0),
+        ('trap.x', 1),
+        ('trap.all', '{}'),
+        ('trap.all', '[1]'),
+        ('trap.all', '[' * 5000),
+        ('trap.all', json.dumps(21 * [Wiper(0.01).document])),
+    ],
+)
+def test_wrong_trap_is_one_sentence(name, value):
+    with pytest.raises(InvalidValueError, match='invalid'):
+        changed(changed(Settings(), 'trap.add', 'canyon'), name, value)
+
+
+def test_traps_of_the_user_are_shown_instead_of_proposals(bracket, shown):
+    bracket.change('tab', 'track')
+    bracket.change('trap.add', 'wiper')
+    html = shown.wait('track', lambda m: 'wiper, height 10 mm: reject' in m['html'])['html']
+    assert 'data-set' not in html
+    assert shown.wait('same', lambda m: '--trap wiper:height=0.01' in m['text'])
+
+
 @pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
     bracket.change('surface', 'steel')
@@ -280,3 +337,36 @@ def test_part_is_opened_in_a_process_that_can_be_cancelled(tmp_path):
     finally:
         opener.end()
     assert opener._ready is None
+
+
+def test_body_of_a_file_is_chosen_from_a_list(bracket, shown, tmp_path, monkeypatch):
+    path = tmp_path / 'part.stl'
+    small = trimesh.creation.box((5, 6, 7))
+    small.apply_translation((50, 0, 0))
+    trimesh.util.concatenate([trimesh.creation.box((10, 20, 30)), small]).export(path)
+    before = shown.count
+    bracket.open(Source('two.stl', path))
+    problem = shown.wait('problem', lambda m: m['text'], before)['text']
+    assert problem.endswith('(1: 10 x 20 x 30 mm, 2: 5 x 6 x 7 mm): choose one.')
+    offered = shown.of('first')[-1]
+    assert (offered['bodies'][2], offered['body']) == ('2: 5 x 6 x 7 mm', 0)
+    bracket.open_again('body', 2)
+    assert shown.wait('part', after=before)['name'] == 'two'
+    bracket.open_again('unit', 'cm')
+    part = shown.wait('part', lambda m: '50 x 60 x 70 mm' in m['facts'], before)
+    assert part
+    offered = shown.of('first')[-1]
+    assert (len(offered['bodies']), offered['body'], offered['unit']) == (3, 2, 'cm')
+    work = bracket.work()
+    recipe = drop_recipe(work.opened.source, work.settings)
+    assert '--unit cm --body 2' in recipe.line
+    assert "unit='cm', body=2" in recipe.python
+    with pytest.raises(InvalidValueError):
+        bracket.open_again('body', '2')
+    bracket.change('count.1', '8')
+    bracket.change('count.2', '2')
+    given = []
+    monkeypatch.setattr(tabs, 'calibrate', lambda counts, **_: given.append(counts))
+    tabs._fitted(bracket.work())
+    counted = make_surface_counts(given[0], tmp_path).parts[0]
+    assert counted.part.part_sha256 == work.opened.part.part_sha256

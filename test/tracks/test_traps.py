@@ -226,6 +226,12 @@ def test_a_track_is_read_with_units_and_written_in_si():
     assert read_track(track.document) == track
 
 
+def test_force_of_an_air_jet_can_have_a_unit():
+    jet = {'kind': 'air_jet', 'height': '5mm', 'force': '100mN'}
+    track = read_track({'width': '40mm', 'traps': [jet]})
+    assert track.traps[0].force == pytest.approx(0.1)
+
+
 @pytest.mark.slow
 def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
     shape = part('hex_nut')

@@ -62,14 +62,14 @@ const handlers = {
     find('#opening').hidden = !text;
     find('#opening span').textContent = text;
   },
-  part({ name, facts, unit }) {
+  part({ name, facts }) {
     document.body.classList.remove('empty');
     document.title = `${name}: resting_aspects studio`;
     find('#name').textContent = name;
     find('#facts').textContent = facts;
-    find('#unit-choice').hidden = !unit;
-    if (unit) find('#unit').value = unit;
   },
+  first(message) { showChoices('first', message); },
+  second(message) { showChoices('second', message); },
   scene(message) {
     scene = message.scene;
     chosen = 0;
@@ -143,7 +143,11 @@ document.addEventListener('change', (event) => {
     send({ example: control.value, side: control.dataset.example });
     control.value = '';
   }
-  if (control.id === 'unit') send({ unit: control.value });
+  const { again } = control.dataset;
+  if (again) {
+    const to = again === 'body' ? Number(control.value) : control.value;
+    send({ again, to, side: control.closest('[data-side]').dataset.side });
+  }
   if (control.id === 'file' && control.files.length) {
     upload(control.files[0], opening);
     control.value = '';
@@ -152,7 +156,7 @@ document.addEventListener('change', (event) => {
 document.addEventListener('click', (event) => {
   const button = event.target.closest('button');
   if (!button) return;
-  const { tab, open, pick, clear } = button.dataset;
+  const { tab, open, pick, clear, set, value } = button.dataset;
   const task = button.dataset.do;
   if (tab) chooseTab(tab);
   else if (open) {
@@ -160,12 +164,25 @@ document.addEventListener('click', (event) => {
     find('#file').click();
   } else if (pick) change(`pickable.${pick}`, button.getAttribute('aria-pressed') !== 'true');
   else if (clear) change(clear, '');
+  else if (set) change(set, value);
   else if (task === 'more' || task === 'fit') change(task, true);
   else if (task) {
     send({ do: task });
     if (task === 'cancel') handlers.opening({ text: '' });
   }
 });
+
+// Units and bodies of the file of a side; most files have no choice.
+function showChoices(side, { unit, bodies, body }) {
+  const place = find(`[data-side="${side}"]`);
+  const [units, list] = all('select', place);
+  list.replaceChildren(...bodies.map((text, number) => new Option(text, number)));
+  list.value = body;
+  if (unit) units.value = unit;
+  units.parentElement.hidden = !unit;
+  list.parentElement.hidden = !bodies.length;
+  place.hidden = !unit && !bodies.length;
+}
 
 // -- Tabs ---------------------------------------------------------------------------------------
 
