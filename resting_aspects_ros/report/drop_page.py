@@ -341,7 +341,8 @@ def comparison_items(
         draw,
         f'Bars show the share of each {sides.what} in the drops that came to rest in an aspect, '
         f'with {confidence} % intervals (Wilson).{thin} The text beside the bars is the '
-        f'difference, {first} minus {second}, in percentage points, with simultaneous {confidence} % bounds.',
+        f'difference, {first} minus {second}, in percentage points, with simultaneous '
+        f'{confidence} % bounds.',
     )
     yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
     yield comparison_table(comparison, sides, '')
