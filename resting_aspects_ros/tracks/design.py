@@ -235,7 +235,6 @@ def asymmetric_cut(on: Passage, other: int) -> tuple[CutOut, float] | None:
     arrivals = {row.id: Arrival(row, on.track.surface, on.part) for row in on.rows}
     row = arrivals[on.wanted[0]].row
     long, wide = row.length, row.width
-    size = min(long, wide)
     best: tuple[CutOut, float] | None = None
     for points in (
         ((0.0, 0.0), (long, 0.0), (long, wide)),
@@ -245,10 +244,10 @@ def asymmetric_cut(on: Passage, other: int) -> tuple[CutOut, float] | None:
     ):
         cut = CutOut(1.0, points=points)
         passes = min(cut.critical(arrivals[number], 'scale') for number in on.wanted)
-        rejects = cut.critical(arrivals[other], 'scale') + DIP / size
+        rejects = cut.critical(arrivals[other], 'scale') + DIP / cut.unit
         if math.isinf(passes) or math.isinf(rejects):
             continue
-        margin = (passes - rejects) / 2 * size
+        margin = (passes - rejects) / 2 * cut.unit
         if margin > LEAST and (best is None or margin > best[1]):
             best = replace(cut, scale=round((passes + rejects) / 2, 3)), margin
     return best

@@ -46,10 +46,12 @@ from resting_aspects_ros.tracks.support import FAR
 from resting_aspects_ros.tracks.traps import (
     AirJet,
     Cut,
+    CutOut,
     Groove,
     HoldDown,
     Projection,
     Riser,
+    Scallop,
     Sensor,
     Trap,
     Wiper,
@@ -280,7 +282,7 @@ def _scene(
     return (
         Scene(
             bodies=(
-                *_pieces(area, start, end, floor, still),
+                *_pieces(area, start, end, isinstance(trap, Scallop | CutOut), floor, still),
                 HalfSpace('wall', still, X, Y),
                 *extra,
             ),
@@ -294,11 +296,16 @@ def _scene(
 
 
 def _pieces(
-    area: shapely.Geometry, start: float, end: float, floor: PairValues, still: PairValues
+    area: shapely.Geometry,
+    start: float,
+    end: float,
+    oblique: bool,
+    floor: PairValues,
+    still: PairValues,
 ) -> list[SceneBody]:
     """Return the track as blocks, with a still face where each of them begins; see FACE."""
     bodies: list[SceneBody] = []
-    for (x0, y0), (x1, y1) in _rectangles(area, start, end):
+    for (x0, y0), (x1, y1) in _rectangles(area, start, end, oblique):
         low, high = np.array([x0, y0, -THICK]), np.array([x1, y1, 0.0])
         bodies.append(Block('track', floor, X, low, high, Z))
         if x0 > start:
@@ -308,12 +315,12 @@ def _pieces(
 
 
 def _rectangles(
-    area: shapely.Geometry, start: float, end: float
+    area: shapely.Geometry, start: float, end: float, oblique: bool
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     """Return rectangles that fill an area, as lowest and highest x and y."""
     x = shapely.get_coordinates(area)[:, 0]
     inside = np.unique(np.round(x[(x > start - 1e-9) & (x < end + 1e-9)], 9))
-    if len(inside) > 8:
+    if oblique:
         inside = np.linspace(start, end, STRIPS + 1)
     cuts = np.unique(np.concatenate([[-LONG], inside, [start, end, LONG]]))
     found = []

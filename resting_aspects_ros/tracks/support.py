@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 FAR = 10.0
 # A part that is supported by less than this, m, falls.
 CERTAIN = 1e-6
-# Places of the part between two events of its passage.
-BETWEEN = 3
+# Places of the part between two events of its passage, and how far two places are apart at a hole
+# with round or oblique edges, m.
+BETWEEN, STEP = 3, 1e-3
 # Beside an event, m.
 BESIDE = 1e-7
 # Critical values are found within this, m.
@@ -75,16 +76,23 @@ def supports(
     )
 
 
-def passage(row: Orientation, start: float, end: float) -> Array:
-    """Return the places (n,) of the centre of mass at which the part passes a piece of track.
+def passage(row: Orientation, hole: shapely.Polygon) -> Array:
+    """Return the places (n,) of the centre of mass at which the part passes a hole, x and y in m.
 
-    They are those at which a corner of the contact region meets the start or the end of the piece,
-    beside them, and some in between.
-
-    start, end : x of the piece, m
+    They are those at which a corner of the contact region meets the start, the end or the edge of
+    the hole, beside them, and some in between.
     """
-    corners = np.unique(np.round(shapely.get_coordinates(row.contact)[:, 0], 9))
-    events = np.unique(np.concatenate([start - corners, end - corners, [start, end]]))
+    corners = np.unique(np.round(shapely.get_coordinates(row.contact), 9), axis=0)
+    ends = shapely.bounds(hole)[[0, 2]]
+    x, y = corners.T
+    lines = shapely.linestrings(
+        np.stack([ends[0] + 0 * y, y, ends[1] + 0 * y, y], 1).reshape(-1, 2, 2)
+    )
+    met = shapely.bounds(shapely.intersection(lines, hole))[:, [0, 2]]
+    found = np.concatenate([ends - x[:, None], met - x[:, None], [ends]]).ravel()
+    events = np.unique(np.round(found[np.isfinite(found)], 9))
+    if not shapely.equals(hole, shapely.envelope(hole)):
+        events = np.unique(np.concatenate([events, np.arange(events[0], events[-1], STEP)]))
     share = np.arange(1, BETWEEN + 1) / (BETWEEN + 1)
     between = events[:-1, None] + np.diff(events)[:, None] * share
     beside = (events[:, None] + [-BESIDE, BESIDE]).ravel()

@@ -166,6 +166,9 @@ class HoldDown(Trap):
 class Cut(Trap):
     """A piece that is cut out of the track; parts fall through it or over its edge."""
 
+    # Length by which the piece grows if a dimension grows by one, m per unit of the dimension.
+    unit: ClassVar[float] = 1.0
+
     def removed(self) -> shapely.Geometry:
         """Return the piece, x and y in m; it begins at x = 0."""
         raise NotImplementedError
@@ -183,7 +186,7 @@ class Cut(Trap):
         """Return what the trap does to an orientation."""
         found = [(name, self.critical(arrival, name)) for name in self.ranges]
         limited, critical = min(found, key=lambda each: abs(getattr(self, each[0]) - each[1]))
-        margin = abs(getattr(self, limited) - critical)
+        margin = self.unit * abs(getattr(self, limited) - critical)
         if self.passes(arrival):
             return Outcome('pass', critical, margin, limited)
         if is_line(arrival.row):
@@ -194,9 +197,9 @@ class Cut(Trap):
 
     def passes(self, arrival: Arrival) -> bool:
         """Return whether the rest of the track supports the part all the way."""
-        span = self.span()
-        places = None if span is None else passage(arrival.row, *span)
-        return supports(arrival.row, arrival.surface, self.removed(), places)
+        hole = self.removed()
+        places = None if self.span() is None else passage(arrival.row, hole)
+        return supports(arrival.row, arrival.surface, hole, places)
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
@@ -352,6 +355,12 @@ class CutOut(Cut):
     """
 
     kind: ClassVar[str] = 'cut_out'
+
+    @property
+    def unit(self) -> float:  # type: ignore[override]
+        """The smaller one of the length and the width of the polygon, m."""
+        return float(np.ptp(np.asarray(self.points), axis=0).min())
+
     scale: float = quantity(
         'scale', '', 'factor of all coordinates', high=100.0, above=True, default=1.0
     )

@@ -22,6 +22,7 @@ from resting_aspects_ros.tracks.traps import (
     Arrival,
     Balcony,
     Canyon,
+    CutOut,
     Gap,
     Groove,
     HoldDown,
@@ -111,6 +112,15 @@ def test_a_blade_and_a_riser_move_what_reaches_them(box, rows_of):
     tall = next(row for row in rows_of(part) if row.height > 0.029)
     for trap, row in ((Wiper(0.015), tall), (Riser(0.012, 0.006), flat)):
         assert run_over(part, row, trap, on(), CONDITIONS, 4, (1,))[0] < 2
+
+
+def test_a_triangle_is_cut_out_of_the_simulated_track():
+    triangle = CutOut(points=((0.0, 0.0), (0.03, 0.0), (0.03, 0.02)))
+    scene, start, end = simulate._scene(triangle, on(), CONDITIONS, 0.03)
+    boxes = np.array([[b.low[:2], b.high[:2]] for b in scene.bodies if b.name == 'track'])
+    boxes[:, :, 0] = np.clip(boxes[:, :, 0], start, end)
+    area = (boxes[:, 1] - boxes[:, 0]).prod(axis=1).sum()
+    assert area == pytest.approx(0.03 * 0.04 - 0.03 * 0.02 / 2, rel=1e-3)
 
 
 def test_more_parts_repeat_the_first_ones(box):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.tracks import support
 from resting_aspects_ros.tracks.description import Track, read_track
 from resting_aspects_ros.tracks.design import Band, asymmetric_cut, design_traps
 from resting_aspects_ros.tracks.orientations import mirror_images
@@ -109,6 +110,23 @@ def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     radius = critical(Scallop(0.01, 0.02), box)
     square = Slot(max(0.01 - radius, 0), 0.01 + radius, 2 * radius)
     assert square.outcome(Arrival(row, LEVEL, part)).outcome != 'pass'
+
+
+def test_places_between_events_do_not_change_a_round_hole(part, rows_of, monkeypatch):
+    shape = part('l_bracket')
+    row = next(row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011)
+    found = critical(Scallop(0.015, 0.01), (shape, row))
+    monkeypatch.setattr(support, 'BETWEEN', 20)
+    assert found == pytest.approx(critical(Scallop(0.015, 0.01), (shape, row)), abs=2e-5)
+
+
+def test_the_margin_of_a_cut_out_is_a_length(box):
+    # A rectangle of 10 x 30 mm: a gap of 15 mm is the critical one, 1.5 times as long.
+    part, row = box
+    points = ((0.0, 0.0), (0.01, 0.0), (0.01, 0.03), (0.0, 0.03))
+    found = CutOut(1.0, points=points).outcome(Arrival(row, LEVEL, part))
+    assert found.critical == pytest.approx(1.5, abs=1e-3)
+    assert found.margin == pytest.approx(0.005, abs=1e-5)
 
 
 def test_an_air_jet_needs_more_than_the_friction(box):
