@@ -208,8 +208,7 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
             run = document.description()
         except InvalidValueError as error:
             raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
-        ordered = sorted(document.aspects, key=lambda each: each.id)
-        model = _model(path, document, ordered)
+        model = _model(path, document)
     given = CountedDrops(
         str(path),
         single_groups(ids),
@@ -281,12 +280,11 @@ def document_result(
     )
 
 
-def _model(
-    path: Path, document: RunDocument, aspects: Sequence[ReportAspect]
-) -> ModelRange | None:
+def _model(path: Path, document: RunDocument) -> ModelRange | None:
     """Return the model ranges of a document; raises InvalidValueError if some are missing."""
     if document.model_uncertain is None:
         return None
+    aspects = sorted(document.aspects, key=lambda each: each.id)
     tables = [
         np.array([(each.model_lower, each.model_upper) for each in rows], dtype=np.float64)
         for rows in (aspects, sorted(document.classes, key=lambda each: each.symmetry_class))

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         title = f'A: {result.a.title}\nB: {result.b.title}'
         show_table(comparison_table(result.comparison, result.sides, title))
         measures = measures_text(result.comparison, result.sides)
-        show_texts(measures, result.verdict, *result.range_texts)
+        show_texts(measures, *result.range_texts, result.verdict)
 
     show_result(arguments, result.to_json, show)
     return DONE

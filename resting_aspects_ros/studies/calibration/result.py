@@ -35,7 +35,7 @@ SCHEMA_VERSION = 4
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
 # Below this probability, the counts are said to contradict every surface.
-SIGNIFICANCE = 0.01
+SIGNIFICANCE = 0.05
 # The simulated shares are said to be too uncertain above this share of that of the counted ones.
 MAX_ERROR = 1.0
 # Factors are said to trade off if their correlation is at least this.
