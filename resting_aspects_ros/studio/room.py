@@ -84,7 +84,7 @@ class Room:
         self._workers, self._opener, self._clock = workers, opener, clock
         self._publish = publish
         self._parts: dict[str, Opened | None] = dict.fromkeys(SIDES)
-        self._files: dict[str, Source] = {}  # the newest, even one of which a body has to be chosen
+        self._files: dict[str, Source] = {}  # the newest, even if its body is not chosen
         self._opening = dict.fromkeys(SIDES, 0)  # numbers of the newest requests
         self._changed = threading.Condition()
         self._requested, self._closed = 0, False
