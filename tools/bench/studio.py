@@ -22,19 +22,19 @@ REPEATS = 5
 TRIANGLES, DROPS = 5000, 2000
 # Restitutions to which the slider is moved one after the other.
 STEPS = [0.30 + 0.01 * k for k in range(20)]
-SHOWN = f"document.querySelector('#panel-aspects .row .count')?.innerText.includes('of {DROPS:,}')"
 # Moves the slider, and returns the ms until the caption and the bars are those of its value.
 MOVE = """async (value) => {
   const slider = document.querySelector('input[type=range][data-set="condition.restitution"]')
   const caption = document.querySelector('[data-text=caption]')
+  const count = () => document.querySelector('#panel-aspects .row .count').innerText
   const begin = performance.now()
   slider.value = value
   slider.dispatchEvent(new Event('input', {bubbles: true}))
   const text = 'restitution ' + value
-  while (!caption.innerText.includes(text) || !SHOWN)
+  while (!caption.innerText.includes(text) || !count().includes('of DROPS'))
     await new Promise((resolve) => requestAnimationFrame(resolve))
   return performance.now() - begin
-}""".replace('SHOWN', SHOWN)
+}""".replace('DROPS', f'{DROPS:,}')
 
 
 def studio() -> Iterator[str]:
@@ -82,6 +82,6 @@ def studio() -> Iterator[str]:
 def _measure(page: Page, path: Path, times: dict[str, list[float]]) -> None:
     begin = time.perf_counter()
     page.locator('#file').set_input_files(path)
-    page.wait_for_function(SHOWN)
+    page.locator('#panel-aspects .row .count', has_text=f'of {DROPS:,}').first.wait_for()
     times['file'].append(time.perf_counter() - begin)
     times['slider'] += [page.evaluate(MOVE, f'{value:.2g}') / 1000 for value in STEPS]
