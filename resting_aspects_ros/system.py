@@ -30,6 +30,11 @@ def config_folder() -> Path:
     raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
 
 
+def parts_folder() -> Path:
+    """Return the folder of the example parts."""
+    return config_folder() / 'parts'
+
+
 def lock_file(file: IO[bytes], *, shared: bool = False) -> bool | None:
     """Lock a file until it is closed, at the latest until the process ends.
 

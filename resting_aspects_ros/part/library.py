@@ -31,7 +31,7 @@ from resting_aspects_ros.part.loading import FILE_FORMATS, body_number
 from resting_aspects_ros.part.loading import load_part as load_mesh
 from resting_aspects_ros.part.mesh_files import SCENE_FORMATS
 from resting_aspects_ros.part.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, Unit, is_valid_name
-from resting_aspects_ros.system import config_folder
+from resting_aspects_ros.system import parts_folder
 
 # -- The folder of parts --------------------------------------------------------------------------
 
@@ -222,11 +222,6 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_mtime_ns, status.st_size
-
-
-def parts_folder() -> Path:
-    """Return the folder of the example parts."""
-    return config_folder() / 'parts'
 
 
 # -- A part by a name or a file -------------------------------------------------------------------

@@ -28,7 +28,7 @@ from resting_aspects_ros.errors import (
     shown,
 )
 from resting_aspects_ros.input_files import yaml_text
-from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file, parts_folder
+from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.part import UNITS, Part
 from resting_aspects_ros.simulation.conditions import (
@@ -42,6 +42,7 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.studies.points import Case
+from resting_aspects_ros.system import parts_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop import DropResult

@@ -26,7 +26,6 @@ from resting_aspects_ros.errors import (
     one_line,
     shown,
 )
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.part.loading import CHOOSE, SeparateBodiesError
 from resting_aspects_ros.part.mesh_files import MESH_FORMATS
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS
@@ -46,6 +45,7 @@ from resting_aspects_ros.studio.settings import (
 )
 from resting_aspects_ros.studio.tabs import TABS
 from resting_aspects_ros.studio.work import Publish, Work
+from resting_aspects_ros.system import parts_folder
 
 # Results that are kept for when settings are chosen again.
 KEPT = 8

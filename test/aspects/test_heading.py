@@ -6,8 +6,8 @@ import shapely
 import trimesh
 
 from resting_aspects_ros.aspects.find import find_aspects, surface_moments
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.part.loading import part_from_bytes
+from resting_aspects_ros.system import parts_folder
 from resting_aspects_ros.vision.outline import find_outlines, seen_outline
 
 # Not round, with and without symmetries.

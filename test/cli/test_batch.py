@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from resting_aspects_ros.part.library import parts_folder
+from resting_aspects_ros.system import parts_folder
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.logs.topics import PART_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.system import parts_folder
 
 ODD = os.fsdecode(b'\xff')
 SHOWN = r'\udcff'

@@ -18,12 +18,12 @@ from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.ros import diagnostics
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
+from resting_aspects_ros.system import parts_folder
 
 # Number of drops in each message of the fixture ``batches``.
 BATCH = 250

@@ -11,7 +11,7 @@ from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.part.library import parts_folder
+from resting_aspects_ros.system import parts_folder
 
 BOX = 'box_10x20x30'
 

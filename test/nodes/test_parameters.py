@@ -7,9 +7,8 @@ import pytest
 import yaml
 from rcl_interfaces.msg import ParameterType
 
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.simulation.conditions import surfaces_file, surroundings_folder
-from resting_aspects_ros.system import config_folder
+from resting_aspects_ros.system import config_folder, parts_folder
 
 FILE = config_folder() / 'resting_aspects.yaml'
 TYPES = {

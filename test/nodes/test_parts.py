@@ -6,8 +6,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.part.library import PartLibrary, parts_folder
+from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.interface import LATCHED
+from resting_aspects_ros.system import parts_folder
 
 
 @pytest.fixture(scope='module')

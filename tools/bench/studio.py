@@ -20,6 +20,8 @@ CHROMIUM = '/usr/bin/chromium'
 REPEATS = 5
 # Minimum number of triangles of the file, and drops of an answer.
 TRIANGLES, DROPS = 5000, 2000
+# Time in which a person finds the file, s.
+PAUSE = 5.0
 # Restitutions to which the slider is moved one after the other.
 STEPS = [0.30 + 0.01 * k for k in range(20)]
 # Moves the slider, and returns the ms until the caption and the bars are those of its value.
@@ -57,6 +59,7 @@ def studio() -> Iterator[str]:
             assert server.stdout
             page.goto(server.stdout.readline().split()[-1])
             times['page'].append(time.perf_counter() - begin)
+            time.sleep(PAUSE)
             _measure(page, path, times)
             page.close()
             server.send_signal(signal.SIGINT)
@@ -67,7 +70,7 @@ def studio() -> Iterator[str]:
     yield (
         f'In headless Chromium, which draws without a GPU. *Page*: from the command `studio` to '
         f'the loaded page. *File*: from the drop of an STL file of {len(mesh.faces)} triangles, '
-        f'{EXAMPLE} with finer triangles, to its aspects with {DROPS} drops and pictures. '
+        f'{EXAMPLE} with finer triangles, {PAUSE:g} s after the page, to its aspects with {DROPS} drops and pictures. '
         f'*Slider*: from a change of the restitution to the bars with {DROPS} drops, '
         f'{len(STEPS)} changes in each of {REPEATS} runs.'
     )

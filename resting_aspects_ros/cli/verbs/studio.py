@@ -43,9 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit code. Raises RestingAspectsError."""
     # Only what the first page needs: the modules that compute are imported while it is shown.
-    from resting_aspects_ros.part.library import parts_folder
     from resting_aspects_ros.studio.server import Studio, serve
-    from resting_aspects_ros.system import Interruption
+    from resting_aspects_ros.system import Interruption, parts_folder
 
     if not 0 <= arguments.port < 65536:
         raise InvalidValueError(f'invalid --port {arguments.port}: expected 0 to 65535')

@@ -16,7 +16,6 @@ from resting_aspects_ros.nodes.drop_simulator.goals import (
     PartPublisher,
     SurroundingsPublisher,
 )
-from resting_aspects_ros.part.library import parts_folder
 from resting_aspects_ros.ros.diagnostics import (
     Diagnosis,
     count_text,
@@ -35,6 +34,7 @@ from resting_aspects_ros.ros.requests import (
 )
 from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
 from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
+from resting_aspects_ros.system import parts_folder
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
