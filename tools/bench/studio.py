@@ -70,7 +70,8 @@ def studio() -> Iterator[str]:
     yield (
         f'In headless Chromium, which draws without a GPU. *Page*: from the command `studio` to '
         f'the loaded page. *File*: from the drop of an STL file of {len(mesh.faces)} triangles, '
-        f'{EXAMPLE} with finer triangles, {PAUSE:g} s after the page, to its aspects with {DROPS} drops and pictures. '
+        f'{EXAMPLE} with finer triangles, {PAUSE:g} s after the page, to its '
+        f'aspects with {DROPS} drops and pictures. '
         f'*Slider*: from a change of the restitution to the bars with {DROPS} drops, '
         f'{len(STEPS)} changes in each of {REPEATS} runs.'
     )
