@@ -542,14 +542,10 @@ def find_fit_test(fit: Fit, rng: np.random.Generator) -> FitTest:
 
     def statistics(tables: Sequence[Counts]) -> Array:
         """Return the sum (r, m) of tables (r, g) of each part at each candidate."""
-        parts = zip(tables, drops, fit.shares, weights, strict=True)
-        return np.sum(
-            [
-                y**2 @ w.T - 2 * y @ (n * p * w).T + ((n * p) ** 2 * w).sum(axis=1)
-                for y, n, (p, _), w in parts
-            ],
-            axis=0,
-        )
+        total = np.zeros((len(tables[0]), len(fit.candidates)))
+        for y, n, (p, _), w in zip(tables, drops, fit.shares, weights, strict=True):
+            total += y**2 @ w.T - 2 * y @ (n * p * w).T + ((n * p) ** 2 * w).sum(axis=1)
+        return total
 
     counted = [part.counts for part in fit.given.parts]
     of_counted = statistics([each[None] for each in counted])[0]

@@ -1,6 +1,7 @@
 """The posterior, its checks and predictions: formulas, exact posteriors and coverage."""
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -265,6 +266,21 @@ def test_statistic_is_that_of_scipy_for_the_best_candidate(agreeing):
     for part, (shares, _) in zip(exact.given.parts, exact.shares, strict=True):
         theirs += power_divergence(part.counts, part.drops * shares, 0, 1, 'pearson').statistic
     assert find_fit_test(exact, rng()).statistic == pytest.approx(theirs.min())
+
+
+def test_many_parts_need_hardly_more_memory(agreeing, monkeypatch):
+    monkeypatch.setattr(posterior, 'REPETITIONS', 99)
+    given = dataclasses.replace(agreeing.given, parts=8 * agreeing.given.parts)
+    many = dataclasses.replace(agreeing, given=given, models=8 * agreeing.models)
+    assert len(many.shares) == len(given.parts)  # they are kept
+    tracemalloc.start()
+    try:
+        find_fit_test(many, rng())
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    tables = 8 * posterior.REPETITIONS * len(many.candidates)  # bytes of one part
+    assert most < len(given.parts) * tables / 2
 
 
 def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
