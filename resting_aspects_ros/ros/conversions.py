@@ -116,11 +116,11 @@ def surroundings_msg(found: Surroundings | None) -> SurroundingsMsg:
 
 
 def surroundings_of(msg: SurroundingsMsg) -> Surroundings | None:
-    """Return the surroundings in a message, without a mesh; None for one without a kind.
+    """Return the surroundings in a message, without a mesh; None for one without any value.
 
     Raises InvalidValueError for an invalid value.
     """
-    if not msg.kind and not msg.names:
+    if msg == SurroundingsMsg():
         return None
     values = dict(zip(msg.names, msg.values, strict=False))
     if not len(values) == len(msg.names) == len(msg.values):

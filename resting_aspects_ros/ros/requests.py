@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.msg import Surroundings as SurroundingsMsg
 
 from resting_aspects_ros.aspects.estimate import METHODS, NotDefinedError
 from resting_aspects_ros.errors import (
@@ -264,10 +265,13 @@ class RequestedSurroundings:
             found = surfaces.get(request.surface) if request.surface else default
             return dataclasses.replace(found, surroundings=await self.named(request.surroundings))
         message = request.conditions[0]
+        name = message.surroundings.name
+        if message.surroundings == SurroundingsMsg(name=name):  # the name alone
+            message.surroundings = SurroundingsMsg()
         given = surfaces.named(conditions_from(message))
         around = given.surroundings
         if around is None:
-            around = await self.named(message.surroundings.name)
+            around = await self.named(name)
         elif not around.known:
             around = await self._with_mesh(around)
         return dataclasses.replace(given, surroundings=around)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Quaternion
 from resting_aspects_interfaces.msg import Surroundings
 
 import resting_aspects_ros as ra
@@ -76,6 +77,8 @@ def test_values_come_before_a_name(requested, surfaces):
         ('../ramp', 'expected one of'),
         ('broken', 'invalid angle'),
         (Surroundings(kind='slope', names=['angle'], values=[9.0]), 'invalid angle'),
+        (Surroundings(name='ramp', values=[0.2]), 'invalid names of surroundings'),
+        (Surroundings(name='ramp', orientation=[Quaternion()]), 'invalid kind of surroundings'),
     ],
 )
 def test_invalid_surroundings(requested, surfaces, around, expected):
