@@ -1,7 +1,7 @@
 """What passes the traps of a track, and which traps pass only a wanted orientation."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,7 +110,7 @@ def track(
     >>> [each.outcome for each in found.passage.outcomes[0]]
     ['pass', 'reject', 'reject']
     """
-    given, wanted = given_track(on), tuple(want) if isinstance(want, Sequence) else (want,)
+    given, wanted = given_track(on), tuple(want) if isinstance(want, Iterable) else (want,)
     limits = Tolerance(tolerance, trap_tolerance)
     _check_parts(simulate)
     loaded = given_part(part)

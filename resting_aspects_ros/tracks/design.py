@@ -144,7 +144,7 @@ def design_traps(
     InvalidValueError
         If the part rolls in a wanted row, or the track and its own traps do not pass it.
     """
-    if most not in range(1, MAX_TRAPS + 1):
+    if not isinstance(most, int) or not 1 <= most <= MAX_TRAPS:
         raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
     _check_wanted(on)
     ids = [row.id for row in on.rows]
@@ -409,7 +409,8 @@ class _Search:
         checked: list[_Best] = []
         kept: list[_Best] = []
         for best in found:
-            enough = sum(each.margin >= best.margin for each in kept) >= ALTERNATIVES
+            # One with fewer traps may still replace those that are not better by BETTER.
+            enough = sum(each.margin > best.margin + BETTER for each in kept) >= ALTERNATIVES
             if enough or best.margin <= LEAST:
                 break
             limits = np.array([apart(option.trap) for option in best.options])

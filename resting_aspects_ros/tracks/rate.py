@@ -208,7 +208,7 @@ def pass_traps(
     """
     ids = [row.id for row in rows]
     for each in wanted:
-        if each not in ids or isinstance(each, bool):
+        if not isinstance(each, int | np.integer) or isinstance(each, bool) or each not in ids:
             raise InvalidValueError(
                 f'invalid wanted orientation {shown(each)}: expected 1 to {len(ids)}'
             )
@@ -223,7 +223,7 @@ def pass_traps(
                 f'{1e3 * first.critical:.2f} mm'
             )
     supported = [row.id for row, each in zip(rows, entry, strict=True) if each.outcome == 'pass']
-    chosen = tuple(sorted({*wanted})) or tuple(supported[:1]) or (ids[0],)
+    chosen = tuple(sorted({*map(int, wanted)})) or tuple(supported[:1]) or (ids[0],)
 
     def found(trap: Trap) -> tuple[Outcome, ...]:
         if isinstance(trap, Sensor):

@@ -8,7 +8,14 @@ import pytest
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks import support
 from resting_aspects_ros.tracks.description import Track, read_track
-from resting_aspects_ros.tracks.design import Band, asymmetric_cut, design_traps
+from resting_aspects_ros.tracks.design import (
+    Band,
+    _Best,
+    _Option,
+    _Search,
+    asymmetric_cut,
+    design_traps,
+)
 from resting_aspects_ros.tracks.orientations import mirror_images
 from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.traps import (
@@ -335,3 +342,15 @@ def test_a_triangle_is_proposed_for_mirror_images(part, rows_of):
 def test_a_box_is_its_own_mirror_image(box, rows_of):
     part, _ = box
     assert not any(mirror_images(rows_of(part), 1e-4))
+
+
+def test_traps_that_hardly_add_to_the_margin_are_left_out():
+    """Three pairs of traps are a little better than the wiper alone."""
+    search = object.__new__(_Search)
+    search.same, search._others = np.array([0]), np.array([1])
+    wiper = _Option(Wiper(0.01), 0, np.array([2e-3, -0.9e-3]))
+    others = [Gap(0.01), Balcony(0.02), Canyon(0.01, 0.02)]
+    pairs = [(wiper, _Option(trap, 1, np.array([2e-3, -1e-3]))) for trap in others]
+    found = [*(_Best(1e-3, pair) for pair in pairs), _Best(0.9e-3, (wiper,))]
+    best = search._verified(found, lambda trap: np.full(2, math.inf))
+    assert [each.kinds for each in best] == [{'wiper'}]

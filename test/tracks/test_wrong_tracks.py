@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
@@ -41,6 +42,9 @@ def trap(kind, **values):
         (trap('canyon', start=0.02, end=0.01), 'lower'),
         (trap('projection', depth='41mm'), 'depth 41 mm of a projection'),
         (trap('cut_out', points=[[0, 0.05], [0.01, 0.05], [0.01, 0.06]]), 'cuts into the track'),
+        (trap('cut_out', points='abc'), "invalid points 'abc'"),
+        (trap('cut_out', points={}), 'invalid points {}'),
+        (trap('cut_out', points=[[0, 0], [0.01, 0], [0.01]]), 'invalid points'),
         (trap('wiper', height='0mm'), 'trap 1: invalid height 0'),
         (trap('riser', start='10mm', height=0), 'invalid height 0'),
         (trap('wiper', height=12.7), 'invalid height 12.7'),
@@ -122,10 +126,18 @@ def test_the_number_of_simulated_parts_is_checked():
 
 @pytest.mark.slow
 def test_unknown_rows_and_actions_are_refused():
-    for wrong in (9, 0, True, 1.5, 'a'):
+    for wrong in (9, 0, True, 1.0, 1.5, 'a'):
         with pytest.raises(InvalidValueError, match=f'wanted orientation {wrong!r}'):
             tracked(want=wrong)
-    with pytest.raises(InvalidValueError, match='number of traps 4'):
-        ra.design_track('hex_nut', traps=4, drops=DROPS)
+    for wrong in (4, 1.0):
+        with pytest.raises(InvalidValueError, match=f'number of traps {wrong}'):
+            ra.design_track('hex_nut', traps=wrong, drops=DROPS)
     with pytest.raises(InvalidValueError, match="'shake'"):
         ra.track('hex_nut', {'width': '40mm'}, before=['shake'], drops=DROPS)
+
+
+@pytest.mark.slow
+def test_wanted_rows_can_be_an_array():
+    found = tracked(want=np.array([2, 1]))
+    assert found.passage.wanted == (1, 2)
+    assert '"wanted"' in found.to_json()
