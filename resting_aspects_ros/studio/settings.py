@@ -389,7 +389,10 @@ def _listed_traps(text: Any) -> tuple[Trap, ...]:
         found = None
     if not isinstance(found, list):
         raise InvalidValueError(f'invalid traps {shown(text)}: expected a list in JSON')
-    return tuple(read_trap(each) for each in found)
+    made = tuple(read_trap(each) for each in found)
+    for trap in made:
+        _choice('trap', trap.kind, TRAP_KINDS)
+    return made
 
 
 def _new_trap(kind: str) -> Trap:

@@ -228,6 +228,7 @@ def test_trap_of_each_kind_can_be_added_changed_and_removed(kind):
         ('trap.all', '[1]'),
         ('trap.all', '[' * 5000),
         ('trap.all', '[{"kind": "cut_out", "points": {}}]'),
+        ('trap.all', '[{"kind": "cut_out", "points": [[0, 0], [0.01, 0], [0.01, 0.01]]}]'),
         ('trap.all', json.dumps(21 * [Wiper(0.01).document])),
     ],
 )
