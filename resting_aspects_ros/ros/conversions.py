@@ -22,7 +22,7 @@ from shape_msgs.msg import Mesh, MeshTriangle, Plane
 from std_msgs.msg import Header
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.part.loading import FORMATS, part_from_bytes
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros.interface import FRAME
@@ -132,7 +132,7 @@ def surroundings_of(msg: SurroundingsMsg) -> Surroundings | None:
     document = {'kind': msg.kind} | {name: text for name, text in texts.items() if text}
     for each in msg.orientation:
         document['orientation'] = (each.x, each.y, each.z, each.w)
-    return described_surroundings(document, values, msg.name)
+    return described_surroundings(document, values, one_line(msg.name))
 
 
 def run_msg(run: Run) -> RunDescription:

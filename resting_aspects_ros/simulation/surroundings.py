@@ -252,16 +252,22 @@ def _checked(name: str, given: Any, quantities: Mapping[str, Quantity]) -> dict[
     }
 
 
+# Error of the length of a quaternion that was normalised.
+_ROUNDING = 1e-15
+
+
 def _quaternion(given: Any) -> tuple[float, ...]:
     try:
         xyzw = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         xyzw = np.zeros(0)
-    if xyzw.shape != (4,) or not abs(math.hypot(*xyzw) - 1) <= LENGTH_TOLERANCE:
+    off = abs(math.hypot(*xyzw) - 1) if xyzw.shape == (4,) else math.inf
+    if not off <= LENGTH_TOLERANCE:
         raise InvalidValueError(
             f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
         )
-    return tuple(canonical(xyzw).tolist())
+    # One that is canonical stays the same, so that a copy of a copy has the same key.
+    return tuple((xyzw if off <= _ROUNDING and xyzw[3] >= 0 else canonical(xyzw)).tolist())
 
 
 # -- Names and changes ----------------------------------------------------------------------------

@@ -173,6 +173,19 @@ def test_release_and_orientation_survive_a_message():
     assert again.orientation == turned
 
 
+def test_copies_of_an_orientation_are_equal():
+    for given in np.random.default_rng(1).standard_normal((300, 4)):
+        turned = given / np.linalg.norm(given)
+        found = make_surroundings({'kind': 'wall', 'orientation': turned})
+        assert surroundings_of(surroundings_msg(found)) == found
+
+
+def test_a_name_is_shown_in_one_line():
+    name = surroundings_of(Surroundings(kind='wall', name='a\nb' + 1000 * 'x')).name
+    assert name.startswith('a bx')
+    assert len(name) <= 300
+
+
 def test_values_that_are_left_out_have_their_defaults(surfaces):
     message = conversions.conditions_msg(surfaces.get())
     message.surroundings = Surroundings(kind='slope', names=['angle'], values=[0.3])
