@@ -5,6 +5,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -290,12 +291,15 @@ def _model(path: Path, document: RunDocument) -> ModelRange | None:
         for rows in (aspects, sorted(document.classes, key=lambda each: each.symmetry_class))
     ]
     by_aspect, by_class = (each.reshape(-1, 2) for each in tables)
-    classes = sorted({each.symmetry_class for each in aspects})
+    of_class = Counter[int]()
+    for each in aspects:
+        of_class[each.symmetry_class] += each.count
     numbers = sorted(each.symmetry_class for each in document.classes)
-    found = np.concatenate([by_aspect, by_class])
-    shares = np.array([each.count for each in aspects]) / max(document.drops, 1)
-    outside = (shares < by_aspect[:, 0]) | (shares > by_aspect[:, 1])
-    if numbers != classes or not (found[:, 0] <= found[:, 1]).all() or outside.any():
+    low, high = np.concatenate([by_aspect, by_class]).T
+    counts = [each.count for each in aspects] + [of_class[k] for k in numbers]
+    shares = np.array(counts) / max(document.drops, 1)
+    known = {*numbers} == {*of_class} and len(numbers) == len(of_class)
+    if not known or not ((low <= shares) & (shares <= high)).all():
         raise InvalidValueError(
             f'{str(path)!r}: invalid model range: expected bounds of each aspect and class'
         )

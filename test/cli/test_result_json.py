@@ -210,6 +210,10 @@ def test_report_refuses_what_it_cannot_show(refused, original, tmp_path, place, 
         ({('aspects', 0, 'model_lower'): None}, 'invalid model range'),
         ({('aspects', 0, 'model_lower'): 0.9, ('aspects', 0, 'model_upper'): 0.1}, 'model range'),
         ({('classes',): []}, 'invalid model range'),
+        (
+            {('classes', 0, 'model_lower'): 0.999, ('classes', 0, 'model_upper'): 0.9999},
+            'invalid model range',
+        ),
         ({('model_uncertain',): ['luck']}, 'luck'),
     ],
 )
