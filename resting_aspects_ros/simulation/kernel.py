@@ -3,7 +3,7 @@
 The law is described in docs/explanation/law_of_contact.md. Lengths are in units of the hull radius
 R, times in units of T = sqrt(R / g), and the mass is 1, so g is 1. Body axes are the principal
 axes of inertia, with the centre of mass as origin; quaternions are wxyz, world from body. The
-module has more than 600 lines because it is compiled as one unit; see compiled_kernel.py.
+module has more than 600 lines because it is compiled as one unit; see kernel_engine.py.
 """
 
 from math import acos, atan2, cos, inf, pi, sin, sqrt

@@ -78,7 +78,7 @@ class MeshBody(SceneBody):
     vertices, triangles : (n, 3) float and (m, 3) int
         The triangles point outward.
     prisms : tuple of (k, 3) float
-        Corners of convex prisms that represent its wide flat sides; see flat_sides.py.
+        Corners of convex prisms that represent its wide flat sides; see mesh_simplification.py.
     remaining : (l, 3, 3) float or None
         Corners of the triangles that represent the other sides; None: all triangles.
     sides : int
