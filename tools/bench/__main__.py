@@ -31,6 +31,8 @@ HEADING = """# Benchmark
 Written by `make bench`, section by section; each states when and on which machine. A section is
 replaced, for example, by `PYTHONPATH=tools .venv/bin/python -m bench latency`. Times are
 wall-clock times, unless a section says otherwise, and include the effect of other processes.
+The machine is a virtual one whose speed varies by a factor of two from hour to hour, so only the
+numbers of a section can be compared with each other.
 
 The sections `estimators` and `identification` are finished comparisons. They were
 made once and stay as they are; the programs were removed on 2026-11-27 and are in the history of
