@@ -26,10 +26,7 @@ from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.part.library import unknown_part_text
 from resting_aspects_ros.part.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import advertise, subscribe, wait_for
-from resting_aspects_ros.ros.conversions import (
-    conditions_from,
-    conditions_msg,
-)
+from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED, SERVICES
 from resting_aspects_ros.ros.program import Parameter, on_change

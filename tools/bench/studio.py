@@ -57,18 +57,20 @@ def studio() -> Iterator[str]:
             words = [sys.executable, '-m', 'resting_aspects_ros.cli', 'studio', '--no-browser']
             server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
             assert server.stdout
-            page.goto(server.stdout.readline().split()[-1])
-            times['page'].append(time.perf_counter() - begin)
-            time.sleep(PAUSE)
-            _measure(page, path, times)
-            page.close()
-            server.send_signal(signal.SIGINT)
-            server.wait()
+            try:
+                page.goto(server.stdout.readline().split()[-1])
+                times['page'].append(time.perf_counter() - begin)
+                time.sleep(PAUSE)
+                _measure(page, path, times)
+            finally:
+                page.close()
+                server.send_signal(signal.SIGINT)
+                server.wait()
         browser.close()
     yield '## The page for designers'
     yield ''
     yield (
-        f'In headless Chromium, which draws without a GPU. *Page*: from the command `studio` to '
+        'In headless Chromium, which draws without a GPU. *Page*: from the command `studio` to '
         f'the loaded page. *File*: from the drop of an STL file of {len(mesh.faces)} triangles, '
         f'{EXAMPLE} with finer triangles, {PAUSE:g} s after the page, to its '
         f'aspects with {DROPS} drops and pictures. '
