@@ -113,7 +113,7 @@ def check_first_drop(first_drop: int, drops: int) -> None:
 # Time steps per T of lasting contact in the kernel.
 CONTACT_STEPS = 40
 # Number of drops that a worker makes at once. It affects no pose.
-CHUNKS = {KERNEL: 500, CUDA: 100_000, BULLET: 125}
+CHUNKS = {KERNEL: 500, CUDA: 200_000, BULLET: 125}
 # Bullet's minimum number of time steps per T. Finer steps change no probability of an L bracket by
 # more than the sampling error.
 STEPS_PER_T = 160

@@ -100,6 +100,7 @@ SETTLED, UNSETTLED, FAILED = (
     int(RestStatus.FAILED),
 )
 LOST, SLIDING = int(RestStatus.LOST), int(RestStatus.SLIDING)
+GOING = -1  # a drop that has not ended
 
 
 FLAGS: Any = {
@@ -983,12 +984,12 @@ def _decided(body, corner, mu, moments, c, v, w, q, energy):
 
 @once
 def _check(ground, track, t, limit, fallen, c, v, q):
-    """Return the status of a drop that slides for ever or timed out, else -1.
+    """Return the status of a drop that slides for ever or timed out, else GOING.
 
     ``track`` is what was seen when it last turned: time, speed, and where it pointed.
     """
     if ground.level:
-        return UNSETTLED if t >= limit else -1
+        return UNSETTLED if t >= limit else GOING
     passed, moved = t - track[6], inf
     for i in range(len(ground.carriers)):
         d = _plus(_plus(c, -1.0, _from(track, 7)), -passed, _at(ground.carriers, i, 0))
@@ -1024,7 +1025,7 @@ def _check(ground, track, t, limit, fallen, c, v, q):
         return SLIDING
     if t >= limit:
         return SLIDING if speed > SLOW else UNSETTLED
-    return -1
+    return GOING
 
 
 @jit
@@ -1056,29 +1057,60 @@ def _left(work, motion, c):
 
 
 @jit
-def _drop(body, ground, numerics, work, limit, c, v, w, q):
-    """Simulate a drop; returns status, minimum or -1, time, growth of energy, and its state."""
+def simulate_taken(
+    body,
+    ground,
+    numerics,
+    work,
+    limit,
+    position,
+    velocity,
+    spin,
+    orientation,
+    ends,
+    codes,
+    taken,
+    take,
+):
+    """Simulate the drops whose indices ``take(taken, i, ended)`` returns; see simulate.
+
+    Each pass of the loop is a step of a drop, and the next drop begins in the pass after the end
+    of the one before. So threads of a GPU, which make their passes together, do not wait until
+    the slowest of their drops has ended.
+    """
     moments, gravity = _at2(body.moments), _at2(ground.gravity)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
     mu = ground.planes[0, FRICTION]
-    t = dt = growth = since = quiet = 0.0
-    before = inf  # energy at the impact before
-    c0, v0, w0, q0, t0 = c, v, w, q, 0.0
-    start = _dot(gravity, c)
     slow = SLOW if ground.level else SLOW_IN_SCENE
-    flying, contacts, at_once, steps = False, 0, 0, 0
-    moving = motion[DURATION] > 0
-    still = not (moving or ground.driven)
-    for i in range(len(ground.planes)):
-        work.lowest[i] = body.near[0]
-        for j in range(PLANE):
-            work.planes[i, j] = ground.planes[i, j]
-    work.counts[5] = 0
-    track[:] = 0.0
-    track[0] = track[6] = -inf
-    check = CHECK
-    while steps < MAX_STEPS and c[2] == c[2]:
+    i, status = -1, SETTLED
+    c = v = w = c0 = v0 = w0 = (0.0, 0.0, 0.0)
+    q = q0 = (1.0, 0.0, 0.0, 0.0)
+    t = t0 = dt = growth = since = quiet = start = check = 0.0
+    before = inf  # energy at the impact before
+    flying, moving, still, contacts, at_once, steps = False, False, False, 0, 0, 0
+    while True:
+        i = take(taken, i, status != GOING)
+        if i >= len(position):
+            break
+        if status != GOING:
+            status = GOING
+            c, v = _at(position, i, 0), _at(velocity, i, 0)
+            q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
+            w = _body(_axes(q), _at(spin, i, 0))
+            c0, v0, w0, q0 = c, v, w, q
+            t = t0 = dt = growth = since = quiet = 0.0
+            before, start, check = inf, _dot(gravity, c), CHECK
+            flying, contacts, at_once, steps = False, 0, 0, 0
+            moving = motion[DURATION] > 0
+            still = not (moving or ground.driven)
+            for k in range(len(ground.planes)):
+                work.lowest[k] = body.near[0]
+                for j in range(PLANE):
+                    work.planes[k, j] = ground.planes[k, j]
+            work.counts[5] = 0
+            track[:] = 0.0
+            track[0] = track[6] = -inf
         steps += 1
         work.counts[0] += 1
         if moving:
@@ -1102,15 +1134,16 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
             work.counts[5] = 0
         else:
             flying = False
+        decide, minimum, rested = False, -1, t
         if flying:
             q, w = _rotated(q0, w0, moments, inverse, dt)
             c = _plus(_plus(c0, dt, v0), dt * dt / 2, gravity)
             v = _plus(v0, dt, gravity)
             t += dt
-            at_once, decide = 0, False
+            at_once = 0
+        elif deepest < -DEEP:
+            status = FAILED
         else:
-            if deepest < -DEEP:
-                return FAILED, -1, t, growth, c, v, w, q
             impact = slowest < -TOUCHING and at_once < AT_ONCE
             if not impact:
                 dt = min(1 / numerics.steps, numerics.swing / sqrt(_dot(w, w) + 1e-12))
@@ -1151,50 +1184,50 @@ def _drop(body, ground, numerics, work, limit, c, v, w, q):
                 if impact and before < inf:
                     growth = max(growth, energy - before)
                 before = energy
-        if moving or _slip(ground, v) + sqrt(_dot(w, w)) > slow:
-            quiet = 0.0
-        elif quiet > QUIET:
-            lost = motion[SIZE] > 0 and _left(work, motion, c)
-            return LOST if lost else SETTLED, -1, t - quiet, growth, c, v, w, q
-        if decide and ground.level and numerics.decides and not moving:
-            energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 + c[2] - min(deepest, 0.0)
-            k = _decided(body, work.lowest[0], mu, moments, c, v, w, q, energy)
-            if k >= 0:
-                lost = motion[SIZE] > 0 and _left(work, motion, c)
-                return LOST if lost else SETTLED, -1 if lost else k, t, growth, c, v, w, q
-        if t >= check:
+        if status == GOING:
+            if moving or _slip(ground, v) + sqrt(_dot(w, w)) > slow:
+                quiet = 0.0
+            elif quiet > QUIET:
+                status = LOST if motion[SIZE] > 0 and _left(work, motion, c) else SETTLED
+                rested = t - quiet
+        if status == GOING:
+            rested = t
+            if decide and ground.level and numerics.decides and not moving:
+                energy = (_dot(v, v) + _dot(w, _times(moments, w))) / 2 + c[2] - min(deepest, 0.0)
+                k = _decided(body, work.lowest[0], mu, moments, c, v, w, q, energy)
+                if k >= 0:
+                    lost = motion[SIZE] > 0 and _left(work, motion, c)
+                    status, minimum = (LOST, -1) if lost else (SETTLED, k)
+        if status == GOING and t >= check:
             check, steps = t + CHECK, 0
             if motion[SIZE] > 0 and _left(work, motion, c):
-                return LOST, -1, t, growth, c, v, w, q
-            if moving:
+                status = LOST
+            elif moving:
                 track[0] = track[6] = -inf
             else:
                 fallen = _dot(gravity, c) - start
-                status = _check(ground, track, t, limit, fallen, c, v, q)
-                if status >= 0:
-                    return status, -1, t, growth, c, v, w, q
-    if c[2] != c[2]:
-        return FAILED, -1, t0, growth, c0, v0, w0, q0
-    return UNSETTLED, -1, t, growth, c, v, w, q
+                status = _check(ground, track, t, limit[i], fallen, c, v, q)
+        if status == GOING:
+            if c[2] != c[2]:
+                status, rested, c, v, w, q = FAILED, t0, c0, v0, w0, q0
+            elif steps >= MAX_STEPS:
+                status = UNSETTLED
+        if status != GOING:
+            codes[i, 0], codes[i, 1] = status, minimum
+            _put(ends, i, 0, c)
+            ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
+            ends[i, 7], ends[i, 8] = rested, growth
+            _put(ends, i, 9, v)
+            _put(ends, i, 12, _world(_axes(q), w))
 
 
 @jit
-def simulate_one(
-    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes, i
-):
-    """Simulate drop i; see simulate."""
-    c, v = _at(position, i, 0), _at(velocity, i, 0)
-    q = (orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2])
-    w = _body(_axes(q), _at(spin, i, 0))
-    status, minimum, t, growth, c, v, w, q = _drop(
-        body, ground, numerics, work, limit[i], c, v, w, q
-    )
-    codes[i, 0], codes[i, 1] = status, minimum
-    _put(ends, i, 0, c)
-    ends[i, 3], ends[i, 4], ends[i, 5], ends[i, 6] = q[1], q[2], q[3], q[0]
-    ends[i, 7], ends[i, 8] = t, growth
-    _put(ends, i, 9, v)
-    _put(ends, i, 12, _world(_axes(q), w))
+def _take(taken, i, ended):
+    """Return the drop i, or the next one that no thread has taken if it has ended."""
+    if not ended:
+        return i
+    taken[0] += 1
+    return taken[0] - 1
 
 
 @jit
@@ -1217,21 +1250,21 @@ def simulate(
     codes : (n, 2) int
         Where the codes of RestStatus and the minima, or -1, are written.
     """
-    for i in range(len(position)):
-        simulate_one(
-            body,
-            ground,
-            numerics,
-            work,
-            limit,
-            position,
-            velocity,
-            spin,
-            orientation,
-            ends,
-            codes,
-            i,
-        )
+    simulate_taken(
+        body,
+        ground,
+        numerics,
+        work,
+        limit,
+        position,
+        velocity,
+        spin,
+        orientation,
+        ends,
+        codes,
+        work.counts[6:],
+        _take,
+    )
 
 
 @njit(**FLAGS, cache=True)

@@ -1,17 +1,25 @@
 """The kernel on a GPU: numba-cuda compiles the functions of kernel.py; each drop has a thread."""
 
+import threading
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import cuda
+from numba import cuda, float64, int64
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import kernel, kernel_data
 
-# Threads of a block, and memory of the arrays of all threads, bytes.
-BLOCK, MEMORY = 64, 2**31
+# Threads of a block, maximum number of blocks, and maximum memory of the arrays of corners, bytes.
+# A GPU makes as many blocks at once as it can; those that begin late find no drop left.
+BLOCK, BLOCKS, MEMORY = 32, 2048, 2**30
+# Maximum number of planes, their contacts, and the columns of both.
+PLANES = 8
+CONTACTS = PLANES * kernel_data.CONTACTS
+PICKED, COLUMNS, WIDTH = kernel_data.CONTACTS, kernel_data.COLUMNS, kernel_data.PLANE
+# One range of drops at a time is on the GPU, while other threads prepare theirs.
+_lock = threading.Lock()
 
 
 def check_device() -> None:
@@ -30,62 +38,100 @@ def simulate(
     codes: npt.NDArray[np.int64],
 ) -> None:
     """Simulate drops on the GPU; see kernel.simulate."""
-    one = kernel_data.work_of(body, ground)
-    size = max(1, min(len(limit), MEMORY // sum(each.nbytes for each in one)))
-    work = kernel_data.Work(
-        *(cuda.to_device(np.broadcast_to(each, (size, *each.shape)).copy()) for each in one)
-    )
-    part = kernel_data.Body(*(cuda.to_device(each) for each in body))
-    there: list[Any] = [
-        cuda.to_device(each) if isinstance(each, np.ndarray) else each for each in ground
-    ]
-    places = kernel_data.Ground(*there)
-    for first in range(0, len(limit), size):
-        rows = slice(first, first + size)
-        given = [cuda.to_device(each[rows]) for each in (limit, *states)]
-        found = [cuda.to_device(each[rows]) for each in (ends, codes)]
-        blocks = -(-len(limit[rows]) // BLOCK)
-        _drops[blocks, BLOCK](part, places, numerics, work, *given, *found)
+    corners, planes = body.points.shape[1], len(ground.planes)
+    if planes > PLANES:
+        raise EngineError(f'invalid surroundings: {planes} planes; expected at most {PLANES}')
+    size = 8 * corners * (5 * planes + 1)
+    blocks = -(-min(len(limit), BLOCKS * BLOCK, max(BLOCK, MEMORY // size)) // BLOCK)
+
+    def array(*shape: int, dtype: type = np.int64) -> Any:
+        # The same element of neighbouring threads is at neighbouring addresses.
+        return cuda.device_array((*shape, blocks * BLOCK), dtype)
+
+    with _lock:
+        found = cuda.device_array(ends.shape), cuda.device_array(codes.shape, codes.dtype)
+        _drops[blocks, BLOCK](
+            kernel_data.Body(*map(_there, body)),
+            kernel_data.Ground(*map(_there, ground)),
+            numerics,
+            (array(planes, corners), array(planes, corners + 1), array(corners)),
+            array(planes, 3, corners, dtype=np.float64),
+            *map(_there, (limit, *states)),
+            *found,
+            _there(np.zeros(1, np.int64)),
+        )
         for each, device in zip((ends, codes), found, strict=True):
-            each[rows] = device.copy_to_host()
+            device.copy_to_host(each)
+
+
+def _there(value: Any) -> Any:
+    return cuda.to_device(value) if isinstance(value, np.ndarray) else value
+
+
+@cuda.jit(device=True)
+def _take(taken, i, ended):
+    """See kernel; the threads of a block, one warp, make each step together."""
+    cuda.syncthreads()
+    return cuda.atomic.add(taken, 0, 1) if ended else i
 
 
 @cuda.jit(fastmath=False)
 def _drops(
-    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes
+    body,
+    ground,
+    numerics,
+    corners,
+    values,
+    limit,
+    position,
+    velocity,
+    spin,
+    orientation,
+    ends,
+    codes,
+    taken,
 ):
-    i = cuda.grid(1)
-    if i < len(position):
-        own = kernel_data.Work(
-            work.planes[i],
-            work.axes[i],
-            work.found[i],
-            work.values[i],
-            work.touching[i],
-            work.lowest[i],
-            work.mark[i],
-            work.picked[i],
-            work.con[i],
-            work.corner[i],
-            work.plane[i],
-            work.roll[i],
-            work.old[i],
-            work.old_corner[i],
-            work.old_roll[i],
-            work.track[i],
-            work.counts[i],
-        )
-        kernel.simulate_one(
-            body,
-            ground,
-            numerics,
-            own,
-            limit,
-            position,
-            velocity,
-            spin,
-            orientation,
-            ends,
-            codes,
-            i,
-        )
+    i, n = cuda.grid(1), len(ground.planes)
+    few = n * PICKED
+    found, touching, mark = corners
+    work = kernel_data.Work(
+        planes=cuda.local.array((PLANES, WIDTH), float64)[:n],
+        axes=cuda.local.array((PLANES, 9), float64)[:n],
+        found=found[..., i],
+        values=values[..., i],
+        touching=touching[..., i],
+        lowest=cuda.local.array(PLANES, int64)[:n],
+        mark=mark[..., i],
+        picked=cuda.local.array(PICKED, int64),
+        con=cuda.local.array((CONTACTS, COLUMNS), float64)[:few],
+        corner=cuda.local.array(CONTACTS, int64)[:few],
+        plane=cuda.local.array(CONTACTS, int64)[:few],
+        roll=cuda.local.array((PLANES, 6), float64)[:n],
+        old=cuda.local.array((CONTACTS, 3), float64)[:few],
+        old_corner=cuda.local.array((CONTACTS, 2), int64)[:few],
+        old_roll=cuda.local.array((PLANES, 6), float64)[:n],
+        track=cuda.local.array(15, float64),
+        counts=cuda.local.array(7, int64),
+    )
+    # As work_of sets them.
+    for k in range(body.points.shape[1]):
+        work.mark[k] = 0
+        for plane in range(n):
+            work.found[plane, k] = k
+    for k in range(len(work.counts)):
+        work.counts[k] = 0
+    kernel.simulate_taken(
+        body,
+        ground,
+        numerics,
+        work,
+        limit,
+        position,
+        velocity,
+        spin,
+        orientation,
+        ends,
+        codes,
+        taken,
+        _take,
+    )

@@ -75,6 +75,7 @@ def _on_gpu() -> Callable[..., None]:
     from resting_aspects_ros.simulation import kernel_cuda
 
     kernel_cuda.check_device()
+    print('compiling the simulation for the GPU: about 40 s ...', file=sys.stderr, flush=True)
     return kernel_cuda.simulate
 
 
@@ -183,6 +184,9 @@ def _motion(job: DropJob) -> Array:
 
 NAME = 'simulate_drops'
 SOURCES = ('kernel.py', 'kernel_data.py')
+# That of Numba: addresses can be anywhere. With "default", a process ends if the memory that its
+# sections get is more than 2 GiB apart, as in a process that uses a GPU.
+CODE_MODEL = 'jitdefault'
 _lock = threading.Lock()
 
 
@@ -252,7 +256,7 @@ def _file(types: str) -> str:
     for name in SOURCES:
         digest.update((folder / name).read_bytes())
     versions = [version(each) for each in ('numba', 'llvmlite')]
-    for each in (*versions, platform.machine(), _processor(), _features()):
+    for each in (*versions, CODE_MODEL, platform.machine(), _processor(), _features()):
         digest.update(each.encode())
     return f'kernel-{digest.hexdigest()[:16]}.o'
 
@@ -281,8 +285,13 @@ def _loaded(types: str) -> Any:
 def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=_processor(), features=_features(), opt=3, reloc='pic', codemodel='default'
+    target = llvm.Target.from_default_triple()
+    return target.create_target_machine(
+        cpu=_processor(),
+        features=_features(),
+        opt=3,
+        reloc='static' if target.name.startswith('x86') else 'default',
+        codemodel=CODE_MODEL,
     )
 
 

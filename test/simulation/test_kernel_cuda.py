@@ -19,7 +19,7 @@ from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.conditions import all_surfaces
-kernel_cuda.MEMORY = 20_000  # of a few drops, so that there are several launches
+kernel_cuda.BLOCK, kernel_cuda.BLOCKS = 2, 1  # so that threads make several drops
 for name, surface in (('l_bracket', 'rubber_mat'),):
     job = make_job(load_part(name), all_surfaces().get(surface), 1)
     body, ground = body_of(job), ground_of(job)

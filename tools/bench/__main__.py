@@ -3,6 +3,7 @@
 `PYTHONPATH=tools .venv/bin/python -m bench latency` runs and replaces only one section.
 """
 
+from numba import cuda
 from validation.document import Section, write_sections
 from validation.dropper import ROOT
 
@@ -10,6 +11,7 @@ from bench.command import command
 from bench.costs import actions, surroundings
 from bench.drops import drops
 from bench.geometry import geometry
+from bench.gpu import gpu
 from bench.hulls import hulls
 from bench.latency import latency
 from bench.logs import logs
@@ -26,6 +28,8 @@ SECTIONS: dict[str, Section] = {
     'logs': lambda _: logs(),
     'studio': lambda _: studio(),
 }
+if cuda.is_available():
+    SECTIONS['gpu'] = gpu
 HEADING = """# Benchmark
 
 Written by `make bench`, section by section; each states when and on which machine. A section is

@@ -93,7 +93,7 @@ def drops(dropper: Dropper) -> Iterator[str]:
             for k in (1, 2)
         ]
     if cuda.is_available():
-        on_gpu = partial(suite, one, job_of(part, engine=CUDA))
+        on_gpu = partial(suite, many, job_of(part, engine=CUDA))
         ways.append(Timed('suite on a GPU', on_gpu, PER_TURN[CUDA]))
     for each in ways:
         each.title = f'{EXAMPLE}, rubber_mat: {each.title}'
