@@ -167,7 +167,10 @@ class Room:
 
     def forget_second(self) -> None:
         """Compare the part with itself again."""
-        self._parts['second'] = None
+        with self._changed:
+            self._opening['second'] += 1  # what is being opened comes too late
+            self._parts['second'] = None
+            self._files.pop('second', None)
         self._publish('second', {'unit': '', 'bodies': [], 'body': 0})
         self.work_now()
 

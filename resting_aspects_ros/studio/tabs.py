@@ -94,11 +94,11 @@ def _show_aspects(work: Work) -> None:
     """Drop the part, and show the shares meanwhile."""
     work.show_command(drop_recipe(work.opened.source, work.settings).line)
     conditions = work.settings.conditions
-    pending = ''
+    tally, shown, pending = DropTally(no_drops(work.opened.aspects), MAX_DROPS), 0, ''
+    words = _words('drops', tally.distribution.confidence)
     if conditions.surroundings is None:
         pending = PENDING
-        work.show('range', [Text(covered_text(conditions.uncertain), 'plain')])
-    tally, shown = DropTally(no_drops(work.opened.aspects), MAX_DROPS), 0
+        work.show('range', [Text(covered_text(conditions.uncertain), 'plain'), words])
     report = work.progress('drops')
 
     def progress(done: int, total: int) -> None:
@@ -113,7 +113,6 @@ def _show_aspects(work: Work) -> None:
     hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
-    words = _words('drops', result.distribution.confidence)
     work.show('range', [Text(result.range_text, 'plain'), words])
 
 

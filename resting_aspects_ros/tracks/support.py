@@ -29,8 +29,9 @@ FAR = 10.0
 # A part that is supported by less than this, m, falls.
 CERTAIN = 1e-6
 # Places of the part between two events of its passage, and how far two places are apart at a hole
-# with round or oblique edges, m.
-BETWEEN, STEP = 3, 1e-3
+# with round or oblique edges that is up to LONG, m. In a longer one, an arc is as flat between two
+# places that are further apart.
+BETWEEN, STEP, LONG = 3, 4e-4, 0.05
 # Beside an event, m.
 BESIDE = 1e-7
 # Critical values are found within this, m.
@@ -91,12 +92,13 @@ def passage(row: Orientation, hole: shapely.Polygon) -> Array:
     met = shapely.bounds(shapely.intersection(lines, hole))[:, [0, 2]]
     found = np.concatenate([ends - x[:, None], met - x[:, None], [ends]]).ravel()
     events = np.unique(np.round(found[np.isfinite(found)], 9))
-    if not shapely.equals(hole, shapely.envelope(hole)):
-        events = np.unique(np.concatenate([events, np.arange(events[0], events[-1], STEP)]))
     share = np.arange(1, BETWEEN + 1) / (BETWEEN + 1)
-    between = events[:-1, None] + np.diff(events)[:, None] * share
-    beside = (events[:, None] + [-BESIDE, BESIDE]).ravel()
-    return np.unique(np.concatenate([between.ravel(), beside]))
+    between = (events[:-1, None] + np.diff(events)[:, None] * share).ravel()
+    places = [between, (events[:, None] + [-BESIDE, BESIDE]).ravel()]
+    if not shapely.equals(hole, shapely.envelope(hole)):
+        step = STEP * math.sqrt(max(1.0, (ends[1] - ends[0]) / LONG))
+        places.append(np.arange(events[0], events[-1], step))
+    return np.unique(np.concatenate(places))
 
 
 def is_line(row: Orientation) -> bool:

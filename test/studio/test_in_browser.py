@@ -144,6 +144,7 @@ def test_one_body_of_a_file_and_traps_of_ones_own(browser, address, tmp_path):
             page.get_by_label('Add a trap').select_option(kind)
             page.locator('[data-set="trap.remove"]').nth(count).wait_for()
         page.locator('[data-set="trap.remove"]').last.click()
+        page.locator('[data-set="trap.remove"]').nth(count).wait_for(state='detached')
         height = page.locator(f'input[type=number][id="trap.{count}.height"]')
         height.fill('4.5')
         page.locator('[data-slot=track]', has_text='height 4.5 mm').wait_for()

@@ -56,8 +56,10 @@ def test_place_of_the_model_range_is_kept_while_it_is_made(bracket, shown):
         assert not any(row['model'] for row in rows)
     assert len(runs) > 1
     assert all(row['range'].endswith(' %') and row['model'] for row in runs[-1][:5])
-    texts = {m['html'] for m in shown.of('range')}
-    assert len(texts) == 1  # the sentence does not change when the range is known
+    last = max(k for k, (name, m) in enumerate(shown.messages) if name == 'bars' and complete(m))
+    shown.wait('progress', lambda m: not m['text'], last)  # all is shown
+    # The sentence does not change when the range is known.
+    assert len({m['html'] for m in shown.of('range')}) == 1
     before = shown.count
     bracket.change('surroundings', 'slope')
     shown.wait('bars', complete, before)

@@ -104,7 +104,7 @@ function setText(element, text) {
 
 function showSlot(slot, html) {
   if (!slot) return;
-  const focused = slot.contains(document.activeElement) ? document.activeElement.id : '';
+  const focused = slot.contains(document.activeElement) ? document.activeElement : null;
   const open = new Set(all('details[data-keep][open]', slot).map((each) => each.dataset.keep));
   slot.innerHTML = html;
   for (const each of all('details[data-keep]', slot)) each.open = open.has(each.dataset.keep);
@@ -113,7 +113,12 @@ function showSlot(slot, html) {
   for (const select of all('select[data-example]', slot)) {
     select.append(...all('[data-example="first"] option').slice(1).map((each) => each.cloneNode(true)));
   }
-  if (focused) document.getElementById(focused)?.focus();
+  if (focused?.id) {
+    const next = document.getElementById(focused.id);
+    // A field that is used keeps its text and what is selected in it.
+    if (next?.type === 'number' && focused.type === 'number') next.replaceWith(focused);
+    document.getElementById(focused.id)?.focus();
+  }
   if (slot.dataset.slot === 'aspects') prepareRows(slot);
 }
 
