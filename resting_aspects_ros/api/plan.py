@@ -256,6 +256,8 @@ def plan_drops(
     """
     check_interval_method(interval)
     check_confidence(confidence)
+    if precision:
+        check_precision(precision)
     landscape = Landscape(part)
     scene = scene_of(part, conditions)
     aspects = aspects_in(scene, find_aspects(part, landscape))

@@ -98,6 +98,7 @@ def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
         ({'surface': 'ice'}, "surface 'ice'"),
         ({'drops': 0}, 'drops'),
         ({'seed': -1}, 'seed'),
+        ({'precision': '1%'}, "precision '1%'"),
         ({'height': -1.0}, 'height'),
         ({'workers': 0}, 'workers'),
         ({'interval': 'wald'}, 'wald'),
