@@ -38,7 +38,7 @@ EXTRAS = {
     'bullet': ['pybullet>=3.2,<4'],  # edges, meshes, and an independent check of the kernel
     'dask': ['distributed'],  # drops on many machines
     # The kernel on an NVIDIA GPU. Numba-cuda 0.30 uses a function that NumPy 2.5 has removed.
-    'gpu': ['numba-cuda>=0.30', 'numpy<2.5'],
+    'gpu': ['numba-cuda[cu13]>=0.30', 'numpy<2.5'],
     # The nodes also need the messages, which `make setup` builds; see docs/how_to/install.md.
     'ros': [
         'opencv-python-headless>=4.6',  # contours in the image of a camera

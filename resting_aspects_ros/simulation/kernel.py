@@ -1250,6 +1250,7 @@ def simulate(
     codes : (n, 2) int
         Where the codes of RestStatus and the minima, or -1, are written.
     """
+    work.counts[6] = 0
     simulate_taken(
         body,
         ground,

@@ -1,6 +1,8 @@
 """The kernel on a GPU: numba-cuda compiles the functions of kernel.py; each drop has a thread."""
 
+import sys
 import threading
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,7 @@ def simulate(
         return cuda.device_array((*shape, blocks * BLOCK), dtype)
 
     with _lock:
+        _announce()
         found = cuda.device_array(ends.shape), cuda.device_array(codes.shape, codes.dtype)
         _drops[blocks, BLOCK](
             kernel_data.Body(*map(_there, body)),
@@ -62,6 +65,11 @@ def simulate(
         )
         for each, device in zip((ends, codes), found, strict=True):
             device.copy_to_host(each)
+
+
+@cache
+def _announce() -> None:
+    print('compiling the simulation for the GPU: about 40 s ...', file=sys.stderr, flush=True)
 
 
 def _there(value: Any) -> Any:

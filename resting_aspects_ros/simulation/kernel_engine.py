@@ -75,7 +75,6 @@ def _on_gpu() -> Callable[..., None]:
     from resting_aspects_ros.simulation import kernel_cuda
 
     kernel_cuda.check_device()
-    print('compiling the simulation for the GPU: about 40 s ...', file=sys.stderr, flush=True)
     return kernel_cuda.simulate
 
 

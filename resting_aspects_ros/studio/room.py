@@ -171,6 +171,7 @@ class Room:
             self._opening['second'] += 1  # what is being opened comes too late
             self._parts['second'] = None
             self._files.pop('second', None)
+        self._publish('opening', {'text': ''})
         self._publish('second', {'unit': '', 'bodies': [], 'body': 0})
         self.work_now()
 

@@ -29,9 +29,9 @@ FAR = 10.0
 # A part that is supported by less than this, m, falls.
 CERTAIN = 1e-6
 # Places of the part between two events of its passage, and how far two places are apart at a hole
-# with round or oblique edges that is up to LONG, m. In a longer one, an arc is as flat between two
-# places that are further apart.
-BETWEEN, STEP, LONG = 3, 4e-4, 0.05
+# with oblique edges, m. A round hole has more than ROUND corners. If it is longer than LONG, m,
+# its edge is as flat between two places that are further apart.
+BETWEEN, STEP, ROUND, LONG = 3, 3e-4, 32, 0.05
 # Beside an event, m.
 BESIDE = 1e-7
 # Critical values are found within this, m.
@@ -81,24 +81,36 @@ def passage(row: Orientation, hole: shapely.Polygon) -> Array:
     """Return the places (n,) of the centre of mass at which the part passes a hole, x and y in m.
 
     They are those at which a corner of the contact region meets the start, the end or the edge of
-    the hole, beside them, and some in between.
+    the hole, or a corner of the hole the edge of the contact region, beside them, and some in
+    between.
     """
-    corners = np.unique(np.round(shapely.get_coordinates(row.contact), 9), axis=0)
-    ends = shapely.bounds(hole)[[0, 2]]
-    x, y = corners.T
-    lines = shapely.linestrings(
-        np.stack([ends[0] + 0 * y, y, ends[1] + 0 * y, y], 1).reshape(-1, 2, 2)
-    )
-    met = shapely.bounds(shapely.intersection(lines, hole))[:, [0, 2]]
-    found = np.concatenate([ends - x[:, None], met - x[:, None], [ends]]).ravel()
+    corners, ring = _corners(row.contact), _corners(hole)
+    ends, x = shapely.bounds(hole)[[0, 2]], corners[:, :1]
+    meetings = [ends - x, _crossed(hole, corners[:, 1]) - x, ends[None]]
+    is_round = len(ring) > ROUND
+    if not is_round:
+        meetings.append(ring[:, :1] - _crossed(row.contact, ring[:, 1]))
+    found = np.concatenate(meetings).ravel()
     events = np.unique(np.round(found[np.isfinite(found)], 9))
     share = np.arange(1, BETWEEN + 1) / (BETWEEN + 1)
     between = (events[:-1, None] + np.diff(events)[:, None] * share).ravel()
     places = [between, (events[:, None] + [-BESIDE, BESIDE]).ravel()]
     if not shapely.equals(hole, shapely.envelope(hole)):
-        step = STEP * math.sqrt(max(1.0, (ends[1] - ends[0]) / LONG))
-        places.append(np.arange(events[0], events[-1], step))
+        flat = math.sqrt(max(1.0, (ends[1] - ends[0]) / LONG)) if is_round else 1.0
+        places.append(np.arange(events[0], events[-1], STEP * flat))
     return np.unique(np.concatenate(places))
+
+
+def _corners(region: shapely.Geometry) -> Array:
+    return np.unique(np.round(shapely.get_coordinates(region), 9), axis=0)
+
+
+def _crossed(region: shapely.Geometry, y: Array) -> Array:
+    """Return x (n, 2) of the first and the last point of a region at each y (n,), or nan."""
+    low, high = shapely.bounds(region)[[0, 2]]
+    lines = np.stack([low + 0 * y, y, high + 0 * y, y], 1).reshape(-1, 2, 2)
+    crossing = shapely.intersection(shapely.linestrings(lines), region)
+    return np.asarray(shapely.bounds(crossing)[:, [0, 2]])
 
 
 def is_line(row: Orientation) -> bool:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-# Keeps all free addresses near the libraries from memory of more than 32 KiB, as the driver of a
+# Keeps all free addresses near the libraries from memory of more than 64 KiB, as the driver of a
 # GPU can do, so that the parts of the machine code are far apart.
 PROGRAM = """
 import ctypes, mmap
@@ -22,7 +22,7 @@ def taken(size):
     return of_process(None, size, 0, UNUSED, -1, 0)
 far = taken(1 << 40)
 for power in range(38, 15, -1):
-    while taken(1 << power) > far:
+    while far < taken(1 << power) < 1 << 63:
         pass
 print(drop(load_part('l_bracket'), drops=100).run.drops)
 """

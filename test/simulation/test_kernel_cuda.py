@@ -14,14 +14,16 @@ from resting_aspects_ros.simulation.workers import drop_range
 PROGRAM = """
 import numpy as np
 from resting_aspects_ros import load_part
+from resting_aspects_ros.api.conditions import with_surroundings
 from resting_aspects_ros.simulation import kernel, kernel_cuda, kernel_data
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.conditions import all_surfaces
 kernel_cuda.BLOCK, kernel_cuda.BLOCKS = 2, 1  # so that threads make several drops
-for name, surface in (('l_bracket', 'rubber_mat'),):
-    job = make_job(load_part(name), all_surfaces().get(surface), 1)
+for name, surroundings in (('l_bracket', None), ('cylinder_d20_h20', None), ('hex_nut', 'tray')):
+    given = with_surroundings(all_surfaces().get('rubber_mat'), surroundings)
+    job = make_job(load_part(name), given, 1)
     body, ground = body_of(job), ground_of(job)
     start = initial_states(job, 0, 4)
     states = start.position, start.velocity, start.spin, start.orientation

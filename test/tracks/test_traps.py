@@ -119,12 +119,27 @@ def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     assert square.outcome(Arrival(row, LEVEL, part)).outcome != 'pass'
 
 
-def test_places_between_events_do_not_change_a_round_hole(part, rows_of, monkeypatch):
-    shape = part('l_bracket')
-    row = next(row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011)
-    found = critical(Scallop(0.015, 0.01), (shape, row))
-    monkeypatch.setattr(support, 'BETWEEN', 20)
-    assert found == pytest.approx(critical(Scallop(0.015, 0.01), (shape, row)), abs=2e-5)
+@pytest.mark.parametrize(
+    'trap',
+    [
+        Scallop(0.015, 0.01),
+        CutOut(points=((0, 0), (0.01, 0), (0.004, 0.03))),
+        CutOut(points=((0, 0), (0.2, 0), (0.2, 0.0005), (0.01, 0.0005), (0.004, 0.03))),
+    ],
+    ids=['round', 'oblique', 'long'],
+)
+@pytest.mark.parametrize('name', ['l_bracket', 't_prism'])
+def test_places_between_events_do_not_change_a_critical_value(
+    part, rows_of, monkeypatch, name, trap
+):
+    shape = part(name)
+    arrivals = [(shape, row) for row in rows_of(shape)[:2]]
+    found = [critical(trap, each) for each in arrivals]
+    monkeypatch.setattr(support, 'STEP', 5e-5)
+    finer = [critical(trap, each) for each in arrivals]
+    length = trap.unit if isinstance(trap, CutOut) else 1.0
+    assert np.isfinite(finer).any()
+    np.testing.assert_allclose(length * np.array(found), length * np.array(finer), atol=2e-5)
 
 
 def test_the_margin_of_a_cut_out_is_a_length(box):

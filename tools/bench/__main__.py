@@ -3,7 +3,6 @@
 `PYTHONPATH=tools .venv/bin/python -m bench latency` runs and replaces only one section.
 """
 
-from numba import cuda
 from validation.document import Section, write_sections
 from validation.dropper import ROOT
 
@@ -11,7 +10,6 @@ from bench.command import command
 from bench.costs import actions, surroundings
 from bench.drops import drops
 from bench.geometry import geometry
-from bench.gpu import gpu
 from bench.hulls import hulls
 from bench.latency import latency
 from bench.logs import logs
@@ -28,8 +26,6 @@ SECTIONS: dict[str, Section] = {
     'logs': lambda _: logs(),
     'studio': lambda _: studio(),
 }
-if cuda.is_available():
-    SECTIONS['gpu'] = gpu
 HEADING = """# Benchmark
 
 Written by `make bench`, section by section; each states when and on which machine. A section is
@@ -38,9 +34,9 @@ wall-clock times, unless a section says otherwise, and include the effect of oth
 The machine is a virtual one whose speed varies by a factor of two from hour to hour, so only the
 numbers of a section can be compared with each other.
 
-The sections `estimators` and `identification` are finished comparisons. They were
-made once and stay as they are; the programs were removed on 2026-11-27 and are in the history of
-the repository.
+The sections `gpu`, `estimators` and `identification` are finished comparisons. They were
+made once and stay as they are; the programs of the last two were removed on 2026-11-27 and are in
+the history of the repository.
 """
 
 if __name__ == '__main__':

@@ -116,7 +116,10 @@ function showSlot(slot, html) {
   if (focused?.id) {
     const next = document.getElementById(focused.id);
     // A field that is used keeps its text and what is selected in it.
-    if (next?.type === 'number' && focused.type === 'number') next.replaceWith(focused);
+    if (next?.type === 'number' && focused.type === 'number') {
+      for (const { name, value } of next.attributes) focused.setAttribute(name, value);
+      next.replaceWith(focused);
+    }
     document.getElementById(focused.id)?.focus();
   }
   if (slot.dataset.slot === 'aspects') prepareRows(slot);
@@ -140,6 +143,9 @@ function changedControl(event) {
 }
 document.addEventListener('input', (event) => {
   if (event.target.tagName === 'INPUT' && event.target.type !== 'file') changedControl(event);
+});
+document.addEventListener('focusout', ({ target }) => {
+  if (target.dataset.set) setTimeout(() => fill(target)); // what came while it was used
 });
 document.addEventListener('change', (event) => {
   const control = event.target;
