@@ -1057,27 +1057,14 @@ def _left(work, motion, c):
 
 
 @jit
-def simulate_taken(
-    body,
-    ground,
-    numerics,
-    work,
-    limit,
-    position,
-    velocity,
-    spin,
-    orientation,
-    ends,
-    codes,
-    taken,
-    take,
-):
+def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, taken, take):
     """Simulate the drops whose indices ``take(taken, i, ended)`` returns; see simulate.
 
     Each pass of the loop is a step of a drop, and the next drop begins in the pass after the end
     of the one before. So threads of a GPU, which make their passes together, do not wait until
     the slowest of their drops has ended.
     """
+    position, velocity, spin, orientation = states
     moments, gravity = _at2(body.moments), _at2(ground.gravity)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
@@ -1231,19 +1218,16 @@ def _take(taken, i, ended):
 
 
 @jit
-def simulate(
-    body, ground, numerics, work, limit, position, velocity, spin, orientation, ends, codes
-):
+def simulate(body, ground, numerics, work, limit, states, ends, codes):
     """Simulate drops from their states until each has ended.
 
     Parameters
     ----------
     limit : (n,) float
         Times at which drops that still move are unsettled.
-    position, velocity, spin : (n, 3) float
-        Of the centre of mass; the spin in the axes of the world.
-    orientation : (n, 4) float
-        Quaternions xyzw, world from body.
+    states : States
+        Position and velocity (n, 3) of the centre of mass, spin (n, 3) in the axes of the world,
+        and orientation (n, 4), xyzw, world from body.
     ends : (n, 15) float
         Where position, orientation xyzw, time, growth of the energy, velocity and spin at the end
         are written.
@@ -1251,21 +1235,8 @@ def simulate(
         Where the codes of RestStatus and the minima, or -1, are written.
     """
     work.counts[6] = 0
-    simulate_taken(
-        body,
-        ground,
-        numerics,
-        work,
-        limit,
-        position,
-        velocity,
-        spin,
-        orientation,
-        ends,
-        codes,
-        work.counts[6:],
-        _take,
-    )
+    taken = work.counts[6:]
+    simulate_taken(body, ground, numerics, work, limit, states, ends, codes, taken, _take)
 
 
 @njit(**FLAGS, cache=True)

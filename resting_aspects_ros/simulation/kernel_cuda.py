@@ -59,7 +59,8 @@ def simulate(
             numerics,
             (array(planes, corners), array(planes, corners + 1), array(corners)),
             array(planes, 3, corners, dtype=np.float64),
-            *map(_there, (limit, *states)),
+            _there(limit),
+            tuple(map(_there, states)),
             *found,
             _there(np.zeros(1, np.int64)),
         )
@@ -84,21 +85,7 @@ def _take(taken, i, ended):
 
 
 @cuda.jit(fastmath=False)
-def _drops(
-    body,
-    ground,
-    numerics,
-    corners,
-    values,
-    limit,
-    position,
-    velocity,
-    spin,
-    orientation,
-    ends,
-    codes,
-    taken,
-):
+def _drops(body, ground, numerics, corners, values, limit, states, ends, codes, taken):
     i, n = cuda.grid(1), len(ground.planes)
     few = n * PICKED
     found, touching, mark = corners
@@ -128,18 +115,4 @@ def _drops(
             work.found[plane, k] = k
     for k in range(len(work.counts)):
         work.counts[k] = 0
-    kernel.simulate_taken(
-        body,
-        ground,
-        numerics,
-        work,
-        limit,
-        position,
-        velocity,
-        spin,
-        orientation,
-        ends,
-        codes,
-        taken,
-        _take,
-    )
+    kernel.simulate_taken(body, ground, numerics, work, limit, states, ends, codes, taken, _take)

@@ -205,8 +205,8 @@ def simulate(
     """
     work = work_of(body, ground)
     limits = np.full(len(ends), limit, dtype=np.float64)
-    given = (np.ascontiguousarray(each) for each in states)
-    arguments = (body, ground, numerics, work, limits, *given, ends, codes)
+    given = tuple(np.ascontiguousarray(each) for each in states)
+    arguments = (body, ground, numerics, work, limits, given, ends, codes)
     types = ' '.join(_types(arguments))
     with _lock:
         function = _loaded(types) or _built(types, arguments)

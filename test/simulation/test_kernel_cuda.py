@@ -29,7 +29,7 @@ for name, surroundings in (('l_bracket', None), ('cylinder_d20_h20', None), ('he
     states = start.position, start.velocity, start.spin, start.orientation
     one, other = [(np.zeros((4, 15)), np.zeros((4, 2), np.int64)) for _ in range(2)]
     given, limits = (body, ground, kernel_data.Numerics()), np.full(4, 500.0)
-    kernel.simulate(*given, kernel_data.work_of(body, ground), limits, *states, *one)
+    kernel.simulate(*given, kernel_data.work_of(body, ground), limits, states, *one)
     kernel_cuda.simulate(*given, limits, states, *other)
     for a, b in zip(one, other):
         np.testing.assert_array_equal(a, b)
