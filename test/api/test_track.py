@@ -182,6 +182,14 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
 
 
 @pytest.mark.slow
+def test_proposed_traps_find_a_place_after_many_of_ones_own():
+    harmless = {'kind': 'wiper', 'height': '40mm'}
+    found = ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 19}, drops=20)
+    assert len(found.best.passage.track.traps) <= 20
+    with pytest.raises(ra.InvalidValueError, match='20'):
+        ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, drops=20)
+
+
 def test_without_a_design_other_rows_are_named():
     # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
     found = ra.design_track('t_prism', 4, drops=100)
