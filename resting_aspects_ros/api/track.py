@@ -142,7 +142,7 @@ def track(
         shares.tolist(),
         wall.height,
         wall.friction,
-        distribution.model and distribution.model.by_aspect,
+        None if distribution.model is None else distribution.model.by_aspect,
     )
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
