@@ -78,7 +78,7 @@ def down_in_part(xyzw: Array, normal: Array | None = None) -> Array:
     for orientations (n, 4).
     """
     if normal is not None:
-        return -rotate(xyzw * [-1, -1, -1, 1], np.tile(normal, (len(xyzw), 1)))
+        return -rotate(xyzw * [-1, -1, -1, 1], normal)
     # Gravity is -z in the tray; in the part it is minus the third row of the rotation matrix.
     x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
     row = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
@@ -108,7 +108,7 @@ def rotation_between(one: Array, other: Array) -> Array:
         # SciPy before 1.12 warns that other rotations align the vectors as well.
         warnings.simplefilter('ignore', UserWarning)
         found = canonical(Rotation.align_vectors(other[None], one[None])[0].as_quat())
-    if rotate(found, one[None])[0] @ other > 1 - ALIGNED:
+    if rotate(found, one) @ other > 1 - ALIGNED:
         return found
     # SciPy before 1.13 does not turn a vector into its opposite.
     axis, w = np.cross(one, other), 1 + float(one @ other)
@@ -118,7 +118,7 @@ def rotation_between(one: Array, other: Array) -> Array:
 
 
 def rotate(xyzw: Array, points: Array) -> Array:
-    """Return points (n, 3) rotated by unit quaternions (4,) or (n, 4)."""
+    """Return points (3,) or (n, 3) rotated by unit quaternions (4,) or (n, 4)."""
     # Element by element, because the rounding of SciPy's apply depends on the number of points:
     # the position of a drop would depend on the number of drops in the run.
     x, y, z, w = np.asarray(xyzw).T

@@ -213,7 +213,7 @@ def has_level_floor(conditions: DropConditions) -> bool:
     floor = shape.bodies(dict.fromkeys(shape.body_names, NO_CONTACT))[0]
     if not isinstance(floor, HalfSpace | Block):
         return False
-    up = rotate(tray_from_scene(*shape.tilt), floor.normal[None])[0]
+    up = rotate(tray_from_scene(*shape.tilt), floor.normal)
     return bool(up[2] > 1 - 1e-9)
 
 

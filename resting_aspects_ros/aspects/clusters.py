@@ -6,12 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import angle_between
-
-Labels = npt.NDArray[np.int64]
 
 # Maximum step within a cluster, degrees (docs/explanation/seed_runs.md). In the published runs of
 # three printed parts, the distance to the next pose is up to 2.6 within an aspect, up to 4.5 for
@@ -40,8 +38,8 @@ class Clusters:
         Root mean square of the angles to the mean, rad; NaN for a ring.
     """
 
-    labels: Labels
-    counts: npt.NDArray[np.int64]
+    labels: Indices
+    counts: Indices
     mean: Array
     spread: Array
 
@@ -76,7 +74,7 @@ def find_clusters(down: Array, tolerance: float) -> Clusters:
     return Clusters(labels, counts, mean, spread)
 
 
-def cluster_directions(down: Array, tolerance: float) -> Labels:
+def cluster_directions(down: Array, tolerance: float) -> Indices:
     """Return the cluster labels (n,) of directions, from 1 for the largest cluster.
 
     Clusters of equal size are ordered by their first direction in the order of x, y and z.
@@ -121,7 +119,7 @@ def _sorted_order(points: Array) -> npt.NDArray[np.intp]:
     return np.lexsort((z, y, x))
 
 
-def _components(points: Array, reach: float) -> Labels:
+def _components(points: Array, reach: float) -> Indices:
     """Return the component (n,) of each point, where points at most ``reach`` apart are linked.
 
     Breadth-first search: a component grows by all points within reach of those that were added
@@ -159,14 +157,14 @@ class Agreement:
     agree : (n,) bool
     """
 
-    aspect: Labels
-    cluster: Labels
-    cluster_of: Labels
-    shared: Labels
-    agree: npt.NDArray[np.bool_]
+    aspect: Indices
+    cluster: Indices
+    cluster_of: Indices
+    shared: Indices
+    agree: Flags
 
 
-def find_agreement(ids: Labels, aspects: int, clusters: Clusters) -> Agreement:
+def find_agreement(ids: Indices, aspects: int, clusters: Clusters) -> Agreement:
     """Return the agreement of aspect ids (n,), of ``aspects`` different ones, with clusters."""
     shape = (aspects + 1, len(clusters) + 1)
     cells = np.bincount(ids * shape[1] + clusters.labels, minlength=shape[0] * shape[1])
@@ -187,11 +185,11 @@ class Differences:
     aspect, cluster : int, the two classifications; aspect 0 means none.
     """
 
-    pose: Labels
-    nearest: Labels
+    pose: Indices
+    nearest: Indices
     angle: Array
-    aspect: Labels
-    cluster: Labels
+    aspect: Indices
+    cluster: Indices
 
     def __len__(self) -> int:
         return len(self.pose)

@@ -359,7 +359,7 @@ class ContactFinder:
         found = np.zeros((len(position), len(self.planes)), dtype=np.int64)
         inverse = orientation * [-1, -1, -1, 1]
         for k, plane in enumerate(self.planes):
-            normal = rotate(inverse, np.tile(plane.normal, (len(position), 1)))
+            normal = rotate(inverse, plane.normal)
             height = normal @ self._corners.T
             lowest = height.min(axis=1)
             gap = position @ plane.normal - plane.offset + lowest
@@ -402,16 +402,16 @@ def pose_angles(
     """
     inverse = orientation * [-1, -1, -1, 1]
     if normal is not None:
-        seen = rotate(inverse, np.tile(normal, (len(orientation), 1)))
-        of_other = rotations @ rotate(other * [-1, -1, -1, 1], normal[None])[0]
+        seen = rotate(inverse, normal)
+        of_other = rotations @ rotate(other * [-1, -1, -1, 1], normal)
         if axis is None:
             return np.asarray(np.min([angle_between(seen, each) for each in of_other], axis=0))
         across, of_axis = angle_between(seen, axis), angle_between(of_other, axis)
         return np.asarray(np.abs(across[:, None] - of_axis).min(axis=1))
     axes = np.eye(3)
     # The cosine of the angle of a rotation is (trace - 1) / 2.
-    frames = np.stack([rotate(orientation, np.tile(x, (len(orientation), 1))) for x in axes], 2)
-    of_other = np.stack([rotate(other, x[None])[0] for x in axes], axis=1)
+    frames = np.stack([rotate(orientation, x) for x in axes], 2)
+    of_other = np.stack([rotate(other, x) for x in axes], axis=1)
     between = np.einsum('nki,gkj->ngij', frames, of_other @ rotations.transpose(0, 2, 1))
     traces = np.einsum('ngii->ng', between)
     if axis is not None:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.part.hull import outward_hull
 from resting_aspects_ros.part.mass import surface_points
-from resting_aspects_ros.part.near import TriangleTree, subdivide
+from resting_aspects_ros.part.near import TriangleTree, face_normals, subdivide
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import sagittas
 
@@ -74,7 +74,7 @@ class SurfaceMatch:
         vertices = (part.vertices - part.centre_of_mass) / part.hull_radius
         faces = part.faces
         skins, corner = sagittas(vertices, faces)
-        twice = _normals(vertices[faces])
+        twice = face_normals(vertices[faces])
         solid = np.linalg.norm(twice, axis=1) > 0
         pieces, whole = subdivide(
             vertices[faces][solid], MAX_EDGE, max(MAX_PIECES, 2 * len(faces))
@@ -82,7 +82,7 @@ class SurfaceMatch:
         whole = np.flatnonzero(solid)[whole]
         self.triangles = vertices[faces][solid]
         self._tree = TriangleTree(pieces, skins[whole])
-        twice = _normals(pieces)
+        twice = face_normals(pieces)
         self._normals = twice / np.maximum(np.linalg.norm(twice, axis=1), 1e-300)[:, None]
         at_vertex = np.zeros(len(vertices))
         np.maximum.at(at_vertex, faces.ravel(), np.repeat(skins, 3))
@@ -117,7 +117,7 @@ class SurfaceMatch:
         corners = (corners - part.centre_of_mass) / part.hull_radius
         skins = sagittas(corners, faces)[0]
         triangles = corners[faces]
-        twice = _normals(triangles)
+        twice = face_normals(triangles)
         solid = np.linalg.norm(twice, axis=1) > 0
         triangles, skins, normals = triangles[solid], skins[solid], twice[solid]
         normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -218,12 +218,6 @@ class SurfaceMatch:
         loose = np.full(int((~foot).sum()), max(reach * self._unit, play))
         near[~foot] = self._tree.near(points[~foot], loose, skins[~foot])
         return near
-
-
-def _normals(triangles: Array) -> Array:
-    """Return the normals of triangles; their lengths are twice the areas."""
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    return np.cross(b - a, c - a)
 
 
 def _thinned(points: Array, normals: Array, max_points: int) -> Indices:

@@ -67,7 +67,7 @@ def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:
     return tuple(
         Pose(
             pose.aspect,
-            pose.position + rotate(pose.orientation, grasp.position[None])[0],
+            pose.position + rotate(pose.orientation, grasp.position),
             product(pose.orientation[None], grasp.orientation[None])[0],
             pose.yaw_known,
         )

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from resting_aspects_ros.arrays import Array, Faces, Indices
 from resting_aspects_ros.errors import PartError
-from resting_aspects_ros.part.near import TriangleTree
+from resting_aspects_ros.part.near import TriangleTree, face_normals
 from resting_aspects_ros.rotations import angle_between
 
 # -- Facets and edges -----------------------------------------------------------------------------
@@ -78,10 +78,7 @@ class Polyhedron:
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         margins = []
         for side in (0, 1):
-            normal, other = (
-                self.normals[self.sides[:, side]],
-                self.normals[self.sides[:, 1 - side]],
-            )
+            normal, other = (self.normals[self.sides[:, k]] for k in (side, 1 - side))
             out = np.cross(along, normal)
             # The normal of the other facet leans outward.
             out *= np.sign((out * other).sum(axis=1, keepdims=True))
@@ -125,9 +122,8 @@ def polyhedron(points: Array) -> Polyhedron:
     """Return the convex hull of points (n, 3), in units of R, around the origin inside it."""
     hull = ConvexHull(points)
     triangles = hull.simplices.astype(np.int64)
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    area = np.cross(b - a, c - a)
-    inward = (area * a).sum(axis=1) < 0
+    area = face_normals(points[triangles])
+    inward = (area * points[triangles[:, 0]]).sum(axis=1) < 0
     area[inward] *= -1
     triangles[inward] = triangles[inward][:, ::-1]  # counter-clockwise from outside
     neighbors = hull.neighbors.astype(np.int64)
@@ -485,8 +481,8 @@ def outward_hull(hull_vertices: Array) -> tuple[Array, Faces, float]:
     """Return the hull as a closed surface (vertices, outward faces) and its volume, m^3."""
     hull = ConvexHull(hull_vertices)
     faces = hull.simplices.astype(np.int64)
-    a, b, c = np.moveaxis(hull_vertices[faces], 1, 0)
-    inward = np.einsum('ij,ij->i', np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    normals = face_normals(hull_vertices[faces])
+    inward = np.einsum('ij,ij->i', normals, hull.equations[:, :3]) < 0
     return hull_vertices, np.where(inward[:, None], faces[:, ::-1], faces), float(hull.volume)
 
 

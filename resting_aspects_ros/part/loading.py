@@ -177,11 +177,7 @@ def _cut(surface: Surface, kept: npt.NDArray[np.bool_]) -> Surface:
 
 def _texts(groups: list[list[_Body]], size: float, unit: str) -> tuple[str, ...]:
     """Return number and size of each group of bodies."""
-    sides = [
-        np.max([body.high for body in group], axis=0)
-        - np.min([body.low for body in group], axis=0)
-        for group in groups
-    ]
+    sides = (np.ptp([(each.low, each.high) for each in group], axis=(0, 1)) for group in groups)
     return tuple(f'{k}: {box_text(size * each, unit)}' for k, each in enumerate(sides, 1))
 
 

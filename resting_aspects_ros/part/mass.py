@@ -2,9 +2,9 @@
 
 import math
 import reprlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.arrays import Array, Faces
 from resting_aspects_ros.errors import InvalidValueError, PartError
+from resting_aspects_ros.part.near import face_normals
 
 # -- Given values ---------------------------------------------------------------------------------
 
@@ -102,6 +103,8 @@ def _floats(value: Any) -> Array | None:
 # -- Mass properties ------------------------------------------------------------------------------
 
 
+Checked = TypeVar('Checked')
+
 DEFAULT_DENSITY = 1000.0  # kg/m^3; the mass has no influence on aspects
 
 # A closed surface with less volume than this share of its bounding cube is a sheet folded onto
@@ -156,19 +159,10 @@ def mass_properties(
             f'{label} has both a density ({given.density!r}) and a mass '
             f'({given.mass!r}): expected only one of them'
         )
-    density = (
-        None
-        if given.density is None
-        else positive_number(given.density, 'density', 'kg/m^3', label)
-    )
-    mass = None if given.mass is None else positive_number(given.mass, 'mass', 'kg', label)
-    centre = (
-        None
-        if given.centre_of_mass is None
-        else point(given.centre_of_mass, 'centre of mass', label)
-    )
-    inertia = None if given.inertia is None else inertia_matrix(given.inertia, label)
-
+    density = _checked(positive_number, given.density, 'density', 'kg/m^3', label)
+    mass = _checked(positive_number, given.mass, 'mass', 'kg', label)
+    centre = _checked(point, given.centre_of_mass, 'centre of mass', label)
+    inertia = _checked(inertia_matrix, given.inertia, label)
     solid = None if defect else solid_integrals(vertices, faces)
     if solid:
         defect = _flaw(solid, vertices, hull_vertices)
@@ -189,6 +183,10 @@ def mass_properties(
     volume = solid.volume if solid else float('nan')
     # Adding 0 turns -0 into 0; the two would have different hashes.
     return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
+
+
+def _checked(check: Callable[..., Checked], value: Any, *what: str) -> Checked | None:
+    return None if value is None else check(value, *what)
 
 
 def solid_integrals(vertices: Array, faces: Faces) -> MassProperties:
@@ -325,9 +323,8 @@ def surface_points(corners: Array, number: int) -> tuple[Array, Array, Array]:
     ``number`` see triangle_points.
     """
     barycentric, weights = triangle_points(number)
-    a, b, c = np.moveaxis(corners, 1, 0)
     points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
-    return points, weights, np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return points, weights, np.linalg.norm(face_normals(corners), axis=1)
 
 
 def _solid_points(vertices: Array, faces: Faces, number: int) -> Iterator[tuple[Array, Array]]:

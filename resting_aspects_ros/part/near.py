@@ -175,6 +175,12 @@ def _halved(groups: Indices, middles: Array) -> Indices:
     return np.take_along_axis(groups, np.argpartition(along, half, axis=1), axis=1)
 
 
+def face_normals(corners: Array) -> Array:
+    """Return normals (m, 3) of triangles (m, 3, 3); their lengths are twice the areas."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.cross(b - a, c - a)
+
+
 def subdivide(corners: Array, max_edge: float, max_pieces: int) -> tuple[Array, Indices]:
     """Return triangles (m, 3, 3) split at their longest edges until these are short enough.
 

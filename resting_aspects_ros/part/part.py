@@ -213,14 +213,9 @@ class Part:
     bodies: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for array in (
-            self.centre_of_mass,
-            self.inertia,
-            self.vertices,
-            self.faces,
-            self.hull_vertices,
-        ):
-            array.setflags(write=False)
+        names = 'centre_of_mass', 'inertia', 'vertices', 'faces', 'hull_vertices'
+        for name in names:
+            getattr(self, name).setflags(write=False)
 
     @cached_property
     def hull_radius(self) -> float:

@@ -10,7 +10,7 @@ from resting_aspects_ros.arrays import Array, Faces
 from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.part.hull import convex_hull, outward_hull, simplify_hull, triangle_angles
 from resting_aspects_ros.part.mesh_files import without_unused
-from resting_aspects_ros.part.near import TriangleTree
+from resting_aspects_ros.part.near import TriangleTree, face_normals
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.surface import connected
 
@@ -183,8 +183,7 @@ def _excess(pieces: Array, surface: Array) -> float:
 def _samples(triangles: Array) -> Array:
     """Return points of a surface (m, 3, 3): all corners, and random ones, uniform by area."""
     generator = np.random.default_rng(SEED)
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    areas = np.linalg.norm(face_normals(triangles), axis=1)
     chosen = generator.choice(len(triangles), SAMPLES, p=areas / areas.sum())
     # Weights of the corners of a point that is uniform in its triangle.
     root, share = np.sqrt(generator.random(SAMPLES)), generator.random(SAMPLES)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array, Faces, Flags, Indices
 from resting_aspects_ros.part.mesh_files import without_unused
+from resting_aspects_ros.part.near import face_normals
 
 # -- Edges ----------------------------------------------------------------------------------------
 
@@ -208,8 +209,7 @@ def _inner_point(triangles: Array, volume: float) -> Array:
     The point is not on the triangle, because bodies often touch, and noise would decide on which
     side of the other body the point is.
     """
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    normals = np.cross(b - a, c - a)
+    normals = face_normals(triangles)
     largest = int((normals**2).sum(axis=1).argmax())
     normal = normals[largest] * np.sign(volume)
     size = np.sqrt(np.linalg.norm(normals[largest])) or 1.0

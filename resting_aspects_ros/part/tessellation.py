@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.part.hull import Polyhedron
+from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.surface import connected
 
 # Maximum step of the mesh of a curved side: that of a circle of 15 sides or more (24 degrees). A
@@ -65,7 +66,7 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
         triangles.
     """
     triangles = vertices[faces]
-    twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    twice = face_normals(triangles)
     area = np.linalg.norm(twice, axis=1) / 2
     normals = twice / np.maximum(2 * area, np.finfo(float).tiny)[:, None]
     edges = mesh_edges(faces, normals)

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import down_in_part, rotate, turned_about_vertical
 
@@ -59,7 +60,7 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
         Rows and columns of the picture.
     """
     corners = points[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = face_normals(corners)
     facing = np.flatnonzero(normal[:, 2] > 1e-12)
     slope = np.zeros((len(faces), 2))
     slope[facing] = -normal[facing, :2] / normal[facing, 2:]
@@ -186,7 +187,7 @@ def _merge_vertices(vertices: Array, faces: Indices, cells: int, kept: Indices) 
     whole = np.flatnonzero(whole)[np.sort(first)]
     merged = merged[whole]
     # A face that was turned over by the merge is flipped back, so that its shading is right.
-    flipped = (face_normals(vertices, merged) * face_normals(vertices, faces[whole])).sum(
+    flipped = (face_normals(vertices[merged]) * face_normals(vertices[faces[whole]])).sum(
         axis=1
     ) < 0
     merged[flipped] = merged[flipped, ::-1]
@@ -213,12 +214,6 @@ def _representatives(vertices: Array, cell: Indices, kept: Indices) -> Indices:
     distance[kept] = -1.0
     order = np.lexsort([distance, number])
     return np.asarray(order[np.cumsum(count) - count][number])
-
-
-def face_normals(vertices: Array, faces: Indices) -> Array:
-    """Return (m, 3) normals, twice as long as the area of the face."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return np.cross(b - a, c - a)
 
 
 Image = npt.NDArray[np.float32]
@@ -324,7 +319,7 @@ def draw_parts(
 def _untransformed(part: Part) -> PosedPart:
     """Return the part in the pose of its mesh."""
     points, faces = np.array(part.vertices), visible_faces(part)
-    normals = face_normals(points, faces)
+    normals = face_normals(points[faces])
     twice = np.linalg.norm(normals, axis=1)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     normals /= np.maximum(twice, 1e-300)[:, None]
@@ -502,7 +497,7 @@ def _places(count: int) -> Array:
 
 def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
     heights = _heights(part, aspect)
-    centre = rotate(aspect.orientation, part.centre_of_mass[None])[0]
+    centre = rotate(aspect.orientation, part.centre_of_mass)
     position = np.append(place - centre[:2], -heights.min())
     return AspectPose(
         aspect.id, position, aspect.orientation, position + centre, float(np.ptp(heights))

@@ -14,6 +14,7 @@ from shapely import affinity
 
 from resting_aspects_ros.arrays import Array, Bytes, Indices
 from resting_aspects_ros.aspects.support import NONE, ContactPlane
+from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import FAINT, PAPER, TEXT, new_figure
 from resting_aspects_ros.report.format import COLOURS, GREY
@@ -27,7 +28,6 @@ from resting_aspects_ros.report.picture import (
     brightness,
     downsample,
     edges,
-    face_normals,
     rasterise,
     view_from,
     visible_faces,
@@ -186,7 +186,7 @@ def _drawn(framed: Sequence[Mesh], patches: Sequence[Mesh], view: Array, pixels:
     scale = FILLED * size / float((high - low).max())
     shift = np.append(size / 2 - scale * (low + high) / 2, 0.0)
     seen = rasterise(seen_points * scale + shift, faces, size)
-    normals = face_normals(points, faces)
+    normals = face_normals(points[faces])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     of_part = len(meshes[0][1])
     shade = brightness(normals)

@@ -262,7 +262,7 @@ class Nozzle(Action):
         height = self.height - depth_along(states.orientation, -Z, body.corners)
         origin = np.stack([np.zeros(n), aside, height], axis=-1)
         inverse = states.orientation * _CONJUGATE
-        along = rotate(inverse, np.tile(direction, (n, 1)))
+        along = rotate(inverse, direction)
         point, met = _first_hit(rotate(inverse, origin), along, body)
         return point, along, met
 

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
-from resting_aspects_ros.part.near import TriangleTree, subdivide
+from resting_aspects_ros.part.near import TriangleTree, face_normals, subdivide
 from resting_aspects_ros.part.tessellation import mesh_edges
 from resting_aspects_ros.simulation.scene import clipped
 
@@ -184,8 +184,7 @@ def welded(corners: Array) -> tuple[Array, Indices]:
     """Return vertices and triangles of the corners (m, 3, 3), without those of no area."""
     points, rows = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     faces = np.asarray(rows, dtype=np.int64).reshape(-1, 3)
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    return points, faces[np.cross(b - a, c - a).any(axis=1)]
+    return points, faces[face_normals(points[faces]).any(axis=1)]
 
 
 class _Surface:
@@ -213,7 +212,7 @@ class Bends:
 
     def __init__(self, corners: Array) -> None:
         points, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = face_normals(corners)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         self._edges = mesh_edges(faces.reshape(-1, 3), normals)
         ends = points[self._edges.ends]
@@ -309,7 +308,7 @@ def merged_mesh(vertices: Array, triangles: Indices, radius: float) -> MergedMes
 
 def _coplanar(corners: Array) -> Iterator[tuple[int, Indices]]:
     """Yield the largest triangle of each plane, and all triangles (k,) in this plane."""
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crossed = face_normals(corners)
     double = np.linalg.norm(crossed, axis=1)
     solid = np.flatnonzero(double > GRID**2)
     normals = crossed[solid] / double[solid, None]
@@ -416,8 +415,7 @@ class _Side:
         """Return whether a side that begins at a point of an edge faces this side."""
         near = _distances(self._all, point) < NEAR
         near[self._which] = False
-        a, b, c = np.moveaxis(self._all[near], 1, 0)
-        normals = np.cross(b - a, c - a)
+        normals = face_normals(self._all[near])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True) + GRID**2
         return bool((normals @ direction < -SAME_NORMAL).any())
 

@@ -247,7 +247,7 @@ def depth_along(orientation: Array, direction: Array, corners: Array) -> Array:
     ``direction`` (3,) is a unit vector in the frame of the orientations.
     """
     inverse = orientation * [-1, -1, -1, 1]
-    x, y, z = rotate(inverse, np.tile(direction, (len(orientation), 1))).T[:, :, None]
+    x, y, z = rotate(inverse, direction).T[:, :, None]
     # Not a matrix product, whose rounding depends on the number of rows; see depth_of.
     reach: Array = (x * corners[:, 0] + y * corners[:, 1] + z * corners[:, 2]).max(axis=1)
     return reach

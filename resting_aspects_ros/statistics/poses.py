@@ -80,31 +80,17 @@ class RestingPoses:
         settled = self.status == RestStatus.SETTLED
         with np.errstate(over='ignore', invalid='ignore'):  # an infinite norm is rejected below
             norm = np.linalg.norm(self.orientation, axis=1)
-        for name, values, expected, is_valid in (
-            ('status', self.status, 'a RestStatus code', np.isin(self.status, list(RestStatus))),
-            (
-                'decided_by',
-                self.decided_by,
-                'a DecidedBy code',
-                np.isin(self.decided_by, list(DecidedBy)),
-            ),
-            (
-                'position',
-                self.position,
-                'finite numbers',
-                np.isfinite(self.position).all(1) | ~settled,
-            ),
-            (
-                'orientation',
-                self.orientation,
-                'a unit quaternion',
-                (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
-            ),
+        is_unit = np.abs(norm - 1) <= LENGTH_TOLERANCE
+        for name, expected, is_valid in (
+            ('status', 'a RestStatus code', np.isin(self.status, list(RestStatus))),
+            ('decided_by', 'a DecidedBy code', np.isin(self.decided_by, list(DecidedBy))),
+            ('position', 'finite numbers', np.isfinite(self.position).all(1) | ~settled),
+            ('orientation', 'a unit quaternion', is_unit | ~settled),
         ):
             for k in np.flatnonzero(~is_valid)[:1].tolist():
                 raise InvalidValueError(
-                    f'invalid {name} {values[k].tolist()} of drop {self.first_drop + k}: '
-                    f'expected {expected}'
+                    f'invalid {name} {getattr(self, name)[k].tolist()} of drop '
+                    f'{self.first_drop + k}: expected {expected}'
                 )
 
     @classmethod

@@ -30,6 +30,7 @@ from resting_aspects_ros.errors import (
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file
 from resting_aspects_ros.part.loading import FILE_FORMATS
+from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import UNITS, Part
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
@@ -209,9 +210,7 @@ def _distance(first: Part, second: Part) -> float:
 def _surface_points(part: Part) -> Array:
     """Return points on the surface of a part, evenly distributed, about its centre of mass, m."""
     corners = part.vertices[part.faces]
-    twice = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    twice = np.linalg.norm(face_normals(corners), axis=1)
     edges = np.concatenate([[0.0], np.cumsum(twice)])
     # Equally spaced along the cumulated area, with the points of a Sobol-like lattice inside.
     place = (np.arange(SAMPLES) + 0.5) / SAMPLES * edges[-1]

@@ -155,7 +155,6 @@ FINITE = {
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
     'disc_with_eight_holes': (lambda: plate(circle(10, 90), 5, around(7, 8, 1)), 16),
-    'gear_of_57': (lambda: plate(gear(57, SPUR), 5), 114),
     'gear_on_a_hub': (gear_on_a_hub, 20),
     'ratchet': (lambda: plate(gear(20, RATCHET), 5), 20),
     **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 7)},

@@ -17,7 +17,7 @@ from resting_aspects_ros.part.loading import part_from_bytes
 FINE_SOLIDS = [
     ('prism', (1700,), 3),
     ('filleted_box', ((10, 14, 20), 2, 24), 6),
-    ('ellipsoid', (30, 20, 10, 5, 3), 2),
+    ('random_sphere', (3500, (3, 2, 1)), 2),
 ]
 
 
