@@ -373,9 +373,7 @@ def _find_aspects(part: Part, landscape: Landscape) -> AspectSet:
         np.array([each[0] for each in flat]).reshape(-1, 3),
         np.concatenate([np.zeros((0, 3)), *flat]),
     )
-    return with_symmetry_classes(
-        AspectSet(part.part_sha256, aspects, symmetry), symmetry, part.hull_radius
-    )
+    return with_symmetry_classes(AspectSet(part.part_sha256, aspects), symmetry, part.hull_radius)
 
 
 def _unnumbered(

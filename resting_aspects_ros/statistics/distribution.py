@@ -1,7 +1,8 @@
 """The distribution of drops over the aspects of a part, and over what the parts touch."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Optional
 
@@ -204,7 +205,8 @@ class History:
         self._aspects = aspects
         self._drops = 0
         self._counts = np.zeros(len(aspects) + 1, dtype=np.int64)  # first: in no aspect
-        self._sample_drops = _sample_drops()
+        steps = (FIRST_SAMPLE * 10 ** (k / SAMPLES_PER_DECADE) for k in itertools.count())
+        self._sample_drops = map(round, steps)
         self._next = next(self._sample_drops)
         self._samples: list[tuple[int, Counts]] = []
 
@@ -229,13 +231,6 @@ class History:
                 len(samples), len(self._aspects)
             ),
         )
-
-
-def _sample_drops() -> Iterator[int]:
-    k = 0
-    while True:
-        yield round(FIRST_SAMPLE * 10 ** (k / SAMPLES_PER_DECADE))
-        k += 1
 
 
 # -- Contacts -------------------------------------------------------------------------------------
@@ -352,6 +347,9 @@ class ContactCounts(Placements):
             return new
         touched = [p.normal for p, c in zip(self.finder.planes, key, strict=True) if c != NONE]
         normal = touched[0] if len(touched) == 1 else None
+        symmetry = self.aspects.symmetry
+        rotations = symmetry.rotations if symmetry else np.eye(3)[None]
+        axis = symmetry.axis if symmetry else None
         while len(rows):
             if not known:
                 if len(new) == MAX_PLACEMENTS:
@@ -360,9 +358,7 @@ class ContactCounts(Placements):
                 new.append((int(rows[0]), Placement(key, orientation[0])))
                 known = [new[-1][1]]
             place = known.pop(0)
-            angles = pose_angles(
-                orientation, place.orientation, self._rotations, normal, self._axis
-            )
+            angles = pose_angles(orientation, place.orientation, rotations, normal, axis)
             far = angles > SAME_PLACEMENT
             place.count += len(rows) - int(far.sum())
             rows, orientation = rows[far], orientation[far]
@@ -386,15 +382,6 @@ class ContactCounts(Placements):
     def counted(self) -> Placements:
         """The counts without what is needed to count more drops."""
         return Placements(self.planes, list(self.placements), self.drops, self.uncounted)
-
-    @property
-    def _rotations(self) -> Array:
-        symmetry = self.aspects.symmetry
-        return np.eye(3)[None] if symmetry is None else symmetry.rotations
-
-    @property
-    def _axis(self) -> Array | None:
-        return None if self.aspects.symmetry is None else self.aspects.symmetry.axis
 
 
 def _all_known(contacts: tuple[int, ...]) -> bool:

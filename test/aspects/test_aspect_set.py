@@ -76,13 +76,6 @@ def test_an_arc_ends_where_the_curved_side_does(solids, solid):
     assert classified(aspects, around(np.array([75.0, 105.0]))).tolist() == [0, 0]
 
 
-def test_the_ends_of_a_cylinder_are_not_in_its_ring(solids, solid):
-    aspects = find_aspects(solid(solids.prism(16)))
-    for end in (1, -1):
-        (found,) = classified(aspects, np.array([[0, 0, end]]))
-        assert aspects[found - 1].sweep is Sweep.POINT
-
-
 @pytest.mark.parametrize(('name', 'arguments'), [
     ('icosphere', (1,)), ('uv_sphere', (16,)),
 ])  # fmt: skip

@@ -142,13 +142,6 @@ def test_lift_is_interpolated_between_neighbouring_heights():
     assert [found.lift_at(level) for level in LEVELS] == pytest.approx([2.05e-3, 2.5e-3, 3.75e-3])
 
 
-def test_first_crossing_counts_where_the_curve_is_not_monotone():
-    found = curve([0, 50, 10, 90])
-    assert found.lift_at(0.2) == pytest.approx(1.4e-3)
-    assert found.lift_at(0.5) == pytest.approx(2e-3)
-    assert found.lift_at(0.7) == pytest.approx(3.75e-3)
-
-
 @given(curves(), levels)
 def test_curve_reaches_the_level_at_the_lift_for_the_first_time(each, level):
     lift = each.lift_at(level)
