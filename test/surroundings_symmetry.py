@@ -86,8 +86,8 @@ def poses_from(job: DropJob, released: DropJob, drops: int) -> RestingPoses:
     """
     groups = []
     for first in range(0, drops, GROUP):
-        settling = World(job).drop(initial_states(released, first, first + GROUP))
-        groups.append(resting_poses(job, first, settling.ends))
+        ends = World(job).drop(initial_states(released, first, first + GROUP))
+        groups.append(resting_poses(job, first, ends))
     return RestingPoses.join(groups)
 
 

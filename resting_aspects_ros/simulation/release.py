@@ -221,7 +221,7 @@ def depth_of(xyzw: Array, hull: Array) -> Array:
 TOUCH = 0.005
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Ends:
     """How n drops have ended, in R and T, in the axes of the surroundings.
 

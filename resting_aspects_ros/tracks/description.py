@@ -8,8 +8,8 @@ from typing import Any
 from resting_aspects_ros.errors import InvalidValueError, located, shown
 from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
 from resting_aspects_ros.simulation.conditions import (
+    Described,
     Quantity,
-    check_quantities,
     quantities_of,
     quantity,
 )
@@ -29,7 +29,7 @@ MAX_TRAPS = 20
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(Described):
     """The wall along which the track conveys the part. Only what is below its top touches it."""
 
     height: float = quantity(
@@ -37,12 +37,9 @@ class Wall:
     )
     friction: float = quantity('friction', '', 'friction of the wall', high=10.0, default=0.2)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class Track:
+class Track(Described):
     """A track with traps, which a part passes one after the other.
 
     speed : float
@@ -62,7 +59,7 @@ class Track:
     traps: tuple[Trap, ...] = ()
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if len(self.traps) > MAX_TRAPS:
             raise InvalidValueError(
                 f'invalid number of traps {len(self.traps)}: expected at most {MAX_TRAPS}'
@@ -74,15 +71,11 @@ class Track:
     def document(self) -> dict[str, Any]:
         """The track as plain values in SI units, as `read_track` reads it."""
         return {
-            **_values(self.surface),
-            'wall': _values(self.wall),
-            **_values(self),
+            **self.surface.numbers,
+            'wall': self.wall.numbers,
+            **self.numbers,
             'traps': [trap.document for trap in self.traps],
         }
-
-
-def _values(given: Any) -> dict[str, Any]:
-    return {name: getattr(given, name) for name in quantities_of(given)}
 
 
 def _check_fits(trap: Trap, surface: Surface) -> None:

@@ -66,7 +66,7 @@ def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where, 
     for _ in range(3):
         job = job_of(part(name), mat, surroundings, step)
         world = make(job, ALONG, STEPS_PER_T) if make is EdgeWorld else make(job)
-        top = job.edge.height / job.radius if make is EdgeWorld else 0.0
+        top = job.edge.step_height / job.radius if make is EdgeWorld else 0.0
         turn, corner = on_one_corner(job.hull, normal, generator)
         spin = generator.normal(size=3) * 0.3
         velocity = generator.normal(size=3) * 0.2 - 1.5 * normal

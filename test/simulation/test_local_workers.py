@@ -74,8 +74,8 @@ def test_poses_do_not_depend_on_the_workers(
     job_of, make_workers, assert_same_poses, engine, count
 ):
     # Neither the first chunk nor the last is a whole one.
-    job = job_of(engine)
-    first, drops = job.chunk - 30, 30 + 20 + (8 * job.chunk if engine == KERNEL else 0)
+    job, size = job_of(engine), CHUNKS[engine]
+    first, drops = size - 30, 30 + 20 + (8 * size if engine == KERNEL else 0)
     workers = make_workers(count)
     chunks = [f.result() for f in submit_drops(job, first, drops, workers)]
     assert len(chunks) > count or engine == BULLET

@@ -84,9 +84,7 @@ def test_every_start_has_the_height_of_its_aspect(solids, solid, mat, name, argu
     starts = rest_starts(shape, aspects, Kick(speed=0.1), mat)
     noise = 1e-6 * shape.hull_radius
     flats = 1 - math.cos(math.pi / 24)  # depth of those of a round side of 24 sides, of its radius
-    for aspect, orientations, weights in zip(
-        aspects, starts.orientations, starts.weights, strict=True
-    ):
+    for aspect, (_, orientations, weights) in zip(aspects, starts.poses, strict=True):
         heights = (down_in_part(orientations) @ corners.T).max(axis=1)
         assert weights.sum() == pytest.approx(1)
         assert heights.max() <= aspect.com_height + noise

@@ -130,7 +130,7 @@ def test_a_box_on_the_lower_belt_accelerates_by_friction_times_gravity(belt_step
     world = WallWorld(job)
     states = initial_states(job, 0, 5)
     states.position[:, 0] = 4.0
-    states.position[:, 2] -= job.edge.height / job.radius - REST_MARGIN
+    states.position[:, 2] -= job.edge.step_height / job.radius - REST_MARGIN
     # Relative to the lower belt, which is 0.2 m/s faster.
     slip = 0.2 * job.time_unit / job.radius
     states.velocity[:] = [-slip, 0, 0]

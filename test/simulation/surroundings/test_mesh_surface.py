@@ -65,7 +65,7 @@ def volume(prisms):
 def test_a_plate_is_one_prism_whatever_its_triangles(cells):
     mesh = plate(cells)
     found = merged_mesh(np.array(mesh.vertices), np.array(mesh.faces), 20.0)
-    assert (found.sides, len(found.triangles)) == (1, 0)
+    assert (found.sides, len(found.remaining)) == (1, 0)
     (prism,) = found.prisms
     depth = 20 * DEPTH
     # A frustum whose sides are inclined by 45 degrees.
@@ -80,7 +80,7 @@ def test_prisms_of_a_solid_are_inside_it_and_reach_its_surface():
     outline = [(0, 0), (300, 0), (300, 100), (150, 100), (150, 200), (0, 200)]
     solid = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(outline), 400)
     found = merged_mesh(np.array(solid.vertices), np.array(solid.faces), 30.0)
-    assert (found.sides, len(found.triangles)) == (8, 0)
+    assert (found.sides, len(found.remaining)) == (8, 0)
     corners = np.concatenate(found.prisms)
     near = 2 * GRID * 30  # corners are moved to a grid
     outside = (corners[:, 0] > 150 + near) & (corners[:, 1] > 100 + near)
@@ -117,7 +117,7 @@ def test_a_hole_stays_open():
 def test_a_curved_surface_keeps_its_triangles():
     ball = trimesh.creation.icosphere(3, 100.0)
     found = merged_mesh(np.array(ball.vertices), np.array(ball.faces), 100.0)
-    assert (found.sides, len(found.triangles)) == (0, len(ball.faces))
+    assert (found.sides, len(found.remaining)) == (0, len(ball.faces))
 
 
 # -- Bad input -----------------------------------------------------------------------------------

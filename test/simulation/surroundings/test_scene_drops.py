@@ -13,7 +13,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
-from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.job import CHUNKS, make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,
@@ -80,7 +80,7 @@ def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind,
 )
 def test_drops_do_not_depend_on_the_workers(part, make, assert_same_poses, engine, count):
     job = make(part('tetrahedron'), Chute(roll=0.3), engine, bodies={'belt': {'speed': 0.1}})
-    n, workers = 2 * job.chunk + 10, LocalWorkers(count)
+    n, workers = 2 * CHUNKS[job.engine] + 10, LocalWorkers(count)
     try:
         found = [f.result() for f in submit_drops(job, 0, n, workers)]
     finally:
