@@ -22,7 +22,7 @@ from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import CHUNKS, DropJob, RunDescription
 from resting_aspects_ros.statistics.intervals import checkpoints
 from resting_aspects_ros.statistics.poses import RestingPoses
-from resting_aspects_ros.system import available_cores, blocked_signals
+from resting_aspects_ros.system import blocked_signals
 
 # -- Chunks ---------------------------------------------------------------------------------------
 
@@ -163,11 +163,6 @@ NICENESS = 5
 _ENGINE = 'resting_aspects_ros.simulation.bullet_engine'
 # Timeout for a killed process to end, s. It ends at once unless the system is holding it.
 _END_TIMEOUT = 5.0
-
-
-def default_workers() -> int:
-    """Return the number of cores that this process may use."""
-    return available_cores()
 
 
 class LocalWorkers:

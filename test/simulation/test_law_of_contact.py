@@ -255,13 +255,14 @@ def thrown(part, n, seed):
     return part.put(q, 1e-7), velocity, spin, q
 
 
-@pytest.mark.parametrize('friction', [0.0, 0.3, 1.0])
-@pytest.mark.parametrize('restitution', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(
+    ('restitution', 'friction'), [(0.0, 0.3), (0.5, 0.3), (1.0, 0.0), (1.0, 1.0)]
+)
 @pytest.mark.parametrize('name', SHAPES)
 def test_no_impact_adds_energy(lab, name, restitution, friction):
     """Newton's law with friction would, without a limit (Kane and Levinson 1985)."""
     part = lab(SHAPES[name], restitution=restitution, friction=friction)
-    position, velocity, spin, q = thrown(part, 500, 1)
+    position, velocity, spin, q = thrown(part, 100, 1)
     before = part.energy(position, velocity, spin, q)
     v, w = part.collide(position, velocity, spin, q)
     gain = part.energy(position, v, w, q) - before
@@ -275,7 +276,7 @@ def test_no_impact_adds_energy(lab, name, restitution, friction):
 def test_friction_opposes_the_slip_that_remains(lab, name):
     """Of one corner: within the cone, and opposite to the slip on its surface."""
     part = lab(SHAPES[name], restitution=0.5, friction=0.3)
-    position, velocity, spin, q = thrown(part, 500, 2)
+    position, velocity, spin, q = thrown(part, 100, 2)
     v, w = part.collide(position, velocity, spin, q)
     hull = part.job.hull
     for i in range(len(q)):

@@ -22,7 +22,6 @@ from resting_aspects_ros.simulation.workers import (
     MAX_WORKERS,
     LocalWorkers,
     WorkerDiedError,
-    default_workers,
     drop_chunks,
     drop_range,
     submit_drops,
@@ -56,15 +55,6 @@ def test_number_of_workers_out_of_bounds_is_refused(workers):
         LocalWorkers(workers)
 
 
-def test_default_is_a_worker_per_allowed_core():
-    allowed = os.sched_getaffinity(0)
-    try:
-        os.sched_setaffinity(0, {min(allowed)})
-        assert default_workers() == 1
-    finally:
-        os.sched_setaffinity(0, allowed)
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('engine', 'count'),
@@ -80,15 +70,6 @@ def test_poses_do_not_depend_on_the_workers(
     chunks = [f.result() for f in submit_drops(job, first, drops, workers)]
     assert len(chunks) > count or engine == BULLET
     assert_same_poses(RestingPoses.join(chunks), drop_range(job, first, first + drops))
-
-
-@pytest.mark.slow
-def test_runs_of_both_engines_share_the_workers(job_of, make_workers, assert_same_poses):
-    workers = make_workers(2)
-    asked = [(job_of(engine), k, k + 3) for k in (0, 40) for engine in (KERNEL, BULLET)]
-    futures = [workers.submit(*each) for each in asked]
-    for future, each in zip(futures, asked, strict=True):
-        assert_same_poses(future.result(), drop_range(*each))
 
 
 def test_error_in_a_thread_reaches_the_caller(job_of, make_workers):

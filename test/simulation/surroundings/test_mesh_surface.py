@@ -163,12 +163,12 @@ def same(counts, others):
     return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue
 
 
-# Samples of 150 tell differences of 0.17; `make validate` compares larger ones.
+# Samples of 100 tell differences of 0.21; `make validate` compares larger ones.
 
 
 @pytest.mark.slow
 def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces):
-    shape, n, cells = part('l_bracket'), 150, 32
+    shape, n, cells = part('l_bracket'), 100, 32
     rubber = surfaces.get('rubber_mat')
     plane = make_job(shape, rubber, 2, until_still=True, engine=BULLET)
     aspects = find_aspects(shape)
@@ -182,7 +182,7 @@ def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces):
 
 @pytest.mark.slow
 def test_a_groove_of_triangles_gives_the_distribution_of_planes(part, surfaces):
-    shape, n, cells = part('u_bracket'), 150, 500
+    shape, n, cells = part('u_bracket'), 100, 500
     aspects = find_aspects(shape)
     jobs = groove_and_mesh(shape, surfaces.get('rubber_mat'), 1, math.radians(90), cells)
     counts = []

@@ -13,7 +13,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
-from resting_aspects_ros.simulation.job import CHUNKS, make_job
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,
@@ -24,9 +24,9 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     Tray,
     VGroove,
 )
-from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range, submit_drops
+from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
-from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+from resting_aspects_ros.statistics.poses import RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -71,21 +71,6 @@ def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind,
     many = drop_range(job, 0, n)
     for first, end in [(24, 27), (4, 8), (0, 1), (n - 10, n)]:
         assert_same_poses(drop_range(job, first, end), many.between(first, end))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('engine', 'count'),
-    [(KERNEL, 3), pytest.param(BULLET, 3, marks=pytest.mark.slow)],
-)
-def test_drops_do_not_depend_on_the_workers(part, make, assert_same_poses, engine, count):
-    job = make(part('tetrahedron'), Chute(roll=0.3), engine, bodies={'belt': {'speed': 0.1}})
-    n, workers = 2 * CHUNKS[job.engine] + 10, LocalWorkers(count)
-    try:
-        found = [f.result() for f in submit_drops(job, 0, n, workers)]
-    finally:
-        workers.stop()
-    assert_same_poses(RestingPoses.join(found), drop_range(job, 0, n))
 
 
 # -- Outcomes ------------------------------------------------------------------------------------
@@ -161,7 +146,6 @@ def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make
 FLAT = {
     'groove': (VGroove(math.radians(100), pitch=0.1), {}),
     'corner': (Corner(), {}),
-    'belt': (Slope(0.0), {'bodies': {'floor': {'speed': 0.3}}}),
     'chute with a belt': (Chute(roll=0.3), {'bodies': {'belt': {'speed': 0.2}}}),
 }
 
