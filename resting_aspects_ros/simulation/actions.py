@@ -125,8 +125,11 @@ class Disturbance(Action):
 
     def max_speed(self, at: RestStarts) -> float:
         """See Action; by the inequality of Cauchy and Schwarz."""
-        moments, levers = _moments_and_levers(at.body)
-        squares = 1 + (at.body.mass * levers**2 / moments).sum(axis=1).max()
+        body = at.body
+        along = body.corners @ body.axes
+        # The distances of the corners from the principal axes.
+        levers = np.sqrt(np.maximum((along**2).sum(axis=1)[:, None] - along**2, 0.0))
+        squares = 1 + (body.mass * levers**2 / body.moments).sum(axis=1).max()
         return math.sqrt(2 * at.gravity * float(self.lift.max()) * squares)
 
     def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
@@ -162,13 +165,6 @@ def disturbance_starts(
         )
     each = [aspect for aspect in aspects for _ in range(lift.shape[1])]
     return rest_starts(part, each, Disturbance(lift.ravel()), conditions)
-
-
-def _moments_and_levers(body: Body) -> tuple[Array, Array]:
-    """Return the principal moments (3,) and the distances (k, 3) of the corners to their axes."""
-    along = body.corners @ body.axes
-    squares = (along**2).sum(axis=1)[:, None] - along**2
-    return body.moments, np.sqrt(np.maximum(squares, 0.0))
 
 
 # -- A jet of air ---------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
 from resting_aspects_ros.simulation.conditions import (
     Described,
     Quantity,
+    made_from,
     quantities_of,
     quantity,
 )
@@ -116,27 +117,23 @@ def read_track(document: Any) -> Track:
     if not isinstance(wall, Mapping):
         raise InvalidValueError(f'invalid wall {shown(wall)}: expected a mapping')
     with located('wall'):
-        beside = Wall(**_numbers('wall', Wall, wall))
+        beside = made_from({'wall': Wall}, 'wall', 'wall', _numbers(Wall, wall))
     found = []
     for k, each in enumerate(traps, 1):
         with located(f'trap {k}'):
             found.append(read_trap(_trap_numbers(each)))
-    own = {name: each for name, each in given.items() if name in quantities_of(Track)}
-    rest = {name: each for name, each in given.items() if name not in own}
-    return Track(
-        Surface(**_numbers('track', Surface, rest, quantities_of(Track))),
-        beside,
-        traps=tuple(found),
-        **_numbers('track', Track, own),
-    )
+    names = list(quantities_of(Track))
+    own = _numbers(Track, {name: given.pop(name) for name in names if name in given})
+    names += ['wall', 'traps']
+    surface = made_from({'track': Surface}, 'track', 'track', _numbers(Surface, given), names)
+    return Track(surface, beside, traps=tuple(found), **own)
 
 
 def _trap_numbers(given: Any) -> Any:
     """Return the mapping of a trap with its texts as numbers."""
     if not isinstance(given, Mapping) or given.get('kind') not in KINDS:
         return given
-    known = quantities_of(KINDS[given['kind']])
-    found = {name: _number(str(name), each, known.get(name)) for name, each in given.items()}
+    found = _numbers(KINDS[given['kind']], given)
     points = given.get('points')
     if isinstance(points, list):
         found['points'] = tuple(
@@ -148,19 +145,10 @@ def _trap_numbers(given: Any) -> Any:
     return found
 
 
-def _numbers(
-    what: str, declared: Any, given: Mapping[str, Any], others: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def _numbers(declared: Any, given: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the values of a dataclass with numbers instead of texts with units."""
     known = quantities_of(declared)
-    for name in given:
-        if name not in known:
-            names = ', '.join([*known, *(others or {}), *(['wall', 'traps'] if others else [])])
-            raise InvalidValueError(
-                f'invalid value {shown(name)} of a {what}: expected one of {names}'
-            )
-    if declared is Surface and 'width' not in given:
-        raise InvalidValueError(f'missing width of a {what}')
-    return {name: _number(name, each, known[name]) for name, each in given.items()}
+    return {str(name): _number(str(name), each, known.get(name)) for name, each in given.items()}
 
 
 def _number(name: str, given: Any, expected: Quantity | None) -> Any:

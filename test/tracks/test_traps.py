@@ -177,17 +177,6 @@ def test_parts_that_an_air_jet_reaches_but_cannot_move_pass(part, rows_of):
         assert (high == 1).all()
 
 
-def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of):
-    shape = part('l_bracket')
-    pair = [row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011]
-    assert {row.aspects for row in pair} == {(1,), (2,)}
-    symmetric = [critical(Gap(0.01), (shape, row)) for row in pair]
-    assert symmetric[0] == pytest.approx(symmetric[1], abs=1e-5)
-    triangle = CutOut(0.75, points=((0.0, 0.0), (0.04, 0.0), (0.04, 0.04)))
-    found = outcomes(pair, triangle, LEVEL, shape)
-    assert [each.outcome == 'pass' for each in found].count(True) == 1
-
-
 def test_rejections_of_edge_contacts_are_not_known(part, rows_of):
     shape = part('l_bracket')
     rows = [row for row in rows_of(shape) if row.aspects == (4,)]
@@ -261,18 +250,15 @@ def test_a_track_is_read_with_units_and_written_in_si():
             'roll': '5deg',
             'wall': {'height': '30mm', 'friction': 0.2},
             'speed': '50mm/s',
-            'traps': [{'kind': 'wiper', 'height': '12.7mm'}, {'kind': 'gap', 'length': 0.012}],
+            'traps': [
+                {'kind': 'wiper', 'height': '12.7mm'},
+                {'kind': 'air_jet', 'height': 0.005, 'force': '100mN'},
+            ],
         }
     )
     assert track.surface.width == pytest.approx(0.04)
-    assert track.traps[0] == Wiper(0.0127)
+    assert track.traps == (Wiper(0.0127), AirJet(0.005, 0.1))
     assert read_track(track.document) == track
-
-
-def test_force_of_an_air_jet_can_have_a_unit():
-    jet = {'kind': 'air_jet', 'height': '5mm', 'force': '100mN'}
-    track = read_track({'width': '40mm', 'traps': [jet]})
-    assert track.traps[0].force == pytest.approx(0.1)
 
 
 @pytest.mark.slow

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
-from scipy.stats import chi2_contingency
-from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
+from surroundings_symmetry import LEVEL, counts_on_belt, groove_and_mesh, poses_from, same
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
@@ -19,9 +18,6 @@ from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
-
-# A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
-LEVEL = 1e-3
 
 
 def strip(profile, length, cells):
@@ -155,12 +151,6 @@ def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_p
     many = drop_range(job, 0, 20)
     assert_same_poses(drop_range(job, 3, 9), many.between(3, 9))
     assert (many.status == RestStatus.SETTLED).all()
-
-
-def same(counts, others):
-    """The probability of a difference at least as large if both are of one distribution."""
-    table = np.array([counts, others])
-    return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue
 
 
 # Samples of 100 tell differences of 0.21; `make validate` compares larger ones.

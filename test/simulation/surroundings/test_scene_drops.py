@@ -6,8 +6,14 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from scipy.stats import chi2_contingency
-from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
+from surroundings_symmetry import (
+    CHIRAL,
+    LEVEL,
+    counts_on_belt,
+    mirrored_chute,
+    same,
+    tilted_plane,
+)
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
@@ -28,9 +34,6 @@ from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 from resting_aspects_ros.statistics.poses import RestStatus
 
-# A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
-LEVEL = 1e-3
-
 
 @pytest.fixture(scope='module')
 def rubber(surfaces):
@@ -44,12 +47,6 @@ def make(rubber):
         return make_job(part, dataclasses.replace(rubber, surroundings=around), 1, engine=engine)
 
     return make
-
-
-def same(counts, others):
-    """The probability of a difference at least as large if both are of one distribution."""
-    table = np.array([counts, others])
-    return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue
 
 
 # -- Nothing but the index decides ---------------------------------------------------------------
