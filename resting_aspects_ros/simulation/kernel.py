@@ -889,7 +889,7 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
     If the surfaces move, the planes are already those at the end of the step.
     """
     con, planes = work.con, work.planes
-    v = _plus(v, dt, _body(axes, _at2(ground.gravity)))
+    v = _plus(v, dt, _body(axes, _from(ground.gravity, 0)))
     for i in range(count):
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
@@ -933,11 +933,6 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
         for j in range(3):
             work.old_roll[i, j] = work.roll[i, j] / dt
     return v, w
-
-
-@jit
-def _at2(a):
-    return a[0], a[1], a[2]
 
 
 @jit
@@ -1065,7 +1060,7 @@ def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, tak
     the slowest of their drops has ended.
     """
     position, velocity, spin, orientation = states
-    moments, gravity = _at2(body.moments), _at2(ground.gravity)
+    moments, gravity = _from(body.moments, 0), _from(ground.gravity, 0)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
     mu = ground.planes[0, FRICTION]

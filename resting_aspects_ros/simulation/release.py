@@ -235,12 +235,6 @@ class Ends:
     time: Array
     growth: Array
 
-    @property
-    def decided_by(self) -> npt.NDArray[np.uint8]:
-        """(n,) codes of DecidedBy."""
-        by_energy = self.minimum >= 0
-        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
-
 
 def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
     """Return the poses of drops that have ended, in the tray frame.
@@ -269,7 +263,7 @@ def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
         position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
         orientation=orientation,
         status=ends.status,
-        decided_by=ends.decided_by,
+        decided_by=np.where(decided, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8),
         time_to_rest=ends.time * job.time_unit,
         energy_growth=ends.growth,
     )

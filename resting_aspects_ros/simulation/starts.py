@@ -148,21 +148,17 @@ class GivenStarts:
         self.max_speed = float((np.sqrt(velocity**2 + fall) + spin * radius).max())
 
     def states(self, index: Indices, random: Random) -> States:
-        """Return the states of some drops; see RestStarts."""
-        return _with_noise(self._states.select(index % self.rows), self._noise, random)
-
-
-def _with_noise(states: States, noise: Noise, random: Random) -> States:
-    """Return the states with independent errors."""
-    shape = states.position.shape
-    turn = random.standard_normal(shape) * noise.orientation
-    velocity = states.velocity + random.standard_normal(shape) * noise.velocity
-    spin = states.spin + random.standard_normal(shape) * noise.spin
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
-    vector = turn / 2 * np.sinc(angle / 2 / np.pi)
-    orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
-    return States(states.position, orientation, velocity, spin)
+        """Return the states of some drops with independent errors; see RestStarts."""
+        states, noise = self._states.select(index % self.rows), self._noise
+        shape = states.position.shape
+        turn = random.standard_normal(shape) * noise.orientation
+        velocity = states.velocity + random.standard_normal(shape) * noise.velocity
+        spin = states.spin + random.standard_normal(shape) * noise.spin
+        angle = np.linalg.norm(turn, axis=1, keepdims=True)
+        # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
+        vector = turn / 2 * np.sinc(angle / 2 / np.pi)
+        orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
+        return States(states.position, orientation, velocity, spin)
 
 
 # -- Actions on parts at rest ---------------------------------------------------------------------

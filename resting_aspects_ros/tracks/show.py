@@ -66,14 +66,8 @@ def row_fields(row: Orientation) -> dict[str, Any]:
 
 def outcome_fields(row: int, found: Outcome) -> dict[str, Any]:
     """Return what a trap does to a row; values that do not exist are null."""
-    return {
-        'id': row,
-        'outcome': found.outcome,
-        'critical': plain(found.critical),
-        'margin': plain(found.margin),
-        'limited_by': found.limited_by,
-        'share': found.share,
-    }
+    values: Any = plain(found)
+    return {'id': row, **values}
 
 
 def shown_rows(found: Passage) -> list[int]:

@@ -118,24 +118,29 @@ def test_origin_of_part_frame_changes_only_the_position(part, mat, engine):
     )
 
 
-def scaled(shape, solid, factor):
-    """The part with all lengths multiplied."""
-    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 40)])
-def test_scaled_part_and_height_give_scaled_poses(part, solid, mat, engine, n):
+def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engine, n):
     # Four is a power of two: the numbers are the same to the last bit. Of another factor they
     # would be the same but for rounding, and the drops alike only on average.
     shape = part('l_bracket')
-    small, large = scaled(shape, solid, 1), scaled(shape, solid, 4)
-    a = drop_range(make_job(small, mat, 1, engine=engine), 0, n)
-    higher = mat.changed(height=4 * mat.height)
-    b = drop_range(make_job(large, higher, 1, engine=engine), 0, n)
+    weak = mat.changed(height=4 * mat.height, gravity=mat.gravity / 4)
+    a, b = (
+        drop_range(
+            make_job(
+                solid(trimesh.Trimesh(1e3 * factor * shape.vertices, shape.faces, process=False)),
+                conditions,
+                1,
+                engine=engine,
+            ),
+            0,
+            n,
+        )
+        for factor, conditions in ((1, mat), (4, weak))
+    )
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.position, a.position * 4)
-    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
+    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 4)  # T = sqrt(R / g)
 
 
 def paired(ids, others):
@@ -178,14 +183,6 @@ def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
         counts.append(count_poses(find_aspects(shape), drop_range(job, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
     assert chi2_contingency(counts).pvalue > LEVEL
-
-
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 20)])
-def test_gravity_changes_only_the_time(part, mat, engine, n):
-    shape, weak = part('t_prism'), mat.changed(gravity=mat.gravity / 4)
-    a, b = (drop_range(make_job(shape, c, 1, engine=engine), 0, n) for c in (mat, weak))
-    np.testing.assert_array_equal(b.orientation, a.orientation)
-    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
 
 
 # -- Truth from symmetry --------------------------------------------------------------------------
@@ -400,23 +397,17 @@ def test_maximum_seed_and_index_are_supported(part, mat, engine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 100), (BULLET, 4)])
-def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part, engine, n):
+def test_a_roller_in_bullet_needs_rolling_friction_to_come_to_rest(mat, part):
+    shape = part('cylinder_d20_h20')
     rough, smooth = (
         drop_range(
-            make_job(
-                part('cylinder_d20_h20'),
-                mat.changed(rolling_friction=f),
-                1,
-                until_still=True,
-                engine=engine,
-            ),
+            make_job(shape, mat.changed(rolling_friction=f), 1, until_still=True, engine=BULLET),
             0,
-            n,
+            4,
         )
         for f in (0.05, 0.005)
     )
-    assert (rough.status == RestStatus.SETTLED).mean() > 0.98
+    assert (rough.status == RestStatus.SETTLED).all()
     assert np.median(rough.time_to_rest) < np.median(smooth.time_to_rest)
 
 
@@ -435,17 +426,6 @@ THIN = [
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, mesh, changes, engine, n):
     shape = solid(mesh)
     poses = drop_range(make_job(shape, mat.changed(**changes), 1, engine=engine), 0, n)
-    assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
-
-
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
-@pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
-def test_very_small_and_very_large_parts_rest_in_an_aspect(
-    part, solid, mat, scale, height, engine, n
-):
-    # 1.4 mm and 0.6 m in radius: Bullet's own margins are 1 and 20 mm.
-    shape = scaled(part('l_bracket'), solid, scale)
-    poses = drop_range(make_job(shape, mat.changed(height=height), 1, engine=engine), 0, n)
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
 
 
