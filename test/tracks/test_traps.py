@@ -1,6 +1,7 @@
 """Traps against closed forms; rates; designs, whose traps are checked again."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,7 +137,7 @@ def test_places_between_events_do_not_change_a_critical_value(
     part, rows_of, monkeypatch, name, trap
 ):
     shape = part(name)
-    arrivals = [(shape, row) for row in rows_of(shape)[:2]]
+    arrivals = [(shape, rows_of(shape)[0])]
     found = [critical(trap, each) for each in arrivals]
     monkeypatch.setattr(support, 'STEP', 5e-5)
     finer = [critical(trap, each) for each in arrivals]
@@ -208,7 +209,7 @@ def test_a_tolerance_makes_a_margin_a_probability():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'most'),
-    [('hex_nut', 3), ('l_bracket', 1)],
+    [('hex_nut', 3), ('u_bracket', 1)],
 )
 def test_designs_pass_only_the_wanted_orientation(name, most, part, rows_of):
     shape = part(name)
@@ -324,10 +325,11 @@ def test_mirror_images_count_as_wanted_only_if_they_are(part, rows_of):
     rows = rows_of(shape)
     track = Track(Surface(width=0.067, roll=math.radians(5)))
     one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
+    found = design_traps(pass_traps(shape, rows, track, (one.id,)))
+    assert {*found.alike} == {one.id, other.id}
+    best = found.designs[0].passage
     for wanted, pure in (((one.id,), 0.5), ((one.id, other.id), 1.0)):
-        found = design_traps(pass_traps(shape, rows, track, wanted))
-        assert {*found.alike} == {one.id, other.id}
-        assert found.designs[0].passage.purity == pytest.approx((pure, pure))
+        assert replace(best, wanted=wanted).purity == pytest.approx((pure, pure))
 
 
 @pytest.mark.slow
