@@ -549,7 +549,7 @@ def _result(
         part,
         dropped,
         planned.tally.complete,
-        pieces=convex_pieces(part) if planned.action.action.has_edge else None,
+        pieces=convex_pieces(part) if planned.action.action.edge else None,
         convergence=convergence,
     )
 

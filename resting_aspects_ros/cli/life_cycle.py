@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
-from resting_aspects_ros.system import Interruption, catch
+from resting_aspects_ros.system import Interruption, available_cores, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table
@@ -57,9 +57,9 @@ def _start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers'
         cluster = ClusterWorkers(arguments.scheduler)
         stack.callback(cluster.stop)
         return cluster
-    from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
+    from resting_aspects_ros.simulation.workers import LocalWorkers
 
-    count = default_workers() if arguments.workers is None else arguments.workers
+    count = available_cores() if arguments.workers is None else arguments.workers
     workers = LocalWorkers(count)
     stack.callback(workers.stop)
     return workers
