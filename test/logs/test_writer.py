@@ -325,18 +325,10 @@ def test_invalid_log_name_is_rejected(tmp_path, name):
 
 def test_rejected_messages_leave_the_log_unchanged(tmp_path):
     unknown = Topic('/x', 'no_msgs/msg/Nothing', LATCHED)
-    changed = dataclasses.replace(POSES, qos=LATCHED)
     with RunLog(tmp_path, 'run') as log:
         log.write(POSES, b'batch 00', 1)
         with pytest.raises(LogError, match='no_msgs/msg/Nothing is not installed'):
             log.write(unknown, b'', 2)
-        with pytest.raises(LogError, match=r'depth=1, .* differs from .*depth=2000, '):
-            log.write(changed, b'', 2)
-        for time in (-1, 2**63):
-            with pytest.raises(LogError, match=f'invalid log_time {time}: expected'):
-                log.write(POSES, b'', time)
-            with pytest.raises(LogError, match=f'invalid publish_time {time}: expected'):
-                log.write(POSES, b'', 2, time)
         log.write(POSES, b'batch 01', 2)
     with Reader(log.path.parent) as reader:
         assert [bytes(data) for _, _, data in reader.messages()] == [b'batch 00', b'batch 01']
@@ -361,7 +353,5 @@ def test_closed_log_rejects_messages(tmp_path):
 def test_run_folder_name():
     started = datetime(2025, 1, 31, 23, 59, 58, 999_999, timezone(timedelta(hours=-2)))
     assert run_folder_name('l_bracket', started, '4f1c') == 'l_bracket_20250201T015958Z_4f1c'
-    with pytest.raises(LogError, match="start 2025-01-31 00:00:00 of run '4f1c' has no time zone"):
-        run_folder_name('l_bracket', datetime(2025, 1, 31), '4f1c')  # noqa: DTZ001
     with pytest.raises(LogError, match=r'invalid log name .*: expected'):
         run_folder_name('../l_bracket', started, '4f1c')
