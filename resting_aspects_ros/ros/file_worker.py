@@ -98,7 +98,6 @@ class FileWorker:
         raise FileLimitError(failure)
 
     def _ready(self) -> Connection:
-        """Return the connection to a running process."""
         if self._process is not None and not self._process.is_alive():
             self._replace()  # it was killed between two functions
         if self._connection is not None:

@@ -340,7 +340,6 @@ class LiveMonitor:
         self._topics.publish(name, message)
 
     def _add_moved(self, message: Posterior, live: LivePart) -> None:
-        """Add the parts that were followed through actions."""
         for action, counts in live.sessions.moved.items():
             known = self._transitions.find(live.part.name, live.part.part_sha256, action)
             matrix = transition_matrix_from(known) if known else no_actions(live.aspects)

@@ -120,7 +120,6 @@ def _mesh(name: str, number: int, colour: str, points: list[Point], **fields: An
 
 
 def _text(name: str, number: int, x: float, y: float, z: float, size: float) -> Marker:
-    """Return the marker of a white text at a place."""
     return Marker(
         ns=name,
         id=number,
@@ -133,7 +132,6 @@ def _text(name: str, number: int, x: float, y: float, z: float, size: float) -> 
 
 
 def _colour(text: str, opacity: float) -> ColorRGBA:
-    """Return the colour for a text '#RRGGBB'."""
     red, green, blue = rgb(text)
     return ColorRGBA(r=red, g=green, b=blue, a=opacity)
 

@@ -221,7 +221,6 @@ class DropRecorder(Node):
         self._lock.release()
 
     def _set_folder(self, path: str) -> None:
-        """Set the folder of the logs of runs that start from now on."""
         self._folder = absolute_folder(path)
         self._lock.take(self._folder)
 
@@ -246,7 +245,6 @@ class DropRecorder(Node):
             self._ends(log, message.header.frame_id)
 
     def _record_transitions(self, part: str, data: bytes) -> None:
-        """Write a matrix to the log of its run of actions."""
         message = deserialize_message(data, TransitionMatrix)
         check_transitions(message, part)
         if (log := self._log(run_from(message.run), 'actions')) is None:
@@ -319,7 +317,6 @@ class DropRecorder(Node):
         self._report(log)
 
     def _record_around(self, part: str, data: bytes) -> None:
-        """Keep the surroundings of a run, and write them if it has a log."""
         message = deserialize_message(data, SurroundingsDescription)
         check_surroundings(message, part)
         self._kept[message.run_id] = message, surroundings_of(message.surroundings), data
@@ -329,7 +326,6 @@ class DropRecorder(Node):
             self._write_surroundings(log)
 
     def _write_surroundings(self, log: RunRecorder) -> None:
-        """Write the surroundings of a run into its log, if they have arrived."""
         if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
             return
         message, found, data = kept

@@ -171,7 +171,6 @@ class DropServer(GoalServer):
         return drops.result, error
 
     async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
-        """Return the job and the requested drops of a goal."""
         conditions = await self._conditions(goal)
         plan = partial(
             plan_run,
@@ -210,7 +209,6 @@ class DropServer(GoalServer):
         return run
 
     def _begin(self, run: RunDescription, job: DropJob) -> None:
-        """Remember a new run, and publish its surroundings."""
         self._runs[run.run_id] = run
         while len(self._runs) > MAX_RUNS:
             self._runs.popitem(last=False)
@@ -494,7 +492,6 @@ class ReorientServer(GoalServer):
     def _publish(
         self, result: ReorientResult, *, ended: bool, long_run: BoundedLongRun | None = None
     ) -> TransitionMatrix:
-        """Publish the transitions of a goal; returns the message."""
         stamp = self._node.get_clock().now().to_msg()
         message = transitions_msg(result, stamp, ended=ended, long_run=long_run, frame=self._frame)
         self._topics.publish(result.run.part, message)

@@ -119,7 +119,6 @@ class PartPublisher:
         return part
 
     def _start_scan(self) -> None:
-        """Start a scan of the folder, unless one is active."""
         self._node.destroy_timer(self._timer)
         self._timer = steady_timer(self._node, SCAN_PERIOD, self._start_scan)
         if self._scan is None:
@@ -178,7 +177,6 @@ class PartPublisher:
         self._topics.remove(name)
 
     def _offer(self, part: Part) -> None:
-        """Publish the description of a part if it has changed."""
         known = self._parts.get(part.name)
         self._parts[part.name] = part
         if known is not None and known.part_sha256 == part.part_sha256:
@@ -188,7 +186,6 @@ class PartPublisher:
         self._topics.publish(part.name, part_msg(part))
 
     def _warn_once(self, problem: str) -> None:
-        """Log a problem the first time that it occurs."""
         if problem not in self._logged:
             self._logged.add(problem)
             self._node.get_logger().warning(problem)

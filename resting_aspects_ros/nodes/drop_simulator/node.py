@@ -88,7 +88,6 @@ class DropSimulator(Node):
         self._reorient.destroy()
 
     def _on_parts_read(self, _: Future) -> None:
-        """Publish diagnostics and log that the node is ready."""
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, DROP_SIMULATOR))
         parts = count_text(len(self._parts), 'part', 'parts')
         workers = count_text(self._workers.count, 'worker', 'workers')
@@ -109,7 +108,6 @@ class DropSimulator(Node):
         return Diagnosis(state, values, [warning] if not_offered else [])
 
     async def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
-        """Return the conditions that a goal requests."""
         return await self._surroundings.conditions(self._surfaces, goal, self._default.conditions)
 
 

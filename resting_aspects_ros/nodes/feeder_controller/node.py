@@ -208,7 +208,6 @@ class FeederController(Node):
     # Advice
 
     def _advise(self) -> None:
-        """Decide for the newest image."""
         image, model = self._tray.image, self._model.current
         if image is None or model is None:
             self._advice = None
@@ -260,7 +259,6 @@ class FeederController(Node):
         return f'Wait: {why}. If the tray is empty, supply {number} parts.'
 
     def _update(self) -> None:
-        """Publish the advice if it has changed."""
         advice = self._current()
         picks = [each.detection.index for each in advice.picks]
         # The time in a hint changes all the time.
