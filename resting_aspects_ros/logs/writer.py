@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, final
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
@@ -140,22 +139,6 @@ class RunLog:
             self._closed = True
             _release(self._stream)
         return self._folder
-
-    def __enter__(self) -> RunLog:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # The original error is more informative than an error of `close`.
-        with suppress(LogError):
-            self.close()
 
     def _start(self) -> tuple[BinaryIO, Writer]:
         """Create folder and file; raises LogError if they exist, OSError if that fails."""

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tracemalloc
 import zlib
+from contextlib import closing
 from itertools import count
 
 import lz4.frame
@@ -62,7 +63,7 @@ class Sample:
     def __init__(self, folder):
         self._folder = folder
         self._numbers = count()
-        with RunLog(folder, 'run') as log:
+        with closing(RunLog(folder, 'run')) as log:
             log.add_metadata('run', {'note': 'café'})
             log.add_metadata('outcome', {'whole': 'true', 'drops': '6'})
             log.write(PART, b'\0\1\0\0part', PART_TIME)
@@ -190,7 +191,7 @@ def test_log_with_any_flipped_byte_is_rejected(sample):
 
 
 def test_log_that_is_truncated_anywhere_is_read_up_to_its_end(tmp_path):
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         for k in range(3):
             log.write(CHATTER, bytes([0, 1, 0, 0, k]) * 9, START + k)
             log.flush()

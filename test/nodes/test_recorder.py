@@ -3,10 +3,10 @@
 import csv
 import resource
 
-import numpy as np
 import pytest
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
+from wire import plain
 
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
@@ -29,21 +29,6 @@ def read(path):
             message = reader.deserialize(data, connection.msgtype)
             found.setdefault(connection.topic, []).append(message)
     return found
-
-
-def plain(message):
-    """A message of rclpy or of rosbags as plain data that can be compared."""
-    if hasattr(message, 'get_fields_and_field_types'):
-        names = message.get_fields_and_field_types()
-        return {name: plain(getattr(message, name)) for name in names}
-    if hasattr(message, '__msgtype__'):
-        names = [name for name in vars(message) if name != '__msgtype__']
-        return {name: plain(getattr(message, name)) for name in names if not name.isupper()}
-    if isinstance(message, bytes | np.ndarray) or hasattr(message, 'typecode'):
-        return np.asarray(bytearray(message) if isinstance(message, bytes) else message).tolist()
-    if isinstance(message, list | tuple):
-        return [plain(entry) for entry in message]
-    return message
 
 
 @pytest.fixture(scope='module')
