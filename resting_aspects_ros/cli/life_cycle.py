@@ -213,7 +213,7 @@ def finish(
 
     saved = []
     name, text = document
-    saves = {name: lambda path: _save_text(path, text()), **files}
+    saves = {name: lambda path: save_text(path, text()), **files}
     try:
         for path, save in [] if out is None else [(out / name, saves[name]) for name in saves]:
             with analysis(f'the file {path.name}'):
@@ -231,7 +231,8 @@ def finish(
             say(arguments, f'Report: {report(out)}')
 
 
-def _save_text(path: Path, text: str) -> None:
+def save_text(path: Path, text: str) -> None:
+    """Write a text file as a whole; raises OutputError."""
     from resting_aspects_ros.api.result import whole_file
 
     with whole_file(path) as file:

@@ -9,12 +9,12 @@ from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, sess
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
+    add_integer,
     add_out,
     add_output,
     add_part,
+    add_share,
     add_workers,
-    parse_integer,
-    parse_share,
     refuse,
     requested_conditions,
     requested_part,
@@ -81,44 +81,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='each count is the total since the start, as a counter shows it',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--window',
-        metavar='N',
-        type=parse_integer,
-        help='number of parts in a window (as many as find the deviation of --shift in any class '
+        'number of parts in a window (as many as find the deviation of --shift in any class '
         'with a probability of 80 %%; all parts if they are fewer). A batch is not divided',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--shift',
-        metavar='D',
-        type=partial(parse_share, '--shift'),
-        help='deviation of the share of a class that a window should find (0.05, which is 5 '
-        'points)',
+        'D',
+        'deviation of the share of a class that a window should find (0.05, which is 5 points)',
     )
-    parser.add_argument(
-        '--level',
-        metavar='A',
-        type=partial(parse_share, '--level'),
-        help='probability of a false alarm in each window (0.01)',
-    )
-    parser.add_argument(
+    add_share(parser, '--level', 'A', 'probability of a false alarm in each window (0.01)')
+    add_integer(
+        parser,
         '--prior-weight',
-        metavar='N',
-        type=parse_integer,
-        help='weight of the simulated drops in the shares of all parts, as a number of parts (60)',
+        'weight of the simulated drops in the shares of all parts, as a number of parts (60)',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        help=f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into '
-        'account',
+        f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into account',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        help=f'the same seed gives the same drops ({DEFAULT_SEED})',
+    add_integer(
+        parser, '--seed', f'the same seed gives the same drops ({DEFAULT_SEED})', metavar='S'
     )
     add_confidence(parser)
     add_workers(parser)
@@ -134,7 +121,6 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
         if (value := getattr(arguments, name)) is not None
     }
-    # These imports are slow because of NumPy.
     from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.aspects.find import find_aspects

@@ -13,12 +13,12 @@ from resting_aspects_ros.cli.options import (
     add_actions_file,
     add_confidence,
     add_contact_conditions,
+    add_integer,
     add_out,
     add_output,
     add_part_place,
     add_seed,
     add_workers,
-    parse_integer,
     parse_numbers,
     requested_conditions,
     requested_part,
@@ -90,20 +90,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='also simulate runs in which feeder_controller decides, about 5 s for each forecast',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--per-aspect',
-        metavar='N',
-        type=parse_integer,
-        default=PER_ASPECT,
-        help=f'number of actions from each aspect ({PER_ASPECT}); four times as many halve the '
+        f'number of actions from each aspect ({PER_ASPECT}); four times as many halve the '
         'interval',
+        default=PER_ASPECT,
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
+        f'number of drops; supplied parts have their distribution ({DEFAULT_DROPS})',
         default=DEFAULT_DROPS,
-        help=f'number of drops; supplied parts have their distribution ({DEFAULT_DROPS})',
     )
     add_seed(parser, 'forecast')
     add_confidence(parser)
@@ -121,7 +119,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy and shapely.
         from resting_aspects_ros.api.forecast import forecast_each
         from resting_aspects_ros.api.forecast_result import save_forecast_picture
 
@@ -293,18 +290,10 @@ def add_cell(
             help='footprint of the gripper, in which no other part may be: length along the part '
             'and width, or a diameter, such as 40x10mm or 20mm (none)',
         )
-    group.add_argument(
-        '--parts-on-tray',
-        metavar='N',
-        type=parse_integer,
-        help='number of parts on the tray (the one with the highest rate)',
+    add_integer(
+        group, '--parts-on-tray', 'number of parts on the tray (the one with the highest rate)'
     )
-    group.add_argument(
-        '--max-picks',
-        metavar='N',
-        type=parse_integer,
-        help='maximum number of picks after one image (all free parts)',
-    )
+    add_integer(group, '--max-picks', 'maximum number of picks after one image (all free parts)')
     group.add_argument(
         '--minutes', metavar='MIN', default=minutes, help=f'duration of {duration} ({minutes})'
     )

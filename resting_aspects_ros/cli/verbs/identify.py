@@ -61,7 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    # These imports are slow because of NumPy and shapely.
     from resting_aspects_ros.api.identify import (
         identification_document,
         identification_hint,

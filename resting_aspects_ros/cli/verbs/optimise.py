@@ -9,6 +9,7 @@ from resting_aspects_ros.cli.options import (
     add_actions_file,
     add_conditions,
     add_confidence,
+    add_integer,
     add_out,
     add_output,
     add_part,
@@ -16,7 +17,6 @@ from resting_aspects_ros.cli.options import (
     add_surroundings,
     add_workers,
     changed_conditions,
-    parse_integer,
     parse_numbers,
     refuse,
     requested_part,
@@ -71,13 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'that was dropped, before it is counted (none)',
     )
     add_actions_file(parser)
-    parser.add_argument(
+    add_integer(
+        parser,
         '--budget',
-        metavar='N',
-        type=parse_integer,
-        default=200_000,
-        help='number of all drops: half of them search, a quarter are fresh drops that compare '
+        'number of all drops: half of them search, a quarter are fresh drops that compare '
         'the best conditions with others, and a quarter show how flat the optimum is (200000)',
+        default=200_000,
     )
     add_seed(parser, 'result')
     add_confidence(parser)
@@ -91,7 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
         from resting_aspects_ros.api.conditions import requested_surroundings
         from resting_aspects_ros.simulation.conditions import all_surfaces
         from resting_aspects_ros.studies.design import parse_ranges
@@ -123,12 +121,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
     """Return the action that is done to parts that were dropped; raises InvalidValueError."""
-    from resting_aspects_ros.api.conditions import shipped_actions
-    from resting_aspects_ros.simulation.actions import Actions
+    from resting_aspects_ros.cli.action_options import known_actions
 
     if arguments.action is not None:
-        known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
-        return known.get(arguments.action)
+        return known_actions(arguments).get(arguments.action)
     refuse(arguments, ('actions',), 'with --action')
     return None
 

@@ -53,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
-    # These imports are slow because of NumPy.
     from resting_aspects_ros.api.outlines import check_sheet_name, outlines
     from resting_aspects_ros.api.result import check_output
 

@@ -15,12 +15,12 @@ from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
     add_engine,
+    add_integer,
     add_out,
     add_output,
     add_part,
     add_seed,
     add_workers,
-    parse_integer,
     requested_conditions,
     requested_part,
 )
@@ -45,12 +45,11 @@ DOCUMENT, PICTURE, PAGE = 'retention.json', 'retention.png', 'retention.html'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_part(parser)
-    parser.add_argument(
+    add_integer(
+        parser,
         '--per-height',
-        metavar='N',
-        type=parse_integer,
+        'number of disturbances of each energy from each aspect (400)',
         default=400,
-        help='number of disturbances of each energy from each aspect (400)',
     )
     parser.add_argument(
         '--max-lift',
@@ -75,7 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
         from resting_aspects_ros.api.retention import retention
 
         part = requested_part(arguments)

@@ -16,6 +16,7 @@ from resting_aspects_ros.cli.life_cycle import (
 )
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_integer,
     add_out,
     add_output,
     add_part,
@@ -88,13 +89,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='propose traps that pass only the wanted orientation, after those that are given',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--simulate',
-        metavar='N',
-        type=parse_integer,
-        default=0,
-        help='let N parts of each row run over the traps at the speed of the track (0); with '
+        'let N parts of each row run over the traps at the speed of the track (0); with '
         '--design, margins are those of simulated parts',
+        default=0,
     )
     parser.add_argument(
         '--before',
@@ -108,12 +108,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tolerance', metavar='X', default='0', help='of the parts, half width (0)'
     )
     parser.add_argument('--trap-tolerance', metavar='X', default='0', help='of traps (0)')
-    parser.add_argument(
-        '--drops',
-        metavar='N',
-        type=parse_integer,
-        default=2000,
-        help='number of drops for the shares of the aspects (2000)',
+    add_integer(
+        parser, '--drops', 'number of drops for the shares of the aspects (2000)', default=2000
     )
     add_seed(parser, 'result')
     add_workers(parser)
@@ -129,7 +125,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
         from resting_aspects_ros.api.track import default_track, design_track, given_track, track
         from resting_aspects_ros.api.track_result import TrackDesign
 
