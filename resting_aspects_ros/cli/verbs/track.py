@@ -3,8 +3,11 @@
 import argparse
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from resting_aspects_ros.api.track import default_track, design_track, given_track, track
+from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import (
     DONE,
     FAILED,
@@ -28,9 +31,6 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -125,9 +125,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        from resting_aspects_ros.api.track import default_track, design_track, given_track, track
-        from resting_aspects_ros.api.track_result import TrackDesign
-
         part = requested_part(arguments)
         described = _described(arguments)
         if arguments.on is not None:
@@ -201,9 +198,7 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: 'TrackResult | TrackDesign') -> None:
-    from resting_aspects_ros.cli.console import show_table, show_texts
-
+def _show(result: TrackResult | TrackDesign) -> None:
     for table in result.tables():
         show_table(table)
     show_texts(*result.sentences)
