@@ -8,7 +8,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,24 +45,24 @@ def session(arguments: argparse.Namespace) -> Iterator[Session]:
     The workers are stopped last, so that the result is written even if stopping them fails.
     Raises InvalidValueError.
     """
-    with Interruption() as stop, ExitStack() as stack:
-        yield Session(_start_workers(arguments, stack), stop)
+    with Interruption() as stop:
+        # This import is slow because of NumPy.
+        from resting_aspects_ros.simulation.workers import (
+            ClusterWorkers,
+            LocalWorkers,
+            default_workers,
+        )
 
-
-def _start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
-    # These imports are slow because of NumPy.
-    if arguments.scheduler is not None:
-        from resting_aspects_ros.simulation.workers import ClusterWorkers
-
-        cluster = ClusterWorkers(arguments.scheduler)
-        stack.callback(cluster.stop)
-        return cluster
-    from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
-
-    count = default_workers() if arguments.workers is None else arguments.workers
-    workers = LocalWorkers(count)
-    stack.callback(workers.stop)
-    return workers
+        workers: Workers
+        if arguments.scheduler is not None:
+            workers = ClusterWorkers(arguments.scheduler)
+        else:
+            count = default_workers() if arguments.workers is None else arguments.workers
+            workers = LocalWorkers(count)
+        try:
+            yield Session(workers, stop)
+        finally:
+            workers.stop()
 
 
 def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | None]:
@@ -103,13 +103,6 @@ def exit_code(
 # -- Files ----------------------------------------------------------------------------------------
 
 
-def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
-    """Return the flag that requests a folder, and the folder: None if nothing is saved."""
-    if arguments.out is None and getattr(arguments, 'report', False):
-        return '--report', Path('out') / part
-    return '--out', arguments.out
-
-
 def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]) -> Path | None:
     """Make the folder of a result with the given files.
 
@@ -118,7 +111,9 @@ def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]
     """
     from resting_aspects_ros.api.result import check_files
 
-    flag, out = requested_folder(arguments, part)
+    flag, out = '--out', arguments.out
+    if out is None and getattr(arguments, 'report', False):
+        flag, out = '--report', Path('out') / part
     if out is not None:
         check_files(flag, out, files)
     return out

@@ -14,7 +14,7 @@ from resting_aspects_ros.studio.rows import Source
 
 CHANGES = [
     {'surface': 'steel', 'condition.friction': '0.31', 'condition.height': '77'},
-    {'surroundings': 'slope', 'dimension.angle': '12', 'precision': '0.05'},
+    {'surroundings': 'slope', 'dimension.angle': '12', 'precision': '0.02'},
 ]
 OTHERS = [
     ('Outlines', {}),
