@@ -20,6 +20,7 @@ from resting_aspects_ros.cli.life_cycle import (
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_integer,
+    add_model_range,
     add_out,
     add_output,
     add_part,
@@ -112,6 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, '--drops', 'number of drops for the shares of the aspects (2000)', default=2000
     )
     add_seed(parser, 'result')
+    add_model_range(parser)
     add_workers(parser)
     add_out(
         parser,
@@ -140,6 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
             'tolerance': parse_quantity('--tolerance', arguments.tolerance, 'm'),
             'trap_tolerance': parse_quantity('--trap-tolerance', arguments.trap_tolerance, 'm'),
             'seed': arguments.seed,
+            'model_range': not arguments.no_model_range,
             **started.options,
         }
         make: Callable[[], TrackResult | TrackDesign]
