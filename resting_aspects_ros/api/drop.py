@@ -469,7 +469,8 @@ def make_drops(
     mesh: Path | None = None,
 ) -> DropResult:
     """Make planned drops; see `drop`. With ``check``, repeat them with half the time step."""
-    tally, chunks = planned.tally(), list[RestingPoses]()
+    tally = DropTally(planned.empty, planned.run.drops, planned.stop_at)
+    chunks: list[RestingPoses] = []
     nothing = RestingPoses.none(planned.run.first_drop)
     kept = [lambda poses, _: chunks.append(poses)] if keep_poses else []
     counts = [each.add for each in (planned.contacts, by_state) if each is not None]
