@@ -1,7 +1,5 @@
 """Effects of known functions: Sobol indices, largest changes and findings, with few errors."""
 
-import re
-
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -166,19 +164,6 @@ def test_fresh_drops_find_the_largest_change_without_bias():
     assert above <= binom.ppf(0.999, runs, 0.05)
 
 
-def test_candidates_are_the_lines_with_the_largest_change():
-    """Where the second factor is large, the first one moves the share by up to 40 points."""
-
-    def corner(u):
-        return 0.3 + 0.4 * u[:, 0] * (u[:, 1] > 0.8)
-
-    design = make_design('curves', FACTORS, 16, 3)
-    line = counted(design, corner, 400, 1)[0]
-    for candidate in largest_candidates(line)[:3]:
-        assert design.points[candidate.points[0], 1] > 0.8
-        assert candidate.levels[1] - candidate.levels[0] > 0.5
-
-
 @pytest.fixture(scope='module')
 def cylinder():
     part = ra.load_part('cylinder_d20_h20')
@@ -228,9 +213,6 @@ def test_verdicts_have_few_errors(cylinder, monkeypatch):
 def test_change_near_the_tolerance_is_not_decided(cylinder):
     _, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.2, drops=50)
     assert found['restitution'].verdict == OPEN
-    # The change is nearly the tolerance, so that no practical number of drops would decide.
-    text = found['restitution'].text
-    assert re.search(r'(about \d+|more than 100) times as many drops would decide', text)
 
 
 def test_part_with_one_class_has_no_effects():
