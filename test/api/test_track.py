@@ -87,13 +87,6 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
     assert stopped.runs is None
 
 
-@pytest.mark.slow
-def test_an_interrupted_design_is_not_complete():
-    stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
-    assert not stopped.complete
-    assert stopped.best.runs is None
-
-
 def test_an_unknown_action_is_refused_before_the_drops():
     made = []
     with pytest.raises(ra.InvalidValueError, match="'shake'"):
