@@ -31,6 +31,7 @@ def designed():
     return ra.design_track('l_bracket', 1, drops=200)
 
 
+@pytest.mark.slow
 def test_document_has_what_its_reference_names(simulated):
     document = json.loads(simulated.to_json())
     assert set(document) >= KEYS
@@ -44,6 +45,7 @@ def test_document_has_what_its_reference_names(simulated):
         assert row['wall_low'] <= row['probability'] <= row['wall_high']
 
 
+@pytest.mark.slow
 def test_numbers_of_a_document_follow_from_each_other(simulated):
     document = json.loads(simulated.to_json())
     good = document['orientations'][0]['probability']
@@ -54,6 +56,7 @@ def test_numbers_of_a_document_follow_from_each_other(simulated):
     assert np.add([low, high], returned[::-1]) == pytest.approx([document['arrivals']] * 2)
 
 
+@pytest.mark.slow
 def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
     document = json.loads(simulated.to_json())
     assert document['simulated']['parts'] == 3
@@ -121,6 +124,7 @@ def test_a_sensor_passes_what_it_identifies():
     assert [each.share for each in found.passage.outcomes[0]] == [1, 0, 0]
 
 
+@pytest.mark.slow
 def test_csv_has_a_line_for_each_row(simulated, tmp_path):
     simulated.save_csv(tmp_path / 'rows.csv')
     with (tmp_path / 'rows.csv').open(encoding='utf-8') as file:
@@ -143,6 +147,7 @@ def test_page_has_rows_track_and_flow(simulated, tmp_path):
         assert f'{100 * row.probability:.1f} %' in text
 
 
+@pytest.mark.slow
 def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
     assert designed.designs
     assert designed.best.margin == max(each.margin for each in designed.designs)

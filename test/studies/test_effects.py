@@ -137,7 +137,7 @@ def test_mean_curve_is_within_its_interval(factors):
 )
 def test_largest_change_is_within_its_bounds(share, size):
     """The bounds allow for the choice of the largest one of many changes."""
-    runs, inside = 200, 0
+    runs, inside = 100, 0
     for seed in range(runs):
         change = mean_change(line_counts(share, FACTORS, 8, 200, seed)[0], 0.9)
         inside += change.lower <= size <= change.upper
@@ -147,7 +147,7 @@ def test_largest_change_is_within_its_bounds(share, size):
 
 def test_fresh_drops_find_the_largest_change_without_bias():
     """Without an effect, the largest of many lines is lucky; fresh drops there are not."""
-    runs, drops, lucky, fresh, above = 100, 400, [], [], 0
+    runs, drops, lucky, fresh, above = 50, 400, [], [], 0
     for seed in range(runs):
         rng = np.random.default_rng(seed)
         line = line_counts(lambda u: np.full(len(u), 0.3), FACTORS, 16, drops, seed)[0]

@@ -149,7 +149,7 @@ def comparison(share, seed, points, drops, confidence=0.95):
 
 def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():
     """The threshold of OptimiseResult.winner, 1 - 0.05 / k, for three equal conditions."""
-    runs, points = 300, np.full((3, 1), 0.5)
+    runs, points = 150, np.full((3, 1), 0.5)
     won = sum(
         comparison(lambda u: np.full(len(u), 0.4), seed, points, 1000)[2] >= 1 - 0.05 / 3
         for seed in range(runs)
