@@ -39,7 +39,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, drop_goal
-from resting_aspects_ros.ros.interface import FORECAST
+from resting_aspects_ros.ros.interface import FORECAST, GET_DISTRIBUTION
 from resting_aspects_ros.ros.program import FRAME_ID, check_frame
 from resting_aspects_ros.ros.requests import (
     BusyError,
@@ -77,7 +77,7 @@ COUNT_TIMEOUT = 120.0
 
 
 class DistributionService:
-    """Finds the distribution for a request."""
+    """Serves get_distribution."""
 
     def __init__(
         self,
@@ -100,8 +100,14 @@ class DistributionService:
         self._parts = parts
         self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+        serve(node, GetDistribution, GET_DISTRIBUTION, self._answer)
 
-    async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
+    async def _answer(
+        self, request: GetDistribution.Request, response: GetDistribution.Response
+    ) -> None:
+        response.distribution = await self._requested(request)
+
+    async def _requested(self, request: GetDistribution.Request) -> AspectDistribution:
         """Return the requested distribution; raises RestingAspectsError."""
         method = requested_estimator(request.method)
         if method is None:
