@@ -438,13 +438,6 @@ class Vibration(Action):
         spin = np.stack([rocking * self.rocking_x, rocking * self.rocking_y, zero], -1)
         return self._at(horizontal, vertical), spin
 
-    def left(self, position: Array) -> npt.NDArray[np.bool_]:
-        """Return which parts (n,) have left the plate.
-
-        ``position`` (n, 3) are their centres of mass in the frame of the surface, m.
-        """
-        return np.asarray(np.abs(position[:, :2]).max(axis=1) > self.plate_size / 2)
-
     def _at(self, horizontal: Array, vertical: Array) -> Array:
         x, z = horizontal * self.horizontal_amplitude, vertical * self.vertical_amplitude
         return np.stack([x, np.zeros(len(x)), z], axis=-1)
