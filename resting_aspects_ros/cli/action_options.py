@@ -52,7 +52,7 @@ def _requested_values(arguments: argparse.Namespace) -> dict[str, float]:
 
 def requested_actions(arguments: argparse.Namespace) -> list[NamedAction]:
     """Return the actions that the flags request; raises InvalidValueError."""
-    known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+    known = shipped_actions() if arguments.actions is None else Actions(arguments.actions)
     values = _requested_values(arguments)
     time = values.pop('time', None)
     text = arguments.action

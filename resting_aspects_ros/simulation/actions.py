@@ -702,10 +702,13 @@ class NamedAction:
 
 
 class Actions:
-    """The named actions."""
+    """The named actions of a file of the form of config/actions.yaml.
 
-    def __init__(self, actions: Mapping[str, NamedAction]) -> None:
-        self._actions = dict(actions)
+    Raises InvalidValueError if the file cannot be used.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._actions = read_entries(path, 'actions file', 'an action', 'actions', _named_action)
 
     def names(self) -> list[str]:
         """Return all names, in the order of the file."""
@@ -720,11 +723,6 @@ class Actions:
                 f'{did_you_mean(name, expected)}'
             )
         return self._actions[name]
-
-    @classmethod
-    def read(cls, path: Path) -> 'Actions':
-        """Read a file of the form of config/actions.yaml; raises InvalidValueError."""
-        return cls(read_entries(path, 'actions file', 'an action', 'actions', _named_action))
 
 
 def make_action(kind: str, values: Mapping[str, Any]) -> Action:

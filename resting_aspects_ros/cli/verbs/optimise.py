@@ -127,7 +127,7 @@ def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
     from resting_aspects_ros.simulation.actions import Actions
 
     if arguments.action is not None:
-        known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+        known = shipped_actions() if arguments.actions is None else Actions(arguments.actions)
         return known.get(arguments.action)
     refuse(arguments, ('actions',), 'with --action')
     return None
