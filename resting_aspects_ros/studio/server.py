@@ -37,7 +37,6 @@ NAMES = ('127.0.0.1', 'localhost', '[::1]')
 TOKEN_BYTES = 16
 MAX_UPLOAD = 256 << 20  # bytes, the maximum of a mesh file
 MAX_MESSAGE = 64 << 10  # bytes
-MAX_CHANGES = 1000  # messages of a tab in a second; a slider sends less than 150
 MAX_ROOMS = 32
 PERIOD = 0.05  # s, between messages to a tab
 ROOM_LIFE = 600.0  # s, after its last tab
@@ -131,22 +130,6 @@ class Seat:
         self.waiting.pop(topic, None)
         self.waiting[topic] = text
         self.news.set()
-
-
-class Limit:
-    """At most a number of events in each second of a clock."""
-
-    def __init__(self, number: int, clock: Callable[[], float]) -> None:
-        self._number, self._clock = number, clock
-        self._second, self._count = -1, 0
-
-    def allows(self) -> bool:
-        """Count an event; returns whether it is allowed."""
-        second = int(self._clock())
-        if second != self._second:
-            self._second, self._count = second, 0
-        self._count += 1
-        return self._count <= self._number
 
 
 class Studio:
@@ -409,7 +392,6 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
         return socket
     seat.socket = socket
     sender: asyncio.Task[None] | None = None
-    limit = Limit(MAX_CHANGES, studio.clock)
     try:
         # Raises ConnectionError if the tab was closed while its room was made.
         await socket.send_json({'topic': 'room', 'room': seat.key})
@@ -419,8 +401,6 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
         async for message in socket:
             if message.type is not WSMsgType.TEXT:
                 problem: str | None = 'invalid message: expected text'
-            elif not limit.allows():
-                problem = f'more than {MAX_CHANGES} changes in a second: some have no effect'
             else:
                 problem = _receive(seat, message.data)
             if problem is not None:
