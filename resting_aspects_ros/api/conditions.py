@@ -89,7 +89,7 @@ def shipped_actions() -> 'Actions':
     # This import is slow because of NumPy, which --help does not need.
     from resting_aspects_ros.simulation.actions import Actions
 
-    return Actions.read(actions_file())
+    return Actions(actions_file())
 
 
 def surface_text(conditions: DropConditions) -> str:

@@ -52,7 +52,7 @@ def _requested_values(arguments: argparse.Namespace) -> dict[str, float]:
 
 def known_actions(arguments: argparse.Namespace) -> Actions:
     """Return the actions of the file that --actions names, or those of the suite."""
-    return shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+    return shipped_actions() if arguments.actions is None else Actions(arguments.actions)
 
 
 def requested_actions(arguments: argparse.Namespace) -> list[NamedAction]:

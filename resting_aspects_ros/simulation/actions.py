@@ -438,13 +438,6 @@ class Vibration(Action):
         spin = np.stack([rocking * self.rocking_x, rocking * self.rocking_y, zero], -1)
         return self._at(horizontal, vertical), spin
 
-    def left(self, position: Array) -> npt.NDArray[np.bool_]:
-        """Return which parts (n,) have left the plate.
-
-        ``position`` (n, 3) are their centres of mass in the frame of the surface, m.
-        """
-        return np.asarray(np.abs(position[:, :2]).max(axis=1) > self.plate_size / 2)
-
     def _at(self, horizontal: Array, vertical: Array) -> Array:
         x, z = horizontal * self.horizontal_amplitude, vertical * self.vertical_amplitude
         return np.stack([x, np.zeros(len(x)), z], axis=-1)
@@ -709,10 +702,13 @@ class NamedAction:
 
 
 class Actions:
-    """The named actions."""
+    """The named actions of a file of the form of config/actions.yaml.
 
-    def __init__(self, actions: Mapping[str, NamedAction]) -> None:
-        self._actions = dict(actions)
+    Raises InvalidValueError if the file cannot be used.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._actions = read_entries(path, 'actions file', 'an action', 'actions', _named_action)
 
     def names(self) -> list[str]:
         """Return all names, in the order of the file."""
@@ -727,11 +723,6 @@ class Actions:
                 f'{did_you_mean(name, expected)}'
             )
         return self._actions[name]
-
-    @classmethod
-    def read(cls, path: Path) -> 'Actions':
-        """Read a file of the form of config/actions.yaml; raises InvalidValueError."""
-        return cls(read_entries(path, 'actions file', 'an action', 'actions', _named_action))
 
 
 def make_action(kind: str, values: Mapping[str, Any]) -> Action:

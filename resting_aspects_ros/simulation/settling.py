@@ -141,7 +141,8 @@ class Settling(Ends):
         motion = self._job.motion
         if motion is None:
             return np.zeros(len(position), dtype=np.bool_)
-        return motion.left(self._on_surface(position) * self._job.radius)
+        place = self._on_surface(position)[:, :2] * self._job.radius
+        return np.asarray(np.abs(place).max(axis=1) > motion.plate_size / 2)
 
     def _failed(self, states: States) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically."""

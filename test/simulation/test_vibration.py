@@ -383,7 +383,7 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
 
 
 def test_shipped_vibrations_fit_the_example_parts(part, mat):
-    known = Actions.read(actions_file())
+    known = Actions(actions_file())
     shipped = [known.get(name) for name in known.names()]
     vibrations = [each for each in shipped if isinstance(each.action, Vibration)]
     assert len(vibrations) >= 2

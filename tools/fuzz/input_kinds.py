@@ -110,7 +110,7 @@ def yaml_kinds() -> dict[str, Kind]:
             Surfaces.read,
             ((CONFIG / 'surfaces.yaml').read_bytes(), _yaml({'rubber_mat': uncertain})),
         ),
-        'actions': Kind('actions.yaml', Actions.read, ((CONFIG / 'actions.yaml').read_bytes(),)),
+        'actions': Kind('actions.yaml', Actions, ((CONFIG / 'actions.yaml').read_bytes(),)),
         'surroundings': Kind(
             'place.yaml',
             lambda path: named_surroundings(path).scene(shipped_surfaces().get(), 0.01),
