@@ -80,13 +80,15 @@ CAPSULES = 4
 CAPSULE_LENGTH = 1.0
 SHORT = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH  # their places along y
 # Number of time steps per T for parts that land before they are beyond the edge. Each step takes
-# several times as long as one without the edge.
+# several times as long as one without the edge. With 1280, shares of L brackets and of t_prisms
+# change by 0.004 at most (n = 500 and 1000, standard error 0.005); with 160, by 0.024 (0.006).
 LANDING_STEPS_PER_T = 640
 # Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near
 # it, which saves time.
 DROP = 0.05
 
-# As SOLVER_RESIDUAL, while parts are at the edge, where they have many contacts.
+# As SOLVER_RESIDUAL, while parts are at the edge, where they have many contacts. With 1e-7, a part
+# that lies on both belts leaves them with 0.02 / T less spin; the time is the same.
 RESIDUAL = 1e-9
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 # Quarter turns that make the direction x point up or down.
@@ -95,7 +97,8 @@ _X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 # Time, T, for which a part that is about to land has the steps of first impacts, and number of
-# time steps per T later.
+# time steps per T later. With 2 T, the shares of 5000 boxes change by 0.0006 at most (standard
+# error 0.002); with 320 in place of 160 later steps, by 0.0046 (0.002).
 FINE_TIME = 1.0
 LATER_STEPS_PER_T = 320
 # Extent of the bodies, R: more than parts can drift.

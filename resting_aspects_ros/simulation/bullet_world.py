@@ -118,12 +118,14 @@ _thread_data = _PerThread()
 
 
 # Simultaneous impacts at several points, such as those of a cylinder's side, need many solver
-# iterations. Each body iterates until no speed changes by more than the square root of the
-# residual, R / T, or until the maximum; doubling it does not change any aspect's probability.
+# iterations: with a fixed 20, a cylinder came to rest on its ends in 0.37 of the drops, with 320
+# or more in 0.40 (n = 8000). Each body iterates until no speed changes by more than the root of
+# the residual, R / T, or until the maximum; doubling it does not change any probability.
 SOLVER_RESIDUAL = 1e-10
 MAX_SOLVER_ITERATIONS = 1000
 # As SOLVER_RESIDUAL, on a surface that moves, which a part touches most of the time. With the
-# smaller residual, the action `bowl` takes 2.8 times as long and has the same shares.
+# smaller residual, the action `bowl` takes 2.8 times as long and has the same shares (29,600 pairs
+# of actions from the same states: chi-square 43 with 47 degrees of freedom).
 MOTION_RESIDUAL = 1e-8
 # As SOLVER_RESIDUAL, in surroundings: a part in a groove has twice as many contacts. A smaller
 # residual multiplies the time by up to 10.
