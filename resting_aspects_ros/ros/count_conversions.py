@@ -139,7 +139,7 @@ def add_drift(message: Posterior, test: DriftTest) -> None:
     message.drift = drifted.stop == len(test.windows)
     message.first_part = int(test.ends[drifted.start]) + 1
     message.last_part = int(test.ends[drifted.stop])
-    message.drift_class = test.groups[found.index][0]
+    message.drift_class = test.observed.groups[found.index][0]
     message.share, message.expected = found.share, found.expected
     message.deviation_lower, message.deviation_upper = found.lower, found.upper
 

@@ -86,7 +86,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
     assert '\\x1b[2J' in run('info', 'run').stdout
 
 
-@pytest.mark.parametrize('words', ['info', 'replay', 'drop --from-log'])
+@pytest.mark.parametrize('words', ['replay', 'drop --from-log'])
 def test_log_of_another_version_is_refused(run, log, monkeypatch, words):
     run_log = importlib.import_module('resting_aspects_ros.logs.writer')
     load = run_log.load_schema
@@ -123,31 +123,14 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
     assert counts.tolist() == counted.counts.tolist()
 
 
-@pytest.mark.parametrize('words', ['info', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
-def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
+def test_a_log_is_read_once(run, log, monkeypatch, closed):
     folder = log(batches=None if closed else 2)
     passes = []
     records = McapFile.records
     monkeypatch.setattr(McapFile, 'records', lambda file: passes.append(1) or records(file))
-    assert run(*words.split(), folder).returncode == 0
+    assert run('info', folder).returncode == 0
     assert len(passes) == (0 if closed else 1)  # by the index if it is closed
-
-
-@pytest.mark.slow
-def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
-    dropped = run('drop', 'tetrahedron', '--drops', 300, '--log', 'logs', '--json')
-    assert dropped.returncode == 0
-    document = json.loads(dropped.stdout)
-    (log,) = (tmp_path / 'logs').iterdir()
-    assert log.name.endswith(f'Z_{document["run_id"]}')
-    for words in (['info', log], ['drop', '--from-log', log]):
-        ended = run(*words, '--json')
-        assert ended.returncode == 0
-        text = ended.stdout
-        assert [each['count'] for each in json.loads(text)['aspects']] == [
-            each['count'] for each in document['aspects']
-        ]
 
 
 def test_info_of_an_unfinished_log(run, log):
@@ -237,7 +220,7 @@ def test_unfinished_log_is_used_with_a_warning(run, log, words):
         assert f"warning: log '{cut}' is being written" in said(cut)
 
 
-@pytest.mark.parametrize('command', ['info', 'recover', 'drop --from-log'])
+@pytest.mark.parametrize('command', ['recover', 'drop --from-log'])
 def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     folder = log()
     file = folder / 'run_0.mcap'
@@ -295,7 +278,6 @@ COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
     ('asked', 'ranges', 'whole'),
     [
         ({'drops': 5000, 'precision': 0.1}, [(0, 140)], True),  # canceled before its precision
-        ({'drops': 60, 'first_drop': 90}, [(90, 110)], True),
         ({'drops': 300}, [(0, 70), (110, 210)], False),  # those between are lost
     ],
 )

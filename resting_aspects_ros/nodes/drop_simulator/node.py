@@ -35,8 +35,8 @@ from resting_aspects_ros.ros.requests import (
     RequestedSurroundings,
 )
 from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
-from resting_aspects_ros.simulation.workers import MAX_WORKERS, LocalWorkers, default_workers
-from resting_aspects_ros.system import parts_folder
+from resting_aspects_ros.simulation.workers import MAX_WORKERS, LocalWorkers
+from resting_aspects_ros.system import available_cores, parts_folder
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
@@ -66,7 +66,7 @@ class DropSimulator(Node):
         self._surfaces = all_surfaces(values['surfaces_file'])
         frame = check_frame(values[FRAME_ID.name])
         self._default = DefaultConditionsPublisher(self, self._surfaces)
-        self._workers = LocalWorkers(values['workers'] or default_workers())
+        self._workers = LocalWorkers(values['workers'] or available_cores())
         self._files = FileWorker(self)
         self._surroundings = RequestedSurroundings(
             self, values[SURROUNDINGS_FOLDER.name], self._files
