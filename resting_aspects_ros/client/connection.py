@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import wait as wait_for_any
 from functools import partial
@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 from rclpy.action import ActionClient
-from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -94,8 +93,7 @@ class Connection:
             start_parameter_services=False,
         )
         self._names = node or self.node
-        self._services: dict[str, Client] = {}
-        self._actions: dict[str, ActionClient] = {}
+        self._clients: dict[str, Any] = {}  # of services and actions, by their names
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._closing, self._stopped = threading.Event(), threading.Event()
@@ -122,60 +120,48 @@ class Connection:
         """Return the full name of a service or an action."""
         return str(self._names.resolve_service_name(name))
 
-    def run(self, function: Callable[[], T]) -> T:
-        """Call a function in the thread that spins the node, and return its result."""
+    def submit(self, function: Callable[[], Awaitable[T]]) -> 'ThreadFuture[T]':
+        """Start a coroutine function in the thread that spins the node."""
         done: ThreadFuture[T] = ThreadFuture()
 
-        def work() -> None:
+        async def work() -> None:
             try:
-                done.set_result(function())
+                done.set_result(await function())
             except Exception as error:  # noqa: BLE001 - it would end the thread
                 done.set_exception(error)
 
-        if not self._stopped.is_set():
-            self._executor.create_task(work)
+        if self._stopped.is_set():
+            raise ClientUseError(CLOSED)
+        self._executor.create_task(work)
+        return done
+
+    def run(self, function: Callable[[], T]) -> T:
+        """Call a function in the thread that spins the node, and return its result."""
+
+        async def call() -> T:
+            return function()
+
+        done = self.submit(call)
         while not (done.done() or self._stopped.is_set()):
             wait_for_any([done], CHECK_PERIOD)
         if not done.done():
             raise ClientUseError(CLOSED)
         return done.result()
 
-    def service_client(self, kind: Any, name: str) -> Client:
-        """Return the client of a service; the first request creates it."""
+    def client(self, kind: Any, name: str) -> Any:
+        """Return the client of a service or of an action; the first request creates it."""
 
-        def create() -> Client:
-            if name not in self._services:
-                self._services[name] = self.node.create_client(
-                    kind, self.service(name), qos_profile=SERVICES
+        def create() -> Any:
+            if name not in self._clients:
+                full = self.service(name)
+                self._clients[name] = (
+                    ActionClient(self.node, kind, full, **ACTION_SERVICES)
+                    if hasattr(kind, 'Goal')
+                    else self.node.create_client(kind, full, qos_profile=SERVICES)
                 )
-            return self._services[name]
+            return self._clients[name]
 
         return self.run(create)
-
-    def action_client(self, kind: Any, name: str) -> ActionClient:
-        """Return the client of an action; the first goal creates it."""
-
-        def create() -> ActionClient:
-            if name not in self._actions:
-                self._actions[name] = ActionClient(
-                    self.node, kind, self.service(name), **ACTION_SERVICES
-                )
-            return self._actions[name]
-
-        return self.run(create)
-
-    def execute(self, client: ActionClient, goal: Any, **options: Any) -> 'ThreadFuture[Any]':
-        """Send a goal; return the future of its result. See ros.goal_client."""
-        done: ThreadFuture[Any] = ThreadFuture()
-
-        async def work() -> None:
-            try:
-                done.set_result(await goal_result(self.node, client, goal, **options))
-            except Exception as error:  # noqa: BLE001 - it would end the thread
-                done.set_exception(error)
-
-        self._executor.create_task(work)
-        return done
 
     def begin_closing(self) -> None:
         """Let all requests end with a ClientUseError."""
@@ -188,9 +174,10 @@ class Connection:
         if self._thread.is_alive():
             self._executor.create_task(self._stopped.set)
             self._thread.join()
-        for action in self._actions.values():
-            action.destroy()
-        self._actions.clear()
+        for client in self._clients.values():
+            if isinstance(client, ActionClient):
+                client.destroy()
+        self._clients.clear()
         self._executor.shutdown()
         self.node.destroy_node()
         if self._owns_context:
@@ -243,7 +230,7 @@ class Request:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Return the response of a service of the classifier."""
-        client = self._connection.service_client(kind, name)
+        client = self._connection.client(kind, name)
         start = 'start the suite with "resting_aspects nodes"'
         period, futures = RETRY_PERIOD, list[Any]()
         answered: ThreadFuture[Any] = ThreadFuture()
@@ -270,7 +257,7 @@ class Request:
 
     def simulate(self, kind: Any, name: str, goal: Any, progress: Callable[[int], object]) -> Any:
         """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
-        client = self._connection.action_client(kind, name)
+        client = self._connection.client(kind, name)
         self._wait_for_node(
             DROP_SIMULATOR, name, client.server_is_ready, SIMULATOR_TIMEOUT, 'start drop_simulator'
         )
@@ -287,9 +274,8 @@ class Request:
                     self.state = f'{done} {unit} are done'
                     progress(done)
 
-        result = self._connection.execute(
-            client, goal, feedback=feedback.append, wanted=lambda: wanted
-        )
+        run = partial(goal_result, feedback=feedback.append, wanted=lambda: wanted)
+        result = self._connection.submit(lambda: run(self._connection.node, client, goal))
         try:
             while not self._wait(result, name):
                 report()

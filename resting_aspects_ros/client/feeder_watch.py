@@ -52,7 +52,7 @@ class FeederWatch:
     ----------
     done : Future
         Done with the first image after these minutes.
-    images, supplied : int
+    images : int
     on_tray : int
         Parts in the newest image; parts that touch count as one.
     advice : FeederAdvice or None
@@ -63,7 +63,7 @@ class FeederWatch:
 
     def __init__(self, node: Node, part: str, minutes: float) -> None:
         self.done = Future()
-        self.images = self.supplied = self.on_tray = 0
+        self.images = self.on_tray = 0
         self.advice: FeederAdvice | None = None
         self.best: Moment | None = None
         self._topic = f'{FEEDER_ADVICE}/{part}'
@@ -74,12 +74,9 @@ class FeederWatch:
         # Time, image and result of each pick, also before the begin and after the end: the results
         # of an image can arrive before the image.
         self._results: list[tuple[int, int, int]] = []
-        self._moved = dict.fromkeys(('flip', 'spread', 'supply'), 0)
-        # Messages on different topics arrive in any order. A move is counted once it is known
-        # before which image it happened, and what was advised for the image before it.
         self._exposed: list[tuple[int, int]] = []  # time and number of each image
         self._advised: dict[int, tuple[str, int]] = {}  # move and supply for each image
-        self._moves: list[int] = []  # times of moves that are not counted yet
+        self._moves: list[int] = []  # times of moves
         self._hears_controller = False
         self._clock, self._clock_changed = 0, time.monotonic()
         self._node = node
@@ -115,7 +112,17 @@ class FeederWatch:
     @property
     def choices(self) -> dict[str, int]:
         """How often the robot picked after an image, and the feeder only moved or supplied."""
-        return {'pick': len({image for image, _ in self._picks()}), **self._moved}
+        moves = [move for move, _ in self._moved()]
+        picks = len({image for image, _ in self._picks()})
+        return {
+            'pick': picks,
+            **{each: moves.count(each) for each in ('flip', 'spread', 'supply')},
+        }
+
+    @property
+    def supplied(self) -> int:
+        """Number of parts that the feeder supplied."""
+        return sum(supply for _, supply in self._moved())
 
     @property
     def minutes(self) -> float:
@@ -177,7 +184,6 @@ class FeederWatch:
         self._begin = self._begin or stamp
         self._now = max(self._now, stamp)
         self._exposed.append((stamp, message.image))
-        self._count_moves()
         if stamp - self._begin >= self._length:
             self._now = stamp
             self.done.set_result(None)
@@ -191,7 +197,6 @@ class FeederWatch:
             self._now = max(self._now, stamp)
         if message.result == PickResult.MOVED:
             self._moves.append(stamp)
-            self._count_moves()
         else:
             self._results.append((stamp, message.image, message.result))
 
@@ -202,7 +207,6 @@ class FeederWatch:
         is_pick = message.choice == FeederAdvice.PICK
         move = message.then if is_pick else message.choice
         self._advised[message.image] = CHOICES.get(move, ''), message.supply
-        self._count_moves()
         seen = self._seen
         if self.done.done() or seen is None or message.image != seen.image:
             return
@@ -219,20 +223,14 @@ class FeederWatch:
             return []
         return [(k, result) for t, k, result in self._results if self._begin < t <= self._now]
 
-    def _count_moves(self) -> None:
-        """Count the moves of which everything is known: each is that advised before it."""
-        waiting = []
-        for stamp in self._moves:
-            after = bisect_left(self._exposed, (stamp,))  # the first image after the move
-            image = self._exposed[after - 1][1] if after else 0
-            if after == len(self._exposed) or (after and image not in self._advised):
-                waiting.append(stamp)
-            elif after:
-                move, supply = self._advised[image]
-                self.supplied += supply
-                if move in self._moved:
-                    self._moved[move] += 1
-        self._moves = waiting
+    def _moved(self) -> list[tuple[str, int]]:
+        """Return move and supply of each move between two images: what was advised for the first.
+
+        Messages on different topics arrive in any order: a move may be counted later.
+        """
+        places = (bisect_left(self._exposed, (stamp,)) for stamp in self._moves)
+        before = [self._exposed[k - 1][1] for k in places if 0 < k < len(self._exposed)]
+        return [self._advised[image] for image in before if image in self._advised]
 
 
 @contextmanager

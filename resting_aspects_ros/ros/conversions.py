@@ -265,12 +265,6 @@ def serialized_poses(data: bytes) -> tuple[Run, RestingPoses, bool]:
     return run_from(msg.run), poses_from(msg), bool(msg.last)
 
 
-def serialized_range(data: bytes) -> tuple[Run, int, int, bool]:
-    """Return run, first drop, number of drops and `last` of a serialized message with poses."""
-    msg = deserialize_message(data, RestingPosesMsg)
-    return run_from(msg.run), int(msg.first_drop), len(msg.status), bool(msg.last)
-
-
 def serialized_part(data: bytes) -> Part:
     """Return the part of a serialized description; RuntimeError if it is unreadable."""
     return part_from(deserialize_message(data, PartDescription))

@@ -37,7 +37,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
-    serialized_range,
     serialized_surroundings,
     time_msg,
 )
@@ -114,14 +113,15 @@ class LoggedRun:
         if type_name != POSES_TYPE:
             self._last[type_name] = data
             return
-        run, first, drops, last = self._batch(data)
+        run, poses, last = parsed(self.log, serialized_poses, data)
+        if self._keep_poses:
+            self.batches.append((run, poses))
         # Later batches can belong to other runs, whose drops filled gaps of this run.
         self.run = self.run or run
-        end = first + drops
         if run.sequence() == self.run.sequence():
-            self.seen.add(max(first, self.run.first_drop), min(end, self.run.end))
+            self.seen.add(max(poses.first_drop, self.run.first_drop), min(poses.end, self.run.end))
         if last and run.run_id == self.run.run_id:
-            self._end = end
+            self._end = poses.end
 
     @cached_property
     def part(self) -> Part | None:
@@ -197,13 +197,6 @@ class LoggedRun:
         """Warn if the log is not closed."""
         if self.warning:
             warn(self.warning)
-
-    def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
-        if not self._keep_poses:
-            return parsed(self.log, serialized_range, data)
-        run, poses, last = parsed(self.log, serialized_poses, data)
-        self.batches.append((run, poses))
-        return run, poses.first_drop, len(poses), last
 
 
 def parsed(log: Path, read: Callable[[bytes], T], data: bytes) -> T:

@@ -229,6 +229,7 @@ def test_foxglove_layout_shows_what_the_nodes_publish(cell):
             kind = kind.removeprefix('sequence<').removesuffix('>')
 
 
+@pytest.mark.slow
 def test_rviz_shows_the_annotated_image(cell):
     watch, _, namespace = cell
     text = (VIEWS / 'rviz' / 'feeder.rviz').read_text(encoding='utf-8')

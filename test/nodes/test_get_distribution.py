@@ -257,6 +257,7 @@ def known(suite, part='tetrahedron', drops=300, **fields):
     return suite.client.ask(part, drops, only_known=True, **fields)
 
 
+@pytest.mark.slow
 def test_known_distribution_is_returned_at_once(restarted, before):
     answer = known(restarted, seed=[77])
     assert (answer.status.code, answer.status.message) == (Status.OK, '')
@@ -266,6 +267,7 @@ def test_known_distribution_is_returned_at_once(restarted, before):
     assert again.distribution.run.run_id == before.run.run_id
 
 
+@pytest.mark.slow
 def test_known_distribution_needs_no_simulator(restarted, before):
     restarted.nodes['drop_simulator'].end()
     restarted.restart('aspect_classifier')

@@ -111,7 +111,7 @@ def test_node_that_cannot_start_prints_one_error_line(
     assert not traceback(process.output)
 
 
-@pytest.mark.slow
+@SLOW
 def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, wait):
     simulator = start_process('drop_simulator', namespace, {'workers': 1})
     client = connect(namespace)
@@ -124,7 +124,8 @@ def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, 
 # -- nodes that die -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('action', [False, pytest.param(True, marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize('action', [False, True])
 def test_repeatedly_killed_workers_fail_the_goal(suite, action):
     client, simulator = suite.client, suite.nodes['drop_simulator']
     if action:
@@ -146,6 +147,7 @@ def test_repeatedly_killed_workers_fail_the_goal(suite, action):
     assert client.drop('tetrahedron', 5).outcome == 'succeeded'
 
 
+@SLOW
 def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypatch):
     monkeypatch.setattr(connection, 'RETRY_PERIOD', 1.0)
     slow = with_surroundings(surfaces.get(), 'bowl_track')
@@ -163,7 +165,7 @@ def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypa
 
 
 # Last test of the suite: ROS lists a killed node for another 20 s.
-@pytest.mark.slow
+@SLOW
 def test_killed_simulator_is_reported(suite, diagnostics_of):
     client, diagnostics = suite.client, diagnostics_of(suite.client)
     received = client.poses()
@@ -205,6 +207,7 @@ def test_killed_simulator_is_reported(suite, diagnostics_of):
 
 # The recorder is killed after it reports at most this many of the batches: before it is done.
 BATCHES, LATEST, BATCH = 200, 100, 250
+KILLS = 8
 
 
 def reported_drops(process):
@@ -220,9 +223,9 @@ def batches_in(log, topic):
         return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
 
 
-@pytest.mark.parametrize('kills', [2, pytest.param(8, marks=SLOW)])
+@SLOW
 def test_killed_recorder_loses_no_reported_drops(
-    kills, connect, start_process, namespace, batches, wait, tmp_path
+    connect, start_process, namespace, batches, wait, tmp_path
 ):
     client = connect(namespace)
     published = list(batches(BATCHES, 'killed'))
@@ -231,7 +234,7 @@ def test_killed_recorder_loses_no_reported_drops(
         publisher.publish(data)  # it has them still for each recorder, which writes its own log
     debug = ('--log-level', f'{namespace[1:]}.drop_recorder:=debug')
     rng, kept = random.Random(7), []
-    for number in range(1, kills + 1):
+    for number in range(1, KILLS + 1):
         given = {'log_folder': tmp_path}
         recorder = start_process('drop_recorder', namespace, given, arguments=debug, ready='')
         drops = BATCH * rng.randint(1, LATEST)
@@ -251,8 +254,8 @@ def test_killed_recorder_loses_no_reported_drops(
         assert len(recovered) - 1 <= reported / BATCH <= len(recovered)
         kept.append(len(recovered))
     # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
-    assert sum(0 < number < BATCHES for number in kept) >= kills - 2, kept
-    assert len(set(kept)) > kills / 2, kept
+    assert sum(0 < number < BATCHES for number in kept) >= KILLS - 2, kept
+    assert len(set(kept)) > KILLS / 2, kept
 
 
 # -- replays --------------------------------------------------------------------------------------
@@ -281,7 +284,7 @@ def test_replay_at_full_speed_loses_nothing(
     assert replayer.end() == 0
 
 
-@pytest.mark.slow
+@SLOW
 def test_damage_during_a_replay_ends_it(
     start_process, connect, namespace, batches, write_log, traceback, tmp_path
 ):

@@ -7,7 +7,7 @@ log begins with the parts and the newest latched messages, so that it is complet
 
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime, timezone
 from functools import partial
@@ -155,8 +155,7 @@ class FeederRecorder:
             if self._log is None:
                 self._begin()
             assert self._log is not None
-            for each, content in [*self._descriptions(part), (topic, data)]:
-                self._write(self._log, each, content)
+            self._write(self._log, topic, data, part)
             self._log.flush()
         except LogError as error:
             self._fail(error)
@@ -178,25 +177,20 @@ class FeederRecorder:
         self._log = log = RunLog(self._folder(), name)  # what fails from here on closes it
         log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
         for topic, data in self._newest.values():
-            for each, content in [
-                *self._descriptions(topic.name.rpartition('/')[2]),
-                (topic, data),
-            ]:
-                self._write(log, each, content)
+            self._write(log, topic, data, topic.name.rpartition('/')[2])
 
-    def _descriptions(self, part: str) -> Iterator[tuple[Topic, bytes]]:
-        """Yield the description of a part that is not in the log yet."""
-        data = self._parts(part) if part and part not in self._described else None
-        if data is not None:
+    def _write(self, log: RunLog, topic: Topic, data: bytes, part: str) -> None:
+        """Write a message, after the description of its part if that is not in the log yet."""
+        messages = [(topic, data)]
+        described = self._parts(part) if part and part not in self._described else None
+        if described is not None:
             self._described.add(part)
             name = self._node.resolve_topic_name(f'{PARTS}/{part}')
-            yield Topic(name, PART_TYPE, offered_qos(LATCHED)), data
-
-    def _write(self, log: RunLog, topic: Topic, data: bytes) -> None:
-        log.write(topic, data, time.time_ns())  # not ROS time, which can be paused
-        if topic.type != PART_TYPE:  # a large mesh would begin a log for every message
-            self._bytes += len(data)
-        self._count += 1
+            messages.insert(0, (Topic(name, PART_TYPE, offered_qos(LATCHED)), described))
+        for each, content in messages:
+            log.write(each, content, time.time_ns())  # not ROS time, which can be paused
+            self._count += 1
+        self._bytes += len(data)  # without a large mesh, which would begin a log for every message
 
     def _fail(self, error: LogError) -> None:
         if not self.error:
