@@ -36,7 +36,7 @@ class DensityPlaces:
         return np.where(self._is_free, self._model.feeder.tray.clearance, -1.0)
 
     def _share(self, number, classes):
-        return self._model.free(np.array(float(number)))[classes]
+        return self._model.table.between(np.array(float(number)))[classes]
 
 
 def density_run(controller, model, seconds, generator, moves=None):

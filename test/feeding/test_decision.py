@@ -10,7 +10,6 @@ from feeders import density_run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import (
     Choice,
     ControllerModel,
@@ -220,26 +219,3 @@ def test_decisions_are_those_of_enumeration_on_a_tiny_tray(flip):
 
 def test_limit_of_supply_is_respected(model):
     assert advise([], dataclasses.replace(model, max_supply=3)).supply == 3
-
-
-@pytest.mark.parametrize(
-    'part', [SeenPart(3), SeenPart(-1), SeenPart(1, math.nan), SeenPart(1, 0.1, 1.1)]
-)
-def test_wrong_part_is_refused(part, model):
-    with pytest.raises(InvalidValueError, match='expected'):
-        advise([part], model)
-
-
-@pytest.mark.parametrize(
-    'wrong',
-    [
-        {'best_number': 0},
-        {'best_number': 13},
-        {'spread': -1.0},
-        {'max_supply': -1},
-        {'min_score': math.nan},
-    ],
-)
-def test_wrong_model_is_refused(wrong, model):
-    with pytest.raises(InvalidValueError, match='expected'):
-        dataclasses.replace(model, **wrong)
