@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import shapely
@@ -104,17 +104,22 @@ def gripper_area(grasp: Grasp, pose: Pose) -> shapely.Geometry:
 # -- Room -----------------------------------------------------------------------------------------
 
 
-class Detection(Protocol):
-    """A camera pose of a part, m and rad, and its distance to the next outline, m."""
+@dataclass(frozen=True)
+class Detection:
+    """A part, or a blob of parts, in an image; see the message Detection.
 
-    @property
-    def x(self) -> float: ...  # noqa: D102
-    @property
-    def y(self) -> float: ...  # noqa: D102
-    @property
-    def yaw(self) -> float: ...  # noqa: D102
-    @property
-    def clearance(self) -> float: ...  # noqa: D102
+    index : int
+        In the detections of the image, from 0.
+    """
+
+    index: int
+    part: str
+    class_id: str
+    score: float
+    x: float
+    y: float
+    yaw: float
+    clearance: float
 
 
 def free_grasps(
