@@ -232,10 +232,10 @@ def simulate(
         picks = len(advice.picks)
         done += [clock + k * times.robot for k in range(1, picks + 1)]
         tray.remove(advice.picks)
-        seconds = times.image + tray.move(action, model)
+        busy = times.image + tray.move(action, model)
         tray.supply(advice.supply)
         supplied += advice.supply
-        clock += seconds + picks * times.robot - (min(times.place, seconds) if picks else 0.0)
+        clock += busy + picks * times.robot - (min(times.place, busy) if picks else 0.0)
         clock += times.supply * advice.supply
     return TrayRun(images, supplied, clock, np.array(done))
 

@@ -1,20 +1,17 @@
-"""Drops per second: parts and surfaces, engines and numbers of threads, other programs."""
+"""Drops per second: parts and surfaces, engines and numbers of threads."""
 
 import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.util import find_spec
 
 from numba import cuda
 from rich.progress import track
 from validation.document import table
 from validation.dropper import Dropper
-from validation.mujoco_drops import mujoco_loop
 
 from bench.case import EXAMPLE, example_part, job_of
-from bench.plain import plain_loop
 from resting_aspects_ros.simulation.conditions import BULLET, CUDA, KERNEL
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.workers import (
@@ -28,8 +25,6 @@ from resting_aspects_ros.simulation.workers import (
 ROUNDS = 3
 # Drops per turn of each engine.
 PER_TURN = {CUDA: 1_000_000, KERNEL: 50_000, BULLET: 4000}
-# Drops per turn of other programs.
-OTHER = 200
 # Part, surface, and the aim in drops per second on two cores.
 CASES = (
     ('l_bracket', 'rubber_mat', '40000'),
@@ -65,7 +60,7 @@ def suite(workers: Workers, job: DropJob, first: int, drops: int) -> None:
 
 
 def drops(dropper: Dropper) -> Iterator[str]:
-    """Time drops with all workers and with one thread, and in other programs."""
+    """Time drops with all workers, with one thread, and in other engines."""
     many, one, count = dropper.workers, LocalWorkers(1), default_workers()
     part = example_part()
     plain, bullet = job_of(part), job_of(part, engine=BULLET)
@@ -83,15 +78,7 @@ def drops(dropper: Dropper) -> Iterator[str]:
         Timed(
             f'suite, Bullet in {count} processes', partial(suite, many, bullet), PER_TURN[BULLET]
         ),
-        Timed(
-            'plain PyBullet loop', partial(plain_loop, bullet), OTHER, 'suite 400 times as fast'
-        ),
     ]
-    if find_spec('mujoco'):
-        ways += [
-            Timed(f'MuJoCo, threads: {k}', partial(mujoco_loop, k, bullet), OTHER * k)
-            for k in (1, 2)
-        ]
     if cuda.is_available():
         on_gpu = partial(suite, many, job_of(part, engine=CUDA))
         ways.append(Timed('suite on a GPU', on_gpu, PER_TURN[CUDA]))
@@ -112,11 +99,7 @@ def drops(dropper: Dropper) -> Iterator[str]:
         'From the first request to the last pose, with the compiled kernel in '
         f'{count} threads, unless another engine or number of threads is named: the median of '
         f'{ROUNDS} rounds, in each of which all cases take turns. *Lowest*, *highest*: rates of '
-        'the rounds. The aims are for two cores. *Plain PyBullet loop*: one body after another in '
-        'one world, stepped from Python with the contacts and the time step of the suite in '
-        'Bullet; the pose is read after each step. *MuJoCo*: all bodies in the threads of '
-        '`mujoco.rollout`, with the same time step. Both simulate each drop from the full height '
-        'until it is still.'
+        'the rounds. The aims are for two cores.'
     )
     yield ''
     yield from table(

@@ -1,6 +1,6 @@
 """Validation of drops and actions: convergence, two engines, comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md. Takes about four hours on two cores.
+Prints tables and writes docs/explanation/validation.md. Takes some hours on two cores.
 `PYTHONPATH=tools .venv/bin/python -m validation thrown` runs and replaces only one section.
 """
 
@@ -10,24 +10,18 @@ from validation.document import Section, write_sections
 from validation.dropper import ROOT
 from validation.engines import engines
 from validation.feeder import feeder
-from validation.identification import identification
-from validation.mujoco import mujoco
 from validation.thrown import thrown
 from validation.tosses import tosses
-from validation.track import track
 
 SECTIONS: dict[str, Section] = {
-    'mujoco': mujoco,
     'tosses': tosses,
     'thrown': thrown,
     'convergence': convergence,
     'convergence_elsewhere': convergence_elsewhere,
     'engines': engines,
     'decision': decision,
-    'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3),
     'calibration': calibration,
-    'track': lambda _: track(),
 }
 HEADING = """# Validation
 
