@@ -37,7 +37,7 @@ def tray_of(model, seed):
 def test_controller_is_not_below_the_cycle_of_the_forecast(model):
     ours, theirs = (
         np.mean(
-            [density_run(rule, model, 2400, np.random.default_rng(seed)).rate for seed in range(3)]
+            [density_run(rule, model, 2400, np.random.default_rng(seed)).rate for seed in range(2)]
         )
         for rule in (lambda seen: advise(seen, model), fixed_cycle(model))
     )
@@ -105,10 +105,3 @@ def test_times_add_up():
     run = density_run(decide, model, 6.55, np.random.default_rng(1))
     assert run.seconds == pytest.approx(1.1 + 1.8 + 1.0 + 1.2 + 1.5)
     assert (run.picks, run.images, run.supplied) == (2, 5, 4)
-
-
-def test_same_seed_gives_the_same_run(model):
-    one, other = (
-        density_run(fixed_cycle(model), model, 500, np.random.default_rng(7)) for _ in range(2)
-    )
-    assert (one.picks, one.seconds) == (other.picks, other.seconds)
