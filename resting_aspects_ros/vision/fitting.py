@@ -221,9 +221,7 @@ class ShapeStack:
         samples = [self._samples[k] for k in which]
         ends = np.cumsum([0, *map(len, samples)])
         owner = np.repeat(np.arange(len(which)), np.diff(ends))
-        x, y = np.concatenate(samples).T
-        c, s = np.cos(yaws)[owner], np.sin(yaws)[owner]
-        moved = np.stack([c * x - s * y, s * x + c * y], axis=1) + shifts[owner]
+        moved = turned(np.concatenate(samples)[:, None], yaws[owner])[:, 0] + shifts[owner]
         square = (seen.boundary.nearest(moved)[0] ** 2).sum(axis=1)
         return [square[a:b] for a, b in pairwise(ends)]
 
@@ -277,11 +275,9 @@ def candidate_yaws(model: Shape, seen: Shape, order: int = 1) -> Array:
 
 def _points_on(ring: shapely.LinearRing, density: float) -> Array:
     """Return points (m, 2) at equal distances along a ring, ``density`` of them in a metre."""
-    corners = shapely.get_coordinates(ring)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    count = max(3, round(density * float(along[-1])))
-    places = (np.arange(count) + 0.5) / count * along[-1]
-    return np.stack([np.interp(places, along, axis) for axis in corners.T], axis=1)
+    count = max(3, round(density * ring.length))
+    places = (np.arange(count) + 0.5) / count
+    return shapely.get_coordinates(shapely.line_interpolate_point(ring, places, normalized=True))
 
 
 def _moment(ring: shapely.LinearRing, centre: Array) -> float:

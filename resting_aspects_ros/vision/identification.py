@@ -326,10 +326,10 @@ def _separate(rest: Array, limit: float, apart: int) -> list[int]:
 
 def _ring_of(polygon: shapely.Polygon, spacing: float) -> np.ndarray:
     """Return points on the exterior at equal distances, counter-clockwise, as complex numbers."""
-    corners = shapely.get_coordinates(polygon.exterior) @ np.array([1, 1j])
-    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)))])
-    count = max(3, round(along[-1] / spacing))
-    return np.asarray(np.interp(np.arange(count) * along[-1] / count, along, corners))
+    ring = polygon.exterior
+    count = max(3, round(ring.length / spacing))
+    points = shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
+    return np.asarray(shapely.get_coordinates(points) @ np.array([1, 1j]))
 
 
 # -- Identification -------------------------------------------------------------------------------
@@ -495,7 +495,7 @@ def _identified(
     posterior = np.exp(np.array(scores) - log_sum(scores))
     if posterior[-2:].sum() > 1e-3:
         flat = views.at(found[0].known.outlines[found[0].index].height)
-        odds = touching_odds(flat, [s[0] for p in known for s in p.shapes], noise.sd)
+        odds = touching_odds(flat, [v.shapes[0] for part in known for v in part.views], noise.sd)
         scores[-1] = unknown + np.log(max(TOUCHING_PRIOR * odds, 1e-12))
         posterior = np.exp(np.array(scores) - log_sum(scores))
     candidates = tuple(
@@ -517,7 +517,7 @@ def _near(
     for part in known:
         for k, outline in enumerate(part.outlines):
             seen = views.at(outline.height)
-            far = min(shape.difference(seen) for shape in part.shapes[k])
+            far = min(shape.difference(seen) for shape in part.views[k].shapes)
             rows.append((far - views.parallax(outline.height), part, k, seen))
     rows.sort(key=lambda row: row[0])
     return [row[1:] for n, row in enumerate(rows) if n < NEAREST or row[0] < FAR * noise.sd]

@@ -418,11 +418,6 @@ class KnownPart:
             _ = views.spectra  # computed now, so that the first identification is fast, too
         return found
 
-    @property
-    def shapes(self) -> tuple[tuple[Shape, ...], ...]:
-        """For each class, the shapes of its outlines."""
-        return tuple(views.shapes for views in self.views)
-
 
 # -- Candidates -----------------------------------------------------------------------------------
 

@@ -70,19 +70,14 @@ def ratchet(teeth):
 
 
 L_SHAPE = [(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]
-Z_SHAPE = [(0, 0), (20, 0), (20, 16), (32, 16), (32, 22), (14, 22), (14, 6), (0, 6)]
 # Polygon, yaw symmetry, whether it has a mirror axis.
 SHAPES = {
     'triangle': (shapely.Polygon(circle(3)), 3, True),
-    'square': (shapely.Polygon(circle(4)), 4, True),
     'hexagon': (shapely.Polygon(circle(6)), 6, True),
     'rectangle': (shapely.box(0, 0, 30, 12), 2, True),
     'nearly_square': (shapely.box(0, 0, 30, 29), 2, True),
     'circle_32': (shapely.Polygon(circle(32)), 0, True),
-    'circle_200': (shapely.Polygon(circle(200)), 0, True),
     'ring': (shapely.Polygon(circle(40), [circle(24, 5.0)]), 0, True),
-    'nut': (shapely.Polygon(circle(6), [circle(40, 5.0)]), 6, True),
-    'off_centre_hole': (shapely.Polygon(circle(40), [circle(16, 2.0, (4, 0))]), 1, True),
     'three_holes': (
         shapely.Polygon(circle(40), [circle(16, 2.0, c) for c in circle(3, 5.0)]),
         3,
@@ -104,7 +99,6 @@ SHAPES = {
         2,
         False,
     ),
-    'z': (shapely.Polygon(Z_SHAPE), 1, False),
 }
 
 
@@ -143,7 +137,7 @@ def projected(part, orientation):
     return points[:, :2][part.faces]
 
 
-@pytest.mark.parametrize('name', ['box_10x20x30', 'tetrahedron', 'cylinder_d20_h20'])
+@pytest.mark.parametrize('name', ['tetrahedron', 'cylinder_d20_h20'])
 @given(seed=seeds)
 @few
 def test_area_of_convex_parts_is_half_that_of_the_shadows_of_faces(part, name, seed):
@@ -182,7 +176,7 @@ def test_outline_agrees_with_the_orientation_of_its_aspect(part):
         np.testing.assert_allclose(outline.polygon.bounds, [*low, *high], atol=1e-7)
 
 
-@pytest.mark.parametrize('angle', [0.0, 35.0, 90.0, 179.0])
+@pytest.mark.parametrize('angle', [35.0, 179.0])
 def test_long_axis_is_the_direction_of_the_length(solid, angle):
     mesh = trimesh.creation.box((30, 12, 5))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(angle), (0, 0, 1)))
@@ -194,17 +188,7 @@ def test_long_axis_is_the_direction_of_the_length(solid, angle):
     assert abs(x * np.sin(outline.long_axis) - y * np.cos(outline.long_axis)) < 1e-5
 
 
-def test_rings_have_their_directions_and_holes(part):
-    outline = flat_outline(part('washer'))
-    assert outline.polygon.is_valid
-    assert outline.polygon.exterior.is_ccw
-    assert [ring.is_ccw for ring in outline.polygon.interiors] == [False]
-    # Regular polygons of 64 corners, with the radii of the washer.
-    sector = 32 * np.sin(2 * np.pi / 64)
-    assert outline.area == pytest.approx(sector * (8e-3**2 - 4.2e-3**2), rel=2e-2)
-
-
-@pytest.mark.parametrize('name', ['washer', 'hex_nut', 'u_bracket', 'l_bracket', 'angle_45x30x8'])
+@pytest.mark.parametrize('name', ['hex_nut', 'u_bracket', 'angle_45x30x8'])
 @given(seed=seeds)
 @few
 def test_points_are_inside_where_a_triangle_is_above(part, name, seed):
@@ -239,13 +223,10 @@ def test_symmetries_and_area_of_prisms(solid, name):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('seed', 'divided'), [(1, False), (2, True)])
-@pytest.mark.parametrize('name', ['hexagon', 'circle_32', 'l', 'three_holes'])
-def test_outline_does_not_depend_on_frame_and_subdivision(solid, name, seed, divided):
+@pytest.mark.parametrize('name', ['l', 'three_holes'])
+def test_outline_does_not_depend_on_frame_and_subdivision(solid, name):
     polygon, order, mirror = SHAPES[name]
-    mesh = extruded(polygon, 3)
-    part = solid(moved(mesh.subdivide() if divided else mesh, seed))
-    outline = flat_outline(part)
+    outline = flat_outline(solid(moved(extruded(polygon, 3).subdivide(), 2)))
     assert (outline.yaw_symmetry, outline.mirror_symmetric) == (order, mirror)
     assert outline.area == pytest.approx(polygon.area * 1e-6, rel=1e-5)
     assert len(outline.polygon.interiors) == len(polygon.interiors)
@@ -351,7 +332,7 @@ def test_sheet_seen_from_its_edge_is_refused():
 def test_no_pinholes_in_a_fine_mesh_seen_at_an_angle(solid):
     mesh = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
     shape = solid(moved(mesh, 5))
-    for seed in range(5):
+    for seed in range(2):
         outline = seen_outline(shape, quaternion(seed))
         assert outline.is_valid
         assert len(outline.interiors) <= 1
