@@ -10,8 +10,13 @@ import pytest
 
 from resting_aspects_ros.feeding import forecast as forecast_module
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, Places, broken_assumptions, forecast
-from resting_aspects_ros.feeding.steady_state import CycleTimes, moves_of
+from resting_aspects_ros.feeding.forecast import (
+    FeederModel,
+    broken_assumptions,
+    forecast,
+    places_rate,
+)
+from resting_aspects_ros.feeding.steady_state import CycleTimes
 
 SIDE, RADIUS, CLEARANCE, NUMBER = 0.2, 0.009, 0.006, 16
 DROP = np.array([600, 300, 100])
@@ -108,8 +113,8 @@ def forecasts():
         free_shares(tray, discs, mix, 1, NUMBER, separated=each).at(NUMBER)
         for each in (True, False)
     )
-    places = Places(moves_of(DROP, TRANSITIONS), PICKABLE, free, NUMBER, TIMES)
-    return places, broken_assumptions(places, over)
+    model = FeederModel(DROP, TRANSITIONS, PICKABLE, discs, tray, TIMES)
+    return places_rate(model, NUMBER, free), broken_assumptions(model, NUMBER, free, over)
 
 
 @pytest.mark.slow
@@ -124,8 +129,8 @@ def forecasts():
     ],
 )
 def test_rate_is_that_of_single_parts_on_a_tray(forecasts, row, broken):
-    places, rows = forecasts
-    expected = places.rate() if row is None else rows[row].rate
+    base, rows = forecasts
+    expected = base if row is None else rows[row].rate
     rate, error = Tray2D(np.random.default_rng(1), **broken).rate()
     assert expected == pytest.approx(rate, abs=4 * error + 0.015 * rate)
 
@@ -144,7 +149,7 @@ def forecast_of(transitions):
 def test_without_a_broken_assumption_the_rate_is_that_of_the_forecast(forecasts):
     found = forecast_of(TRANSITIONS)
     # The shares of free parts are found with two mixes.
-    assert forecasts[0].rate() == pytest.approx(found.rate, rel=0.01)
+    assert forecasts[0] == pytest.approx(found.rate, rel=0.01)
     assert max(each.change for each in found.broken) < 0
     low, high = found.wide
     assert low < found.lower
