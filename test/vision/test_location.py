@@ -125,13 +125,3 @@ def test_gripper_is_carried_with_the_part():
         (turn * Rotation.from_quat(down)).as_matrix(),
         atol=1e-12,
     )
-
-
-@pytest.mark.parametrize(
-    'wrong',
-    [{'radius': 0}, {'radius': -1}, {'position': [0, 0]}, {'orientation': [0, 0, 0, 2]}],
-)
-def test_wrong_grasps_are_refused(wrong):
-    values = {'position': [0, 0, 0], 'orientation': [0, 0, 0, 1], 'radius': 0.01} | wrong
-    with pytest.raises(InvalidValueError, match='of a grasp'):
-        Grasp(1, **values)

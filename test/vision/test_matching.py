@@ -15,7 +15,6 @@ from resting_aspects_ros.vision.fitting import (
     Shape,
     best_overlap,
     fit,
-    mirrored,
     same_outline,
 )
 from resting_aspects_ros.vision.outline import find_outlines, look_alikes
@@ -157,17 +156,6 @@ def test_no_pose_on_a_grid_overlaps_much_more(seed):
     centred = translate(a, *(np.array(b.centroid.coords[0]) - np.array(a.centroid.coords[0])))
     grid = [overlap(rotate(centred, angle, origin='centroid'), b) for angle in range(0, 360, 5)]
     assert found > max(grid) - 0.005
-
-
-def test_mirror_image_changes_the_sign_of_y_and_keeps_the_directions():
-    ring = shapely.geometry.polygon.orient(POLYGONS['two_holes'][0])
-    image = mirrored(ring)
-    assert image.exterior.is_ccw
-    assert not any(hole.is_ccw for hole in image.interiors)
-    np.testing.assert_allclose(
-        sorted(map(tuple, np.array(image.exterior.coords)[:-1] * [1, -1])),
-        sorted(map(tuple, np.array(ring.exterior.coords)[:-1])),
-    )
 
 
 @pytest.mark.parametrize(('growth', 'same'), [(1e-3, True), (5e-3, False)])

@@ -165,17 +165,6 @@ def test_measures_of_a_box_and_its_origin(part):
         np.testing.assert_allclose(outline.centroid, 0, atol=1e-8)
 
 
-def test_outline_agrees_with_the_orientation_of_its_aspect(part):
-    shape = part('l_bracket')
-    aspects = find_aspects(shape)
-    for outline in find_outlines(shape, aspects):
-        orientation = aspects[outline.aspect - 1].orientation
-        np.testing.assert_array_equal(outline.orientation, orientation)
-        points = projected(shape, orientation).reshape(-1, 2)
-        low, high = points.min(axis=0), points.max(axis=0)
-        np.testing.assert_allclose(outline.polygon.bounds, [*low, *high], atol=1e-7)
-
-
 @pytest.mark.parametrize('angle', [35.0, 179.0])
 def test_long_axis_is_the_direction_of_the_length(solid, angle):
     mesh = trimesh.creation.box((30, 12, 5))
@@ -202,13 +191,12 @@ def test_points_are_inside_where_a_triangle_is_above(part, name, seed):
     assert (near < 3e-5 * shape.hull_radius).all()
 
 
-@pytest.mark.parametrize('tilt', [0, 30])
-def test_undercut_hides_nothing(solid, tilt):
+def test_undercut_hides_nothing(solid):
     # A T on its foot: the outline is that of its wide top.
     profile = [(-4, 0), (4, 0), (4, 10), (10, 10), (10, 14), (-10, 14), (-10, 10), (-4, 10)]
     part = solid(extruded(shapely.Polygon(profile), 12))
-    upright = Rotation.from_euler('xy', [90, tilt], degrees=True)
-    x = np.array(profile) @ [np.cos(np.radians(tilt)), np.sin(np.radians(tilt))]
+    upright = Rotation.from_euler('xy', [90, 30], degrees=True)
+    x = np.array(profile) @ [np.cos(np.radians(30)), np.sin(np.radians(30))]
     outline = seen_outline(part, upright.as_quat())
     assert outline.area == pytest.approx(np.ptp(x) * 12e-6, rel=1e-5)
 
@@ -326,16 +314,6 @@ def test_sheet_seen_from_its_edge_is_refused():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1.0]])
     with pytest.raises(PartError, match='from its edge'):
         silhouette(vertices, np.array([[0, 1, 2], [0, 2, 3]]), False, 1.0)
-
-
-@pytest.mark.slow
-def test_no_pinholes_in_a_fine_mesh_seen_at_an_angle(solid):
-    mesh = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
-    shape = solid(moved(mesh, 5))
-    for seed in range(2):
-        outline = seen_outline(shape, quaternion(seed))
-        assert outline.is_valid
-        assert len(outline.interiors) <= 1
 
 
 def test_facets_that_meet_within_rounding_are_united(part):

@@ -95,8 +95,3 @@ def test_noisy_walls_are_those_of_manifold(noise):
 def upward(vertices, faces):
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return faces[np.cross(b - a, c - a)[:, 2] > 0]
-
-
-def test_pieces_stay_apart():
-    found = sampled_union(*fans([shapely.box(0, 0, 1, 1), shapely.box(1.1, 0, 2, 1)]), STEP)
-    assert shapely.get_num_geometries(found) == 2
