@@ -40,7 +40,7 @@ class DensityPlaces:
 
 
 def density_run(controller, model, seconds, generator, moves=None):
-    """Simulate a run on a tray with DensityPlaces."""
+    """Simulate a run on a tray with DensityPlaces; return the times of its picks and its end."""
     tray = SimulatedTray(model, DensityPlaces(model, generator), generator)
     if moves is not None:
         tray.use(moves)

@@ -113,32 +113,6 @@ Places = RandomPlaces | OutlinePlaces
 WAITING = 1.0  # s, until a feeder that waits takes the next image
 
 
-@dataclass(frozen=True, eq=False)
-class TrayRun:
-    """What happened in a simulated run.
-
-    images, supplied : int
-    seconds : float
-    picked : (picks,) float
-        When each pick was over, s.
-    """
-
-    images: int
-    supplied: int
-    seconds: float
-    picked: Array
-
-    @property
-    def picks(self) -> int:
-        """Number of picks."""
-        return len(self.picked)
-
-    @property
-    def rate(self) -> float:
-        """Parts per minute."""
-        return 60 * self.picks / self.seconds
-
-
 class SimulatedTray:
     """Parts on a tray, each of them with a class and a place."""
 
@@ -207,8 +181,10 @@ def simulate(
     model: ControllerModel,
     seconds: float,
     tray: SimulatedTray,
-) -> TrayRun:
+) -> tuple[Array, float]:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
+
+    Returns when each pick was over, (picks,) s, and when the run was over, s.
 
     The times are those of `steady_state.cycle_time`, with an image after each advice.
 
@@ -223,10 +199,9 @@ def simulate(
         Without parts.
     """
     times = model.times
-    clock, images, supplied = 0.0, 0, 0
+    clock = 0.0
     done: list[float] = []
     while clock < seconds:
-        images += 1
         advice = controller(tray.seen())
         action = advice.then if advice.choice is Choice.PICK else advice.choice
         picks = len(advice.picks)
@@ -234,10 +209,9 @@ def simulate(
         tray.remove(advice.picks)
         busy = times.image + tray.move(action, model)
         tray.supply(advice.supply)
-        supplied += advice.supply
         clock += busy + picks * times.robot - (min(times.place, busy) if picks else 0.0)
         clock += times.supply * advice.supply
-    return TrayRun(images, supplied, clock, np.array(done))
+    return np.array(done), clock
 
 
 # -- A feeder -------------------------------------------------------------------------------------
@@ -464,7 +438,7 @@ def _simulated(
         there = RandomPlaces(model, each) if places is None else places(each)
         tray = SimulatedTray(model, there, each)
         tray.use(Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]))
-        picked = simulate(decide, model, 60 * length, tray).picked
+        picked, _ = simulate(decide, model, 60 * length, tray)
         counts.append(np.searchsorted(picked, ends))
     steady = (1 - WARM_UP) * length
     batches = np.diff(counts, axis=1) / (steady / BATCHES)

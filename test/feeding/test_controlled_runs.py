@@ -53,8 +53,8 @@ def test_runs_are_within_the_prediction_interval(monkeypatch):
     low, high = forecast_controller(MODEL, 10, places=density, controller=decide).prediction
     rates = []
     for seed in range(100, 120):
-        run = density_run(decide, MODEL, 600, np.random.default_rng(seed))
-        rates.append(np.searchsorted(run.picked, 600) / 10)
+        picked, _ = density_run(decide, MODEL, 600, np.random.default_rng(seed))
+        rates.append(np.searchsorted(picked, 600) / 10)
     # At least 15 of 20 in 99.9 % of cases, if each is within with 95 %.
     assert sum(low <= rate <= high for rate in rates) >= 15
 
@@ -97,8 +97,9 @@ def test_interval_contains_what_the_counts_leave_open():
     for k in range(20):
         moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
         generator = np.random.default_rng(1000 + k)
-        run = density_run(partial(advise, model=model), model, 60 * minutes, generator, moves)
-        within += low <= np.searchsorted(run.picked, 60 * minutes) / minutes <= high
+        decide = partial(advise, model=model)
+        picked, _ = density_run(decide, model, 60 * minutes, generator, moves)
+        within += low <= np.searchsorted(picked, 60 * minutes) / minutes <= high
     # At least 15 of 20 in 99.9 % of cases, if each is within with 95 %.
     assert within >= 15
 
@@ -112,7 +113,7 @@ def test_formula_predicts_runs_of_its_cycle():
         density_run(fixed_cycle(MODEL), MODEL, 300, np.random.default_rng(seed))
         for seed in range(60)
     ]
-    deviations = np.array([run.picks - rate * run.seconds / 60 for run in found])
+    deviations = np.array([len(picked) - rate * end / 60 for picked, end in found])
     error = np.sqrt(spread.variance * 5 / 60)
     assert abs(deviations.mean() - spread.start) < 4 * error
     # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)).
