@@ -50,6 +50,8 @@ DROPS = 2000
 MAX_PARTS = 100_000
 # Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
 PLAUSIBLE = 0.002, 20.0
+# Why the rows have no model range.
+OF_ACTIONS = 'it is known for drops, and these parts undergo actions before the traps'
 # A camera that resolves this, m, separates outlines that differ by more.
 RESOLVED = 3e-4
 
@@ -66,6 +68,7 @@ def track(
     tolerance: float = 0.0,
     trap_tolerance: float = 0.0,
     seed: int = DEFAULT_SEED,
+    model_range: bool = True,
     workers: int | Workers | None = None,
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
@@ -94,8 +97,8 @@ def track(
         Number of drops for the shares of the aspects.
     tolerance, trap_tolerance : float
         Half widths of the dimensions of parts and of traps, m.
-    surface, seed, workers, progress, stopped, conditions
-        As for `drop`.
+    surface, seed, model_range, workers, progress, stopped, conditions
+        As for `drop`. After actions, the model range of the rows is not known.
 
     Raises
     ------
@@ -125,14 +128,21 @@ def track(
         **conditions,
     }
     actions = [named_action(each) for each in before]
-    dropped = drop(loaded, model_range=False, **options)
+    dropped = drop(loaded, model_range=model_range and not actions, **options)
+    if actions and model_range:
+        dropped = replace(dropped, no_model_range=OF_ACTIONS)
     acted = tuple(reorient(loaded, action, **options) for action in actions)
     distribution, wall = dropped.distribution, given.wall
     shares: Array = distribution.counts / max(int(distribution.counts.sum()), 1)
     for each in acted:
         shares = shares @ np.nan_to_num(each.matrix.transitions)
     rows = orientations_on(
-        loaded, distribution.aspects, shares.tolist(), wall.height, wall.friction
+        loaded,
+        distribution.aspects,
+        shares.tolist(),
+        wall.height,
+        wall.friction,
+        None if distribution.model is None else distribution.model.by_aspect,
     )
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)

@@ -15,7 +15,7 @@ from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import Result, write_rows
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
-from resting_aspects_ros.report.format import numbers_text, share_text
+from resting_aspects_ros.report.format import interval_text, numbers_text, share_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.intervals import Interval, intervals
 from resting_aspects_ros.tracks.design import Band
@@ -142,7 +142,8 @@ class TrackResult(Result):
     @cached_property
     def sentences(self) -> list[str]:
         """What follows, and what limits it, in sentences."""
-        return [*self._rate_sentences(), *self._run_sentences(), *self._warnings()]
+        found = [*self._rate_sentences(), *self._run_sentences(), *self._warnings()]
+        return [*found, *filter(None, [self.drop.range_text])]
 
     def _rate_sentences(self) -> Iterator[str]:
         found = self.passage
@@ -157,6 +158,13 @@ class TrackResult(Result):
             f'{range_text(100 * low, 100 * high, "%")} of the parts pass in {rows}, with '
             f'{range_text(100 * purity[0], 100 * purity[1], "%")} purity.'
         )
+        if found.model_good is not None:
+            least, most = found.model_good
+            good = range_text(found.arrivals * least, found.arrivals * most, 'per minute')
+            yield (
+                f'On a real surface, {interval_text(Interval(low, least, most))} of the parts '
+                f'pass in {rows} (model range, with the friction of the wall): {good}.'
+            )
         back = f'{range_text(*found.returned, "parts per minute")} fall back'
         if purity[0] < 1:
             others = range_text(*found.other_rows, 'parts per minute')
@@ -279,7 +287,7 @@ class TrackResult(Result):
     def tables(self) -> list[Table]:
         """Return the tables of the rows, of what each trap does to them, and of grey bands."""
         found = self.passage
-        tables = [row_table(found, self.runs, self.title)]
+        tables = [row_table(found, self.row_intervals, self.runs, self.title)]
         if found.outcomes:
             tables.append(trap_table(self.trap_names, found, self.runs))
         if self.bands:
@@ -309,6 +317,8 @@ class TrackResult(Result):
             'efficiency': [low, high],
             'purity': list(found.purity),
             'rate': list(found.rate),
+            'model_efficiency': found.model_good and list(found.model_good),
+            'no_model_range': self.drop.no_model_range or None,
             'arrivals': found.arrivals,
             'passes_per_part': [1 / each if each else None for each in (high, low)],
             'returned_per_minute': list(found.returned),

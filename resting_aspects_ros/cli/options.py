@@ -125,6 +125,15 @@ def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
+def add_model_range(parser: argparse.ArgumentParser) -> None:
+    """Add --no-model-range."""
+    parser.add_argument(
+        '--no-model-range',
+        action='store_true',
+        help='leave out the model range of each probability, and the 8000 drops for it',
+    )
+
+
 def add_actions_file(parser: argparse.ArgumentParser) -> None:
     """Add --actions, a file of named actions."""
     parser.add_argument(

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.tracks.description import MAX_TRAPS as MAX_ON_TRACK
 from resting_aspects_ros.tracks.orientations import Orientation
 from resting_aspects_ros.tracks.rate import Passage
 from resting_aspects_ros.tracks.support import is_line
@@ -144,8 +145,7 @@ def design_traps(
     InvalidValueError
         If the part rolls in a wanted row, or the track and its own traps do not pass it.
     """
-    if not isinstance(most, int) or not 1 <= most <= MAX_TRAPS:
-        raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
+    most = _checked_number(most, len(on.track.traps))
     _check_wanted(on)
     ids = [row.id for row in on.rows]
     wanted = np.array([ids.index(number) for number in on.wanted])
@@ -210,6 +210,18 @@ def design_traps(
         (families[f].trap, families[f].dimension, ids[j], band) for (f, j), band in bands.items()
     ]
     return DesignResult((), alike, remaining, tuple(others), tuple(seen))
+
+
+def _checked_number(most: int, own: int) -> int:
+    """Return how many traps have a place after ``own`` ones; raises InvalidValueError."""
+    if not isinstance(most, int) or not 1 <= most <= MAX_TRAPS:
+        raise InvalidValueError(f'invalid number of traps {most}: expected 1 to {MAX_TRAPS}')
+    if own >= MAX_ON_TRACK:
+        raise InvalidValueError(
+            f'invalid number of traps {own}: expected less than {MAX_ON_TRACK}, so that others '
+            'have a place after them'
+        )
+    return min(most, MAX_ON_TRACK - own)
 
 
 def _check_wanted(on: Passage) -> None:

@@ -211,6 +211,9 @@ class Orientation:
     probability, low, high : float
         Share of the parts that come to rest so: the share of the aspects times the share of the
         yaw, and its bounds by the friction of the wall.
+    model : (float, float) or None
+        Model range of the share: that of the aspects, with all yaws that the friction of the wall
+        allows. None where it is not known.
     corners : (n, 3) float
         Vertices of the mesh in the track frame, m; the centre of mass is at x = 0.
     contact : shapely geometry
@@ -235,6 +238,7 @@ class Orientation:
     com_height: float
     wall_top: float
     rolls: bool
+    model: tuple[float, float] | None = None
 
     @property
     def height(self) -> float:
@@ -258,6 +262,7 @@ def orientations_on(
     shares: Sequence[float],
     wall_height: float = math.inf,
     wall_friction: float = 0.0,
+    model: Array | None = None,
 ) -> list[Orientation]:
     """Return the orientations of a part on a track, the most probable one first.
 
@@ -268,6 +273,8 @@ def orientations_on(
     wall_height : float
         Only what is below it touches the wall, m.
     wall_friction : float
+    model : (k, 2) float, optional
+        Model range of the share of each aspect.
 
     Raises
     ------
@@ -282,6 +289,9 @@ def orientations_on(
         order = vertical_order(aspects.symmetry, aspect.down_in_part)
         for yaw in _pushed(part, aspect, corners, wall_height).yaws(wall_friction, order):
             made = _orientation(part, aspect, yaw, share, corners, wall_height)
+            if model is not None:
+                low, high = model[aspect.id - 1].tolist()
+                made = replace(made, model=(yaw.low * low, yaw.high * high))
             same = [
                 k
                 for k, each in enumerate(found)
@@ -408,4 +418,13 @@ def _joined(one: Orientation, other: Orientation) -> Orientation:
         probability=one.probability + other.probability,
         low=one.low + other.low,
         high=one.high + other.high,
+        model=_added(one.model, other.model),
     )
+
+
+def _added(
+    one: tuple[float, float] | None, other: tuple[float, float] | None
+) -> tuple[float, float] | None:
+    if one is None or other is None:
+        return None
+    return one[0] + other[0], min(one[1] + other[1], 1.0)

@@ -123,6 +123,20 @@ class Passage:
         )
 
     @property
+    def model_good(self) -> tuple[float, float] | None:
+        """Model range of the orienting efficiency; None if that of a wanted row is not known.
+
+        The bounds of several wanted rows are added, which is wider than the range of their sum.
+        """
+        low = high = 0.0
+        for row, least, most in zip(self.rows, *self.passing, strict=True):
+            if row.id in self.wanted:
+                if row.model is None:
+                    return None
+                low, high = low + row.model[0] * least, high + row.model[1] * most
+        return float(low), float(min(high, 1.0))
+
+    @property
     def purity(self) -> tuple[float, float]:
         """Least and greatest share of the parts that pass which are in a wanted row."""
         mask = np.array([row.id in self.wanted for row in self.rows])

@@ -53,6 +53,8 @@ def row_fields(row: Orientation) -> dict[str, Any]:
         'probability': row.probability,
         'wall_low': row.low,
         'wall_high': row.high,
+        'model_lower': None if row.model is None else row.model[0],
+        'model_upper': None if row.model is None else row.model[1],
         'com_to_wall': row.yaw.distance,
         'com_height': row.com_height,
         'height': row.height,
@@ -81,37 +83,37 @@ def shown_rows(found: Passage) -> list[int]:
     ]
 
 
-def row_table(found: Passage, runs: 'TrackRuns | None', title: str) -> Table:
-    """Return the table of the orientations, and which of them pass the traps."""
-    headings = [
-        'row',
-        'aspects',
-        'share',
-        'with wall\nfriction',
-        'height\n(mm)',
-        'length\n(mm)',
-        'centre to\nwall (mm)',
-        'passes',
-    ]
-    if runs is not None:  # a terminal has no room for both
-        headings = [name for name in headings if not name.startswith('length')] + ['simulated']
+def row_table(
+    found: Passage, shares: Sequence[Interval], runs: 'TrackRuns | None', title: str
+) -> Table:
+    """Return the table of the orientations, and which of them pass the traps.
+
+    shares : sequence of Interval
+        Share of each row with its sampling interval.
+    """
+    ranged = found.model_good is not None
+    bounds = ['95 % interval', 'model range' if ranged else 'wall friction']
+    if runs is not None:  # a terminal has no room for both beside the simulated shares
+        bounds = [',\n'.join(bounds)]
+    headings = ['row', 'aspects', 'share', *bounds, 'height\n(mm)', 'centre to\nwall (mm)']
+    headings += ['passes'] if runs is None else ['passes', 'simulated']
     table = Table(title, headings, texts={'passes': None})
     shown = shown_rows(found)
     for k in shown:
         row, (low, high) = found.rows[k], (float(each[k]) for each in found.passing)
+        wider = (row.low, row.high) if row.model is None else row.model
+        texts = [interval_text(each) for each in (shares[k], Interval(row.probability, *wider))]
         cells = [
             f'{row.id} *' if row.id in found.wanted else str(row.id),
             numbers_text(row.aspects),
             f'{share_text(row.probability)} %',
-            f'{share_text(row.low)} to {share_text(row.high)} %',
+            *(texts if runs is None else ['\n'.join(texts)]),
             f'{1e3 * row.height:.1f}',
-            f'{1e3 * row.length:.1f}',
             f'{1e3 * row.yaw.distance:.2f}',
             _passes(low, high),
         ]
         if runs is not None:
             share = runs.shares[k]
-            del cells[5]
             cells.append(f'{probability_text(share)}\n{interval_text(share)}')
         table.add_row(*cells)
     table.caption = '* wanted.'

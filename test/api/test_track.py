@@ -13,7 +13,8 @@ NUT = {'width': '40mm', 'roll': '5deg', 'speed': '300mm/s'}
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 ROW_KEYS = {
     'id', 'aspects', 'orientation', 'yaw', 'probability', 'lower', 'upper', 'wall_low',
-    'wall_high', 'com_to_wall', 'com_height', 'height', 'length', 'lever', 'alike',
+    'wall_high', 'model_lower', 'model_upper', 'com_to_wall', 'com_height', 'height', 'length',
+    'lever', 'alike',
 }  # fmt: skip
 KEYS = {
     'schema_version', 'part', 'track', 'orientations', 'traps', 'efficiency', 'purity', 'rate',
@@ -42,6 +43,7 @@ def test_document_has_what_its_reference_names(simulated):
         assert result['margin'] == pytest.approx(trap['height'] - result['critical'])
         assert row['lower'] <= row['probability'] <= row['upper']
         assert row['wall_low'] <= row['probability'] <= row['wall_high']
+        assert row['model_lower'] <= row['wall_low'] <= row['wall_high'] <= row['model_upper']
 
 
 def test_numbers_of_a_document_follow_from_each_other(simulated):
@@ -52,6 +54,24 @@ def test_numbers_of_a_document_follow_from_each_other(simulated):
     low, high = document['rate']
     returned = document['returned_per_minute']
     assert np.add([low, high], returned[::-1]) == pytest.approx([document['arrivals']] * 2)
+
+
+def test_model_range_of_a_row_is_that_of_its_aspects(simulated):
+    flat = simulated.rows[0]
+    assert flat.yaw.low == 1  # with any friction of the wall
+    model = simulated.drop.distribution.model.by_aspect[np.array(flat.aspects) - 1]
+    assert flat.model == pytest.approx(np.minimum(model.sum(axis=0), 1))
+    assert simulated.passage.model_good == pytest.approx(flat.model)
+    assert simulated.drop.range_text in simulated.sentences
+
+
+def test_rows_without_model_range_say_why():
+    exact = ra.track('hex_nut', NUT, 1, drops=20, model_range=False)
+    acted = ra.track('hex_nut', NUT, 1, drops=20, before=['tap'])
+    assert (exact.passage.model_good, acted.passage.model_good) == (None, None)
+    assert exact.drop.range_text == ''
+    assert acted.document()['no_model_range']
+    assert acted.drop.range_text in acted.sentences
 
 
 def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
@@ -162,6 +182,14 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
 
 
 @pytest.mark.slow
+def test_proposed_traps_find_a_place_after_many_of_ones_own():
+    harmless = {'kind': 'wiper', 'height': '40mm'}
+    found = ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 19}, drops=20)
+    assert len(found.best.passage.track.traps) <= 20
+    with pytest.raises(ra.InvalidValueError, match='20'):
+        ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, drops=20)
+
+
 def test_without_a_design_other_rows_are_named():
     # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
     found = ra.design_track('t_prism', 4, drops=100)

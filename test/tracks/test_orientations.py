@@ -8,10 +8,11 @@ import shapely
 import trimesh
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import product, rotate, turned_about_vertical
 from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
-from resting_aspects_ros.tracks.orientations import PushedOutline
+from resting_aspects_ros.tracks.orientations import PushedOutline, orientations_on
 
 
 def rectangle(a, b):
@@ -159,3 +160,17 @@ def test_a_low_wall_touches_only_what_is_below_its_top(solid, rows_of):
 def test_an_outline_without_an_area_is_refused():
     with pytest.raises(InvalidValueError, match='area'):
         PushedOutline(np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]))
+
+
+def test_model_range_contains_all_shares_of_aspects_and_frictions(solid):
+    part, friction = solid(trimesh.creation.box((30, 20, 10))), 0.3
+    aspects, rng = find_aspects(part), np.random.default_rng(1)
+    model = np.sort(rng.uniform(0, 1 / len(aspects), (len(aspects), 2)), axis=1)
+    nominal = orientations_on(part, aspects, model.mean(axis=1), np.inf, friction, model)
+    for _ in range(20):
+        shares = rng.uniform(*model.T).tolist()
+        rows = orientations_on(part, aspects, shares, np.inf, rng.uniform(0, friction))
+        found = {(row.aspects, round(row.length, 6)): row for row in rows}
+        for row in nominal:
+            other = found[row.aspects, round(row.length, 6)]
+            assert row.model[0] - 1e-9 <= other.low <= other.high <= row.model[1] + 1e-9

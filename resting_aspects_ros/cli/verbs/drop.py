@@ -8,6 +8,7 @@ from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
     add_engine,
+    add_model_range,
     add_out,
     add_output,
     add_part_place,
@@ -100,11 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='repeat the drops with half the time step, and show how much the result changes',
     )
-    parser.add_argument(
-        '--no-model-range',
-        action='store_true',
-        help='leave out the model range of each probability, and the 8000 drops for it',
-    )
+    add_model_range(parser)
     add_output(parser)
     add_conditions(parser)
     add_surroundings(parser)

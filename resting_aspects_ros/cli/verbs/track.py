@@ -16,6 +16,7 @@ from resting_aspects_ros.cli.life_cycle import (
 )
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_model_range,
     add_out,
     add_output,
     add_part,
@@ -116,6 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of drops for the shares of the aspects (2000)',
     )
     add_seed(parser, 'result')
+    add_model_range(parser)
     add_workers(parser)
     add_out(
         parser,
@@ -148,6 +150,7 @@ def run(arguments: argparse.Namespace) -> int:
             'tolerance': parse_quantity('--tolerance', arguments.tolerance, 'm'),
             'trap_tolerance': parse_quantity('--trap-tolerance', arguments.trap_tolerance, 'm'),
             'seed': arguments.seed,
+            'model_range': not arguments.no_model_range,
             **started.options,
         }
         make: Callable[[], TrackResult | TrackDesign]
