@@ -218,6 +218,11 @@ def turn(angle: float) -> Array:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
+def placed(shape: shapely.Geometry, x: float, y: float, yaw: float) -> shapely.Geometry:
+    """Return a shape after a rotation about the origin, rad, and a translation."""
+    return shapely.transform(shape, lambda points: points @ turn(yaw).T + (x, y))
+
+
 def _pieces(ring: Array, spacing: float) -> tuple[Array, Array, Array]:
     """Return the starts, ends and skins of pieces of a ring, the first point being the last."""
     along = np.diff(ring, axis=0)

@@ -24,6 +24,7 @@ from resting_aspects_ros.vision.boundary import (
     common_area,
     nearest_on_pieces,
     normal_equations,
+    placed,
     turn,
     turned,
 )
@@ -126,8 +127,7 @@ class Fit:
 
 def overlap_at(model: shapely.Polygon, seen: shapely.Polygon, yaw: float, move: Array) -> float:
     """Return the intersection over the union, the model being rotated, rad, and moved, m."""
-    moved = shapely.transform(model, lambda points: points @ turn(yaw).T + move)
-    common = common_area(moved, seen)
+    common = common_area(placed(model, *move, yaw), seen)
     return common / (float(model.area) + float(seen.area) - common)
 
 

@@ -13,7 +13,7 @@ from shapely.geometry.polygon import orient
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import FileModel, validated
-from resting_aspects_ros.vision.boundary import common_area, turn
+from resting_aspects_ros.vision.boundary import common_area, placed
 from resting_aspects_ros.vision.camera import Pinhole, Telecentric, given_points, perspective_fits
 from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
@@ -254,22 +254,22 @@ def touching_odds(seen: Shape, outlines: Sequence[Shape], sd: float) -> float:
     if not MIN_AREA * min(areas) <= seen.area <= MAX_PARTS * max(areas):
         return 0.0
     exterior = shapely.Polygon(seen.polygon.simplify(2 * sd).exterior)
-    placed = [
+    fitting = [
         one for each in outlines if each.area <= seen.area for one in _placed(each, exterior, sd)
     ]
-    return FOUND if _cover(placed, exterior, sd) else NOT_FOUND
+    return FOUND if _cover(fitting, exterior, sd) else NOT_FOUND
 
 
-def _cover(placed: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) -> bool:
+def _cover(outlines: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) -> bool:
     """Return whether two or more of the placed outlines, chosen greedily, cover a polygon."""
     rest, total = seen, 0.0
     for others in range(MAX_PARTS):
-        if not placed:
+        if not outlines:
             return False
-        common = [common_area(one, rest) for one in placed]
+        common = [common_area(one, rest) for one in outlines]
         k = int(np.argmax(common))
-        total += placed[k].area
-        rest = shapely.difference(rest, placed[k].buffer(2 * sd))
+        total += outlines[k].area
+        rest = shapely.difference(rest, outlines[k].buffer(2 * sd))
         if rest.area <= MAX_UNCOVERED * seen.area:
             # A single one is a part whose holes are missing.
             return others > 0 and bool(total * (1 - MAX_OVERLAP) <= seen.area)
@@ -303,11 +303,10 @@ def _placed(model: Shape, seen: shapely.Polygon, sd: float) -> list[shapely.Poly
         k, place = np.unravel_index(flat, rest.shape)
         angle = float(np.angle(products[k, place]))
         shift = sums[place] / arc - np.exp(1j * angle) * mean[k, 0]
-        move = np.array([shift.real, shift.imag])
-        placed = shapely.transform(outer, lambda points, a=angle, m=move: points @ turn(a).T + m)
-        outside = shapely.difference(placed, seen).area
+        moved = placed(outer, shift.real, shift.imag, angle)
+        outside = shapely.difference(moved, seen).area
         if outside <= MAX_OUTSIDE * outer.area + 2 * sd * outer.length:
-            found.append(placed)
+            found.append(moved)
     return found
 
 

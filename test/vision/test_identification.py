@@ -11,18 +11,14 @@ from shapely import affinity
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import turned_about_vertical
+from resting_aspects_ros.vision.boundary import placed as moved
 from resting_aspects_ros.vision.fitting import OutlineNoise, Shape, mirrored
 from resting_aspects_ros.vision.identification import identify, observed_polygon
 from resting_aspects_ros.vision.outline import look_alikes, seen_outline
 
 # Random poses of each class.
-POSES = 40
+POSES = 25
 NAMES = ('angle_45x30x8', 'hex_nut', 'l_bracket', 'u_bracket', 'washer')
-
-
-def moved(polygon, x, y, yaw):
-    turned = affinity.rotate(polygon, yaw, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, x, y)
 
 
 def noisy(polygon, sd, generator, step=1e-3):
