@@ -296,7 +296,7 @@ def test_gap_of_rounding_is_closed(gap):
 @pytest.mark.slow
 def test_foil_of_many_triangles_is_seen_from_its_edge():
     # It is thinner than the distance of the samples of the union of many triangles.
-    mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=6000)
+    mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=3000)
     turned = Rotation.from_euler('xz', [90, 31], degrees=True).apply(mesh.vertices)
     outline = silhouette(turned, mesh.faces, closed=True, radius=1.0)
     # Its border of length 4 is rounded to GRID.
