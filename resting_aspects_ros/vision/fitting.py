@@ -127,7 +127,7 @@ class Fit:
 
 def overlap_at(model: shapely.Polygon, seen: shapely.Polygon, yaw: float, move: Array) -> float:
     """Return the intersection over the union, the model being rotated, rad, and moved, m."""
-    common = common_area(placed(model, *move, yaw), seen)
+    common = common_area(placed(model, float(move[0]), float(move[1]), yaw), seen)
     return common / (float(model.area) + float(seen.area) - common)
 
 
@@ -277,7 +277,8 @@ def _points_on(ring: shapely.LinearRing, density: float) -> Array:
     """Return points (m, 2) at equal distances along a ring, ``density`` of them in a metre."""
     count = max(3, round(density * ring.length))
     places = (np.arange(count) + 0.5) / count
-    return shapely.get_coordinates(shapely.line_interpolate_point(ring, places, normalized=True))
+    points = shapely.line_interpolate_point(ring, places, normalized=True)
+    return np.asarray(shapely.get_coordinates(points))
 
 
 def _moment(ring: shapely.LinearRing, centre: Array) -> float:
