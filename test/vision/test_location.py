@@ -13,7 +13,7 @@ from resting_aspects_ros.feeding.grasps import Grasp, gripper_poses
 from resting_aspects_ros.vision.location import Pose, camera_pose
 from resting_aspects_ros.vision.outline import seen_outline
 
-NAMES = ('box_10x20x30', 'hex_nut', 'l_bracket', 't_prism', 'washer')
+NAMES = ('box_10x20x30', 'hex_nut', 'l_bracket', 'washer')
 
 
 @pytest.fixture

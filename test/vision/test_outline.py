@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.aspects.aspect_set import Sweep
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.vision.outline import GRID, find_outlines, seen_outline, silhouette
@@ -243,17 +242,6 @@ def test_round_part_that_rolls_has_no_family(part, solid):
         outlines = find_outlines(shape, find_aspects(shape))
         assert [o.family for o in outlines] == [()] * len(outlines)
     assert [o.yaw_symmetry for o in outlines] == [0]
-
-
-def test_outlines_of_a_rocking_part_are_in_its_family(solids, solid):
-    shape = solid(solids.half_round_bar(48))
-    aspects = find_aspects(shape)
-    rocking = {a.symmetry_class for a in aspects if a.sweep is not Sweep.POINT}
-    for outline in find_outlines(shape, aspects):
-        assert len(outline.family) <= 12
-        if outline.symmetry_class not in rocking:
-            assert outline.family == ()
-    assert rocking
 
 
 @pytest.mark.slow
