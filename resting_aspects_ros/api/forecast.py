@@ -87,7 +87,7 @@ def footprints_of(
     found = []
     for row in rows:
         placement = placements[row[0].symmetry_class - 1]
-        seen, own = placement.outline, grips_of(grasps, placement)
+        seen, own = placement.outline, grips_of(grasps, placement) if grasps else ()
         if seen.yaw_symmetry == 0:
             found.append(Footprint(0.0, 0.0, seen.length / 2, own))
         else:
