@@ -36,11 +36,11 @@ class DensityPlaces:
         return np.where(self._is_free, self._model.feeder.tray.clearance, -1.0)
 
     def _share(self, number, classes):
-        return self._model.free(np.array(float(number)))[classes]
+        return self._model.table.between(np.array(float(number)))[classes]
 
 
 def density_run(controller, model, seconds, generator, moves=None):
-    """Simulate a run on a tray with DensityPlaces."""
+    """Simulate a run on a tray with DensityPlaces; return the times of its picks and its end."""
     tray = SimulatedTray(model, DensityPlaces(model, generator), generator)
     if moves is not None:
         tray.use(moves)

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.part.library import PartLibrary
@@ -103,10 +101,6 @@ def test_part_has_the_inertia_of_the_formula(name):
     np.testing.assert_allclose(part.inertia, np.diag(expected), atol=3 * FLOAT32 * expected.max())
 
 
-def test_l_bracket_is_of_steel_by_its_yaml():
-    assert LIBRARY.load('l_bracket').mass == pytest.approx(7850 * 12000e-9)
-
-
 def test_values_in_example_yaml_comments_are_correct(tmp_path):
     text = (FOLDER / 'l_bracket.yaml').read_text()
     for key in ('centre_of_mass', 'inertia'):
@@ -121,7 +115,7 @@ def test_values_in_example_yaml_comments_are_correct(tmp_path):
     assert own.mass == pytest.approx(0.0942)
 
 
-def test_l_bracket_has_the_inertia_of_its_two_legs():
+def test_l_bracket_has_the_inertia_of_its_two_legs_of_steel():
     part = LIBRARY.load('l_bracket')
     expected = np.zeros((3, 3))
     for size, middle in (((40, 10, 20), (20, 5, 10)), ((10, 20, 20), (5, 20, 10))):
@@ -146,14 +140,12 @@ CORNERS = {
 }
 
 
-@settings(max_examples=5)
-@given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize('name', CORNERS)
-def test_hull_has_the_corners_of_the_shape_in_every_orientation(name, seed):
+def test_hull_has_the_corners_of_the_shape_in_every_orientation(name):
     """The nut's bore ends in its facets: 64 vertices that noise could lift above them."""
-    turn = Rotation.from_quat(np.random.default_rng(seed).normal(size=4))
-    mesh = trimesh.load_mesh(FOLDER / f'{name}.stl')
-    mesh.vertices = turn.apply(mesh.vertices)
-    part = part_from_bytes(mesh.export(file_type='stl'), 'stl', name)
-    assert len(part.hull_vertices) == CORNERS[name]
     assert len(LIBRARY.load(name).hull_vertices) == CORNERS[name]
+    for turn in Rotation.random(2, random_state=1):
+        mesh = trimesh.load_mesh(FOLDER / f'{name}.stl')
+        mesh.vertices = turn.apply(mesh.vertices)
+        part = part_from_bytes(mesh.export(file_type='stl'), 'stl', name)
+        assert len(part.hull_vertices) == CORNERS[name]

@@ -24,4 +24,4 @@ def test_valid_files_of_every_kind_are_read(kinds):
 
 def test_damaged_files_are_refused_in_one_line(kinds):
     folder, made = kinds
-    assert list(findings(made, folder, 150, 1)) == []
+    assert list(findings(made, folder, 60, 1)) == []

@@ -63,22 +63,3 @@ def odd_lines():
 def test_no_odd_construction_is_left():
     assert list(odd_lines()) == []
     assert list(constructions('Who asks hears of it'))
-
-
-def continued(lines):
-    """Numbers of the lines of a page that continue a sentence after a block of code."""
-    is_code, is_after = False, False
-    for number, line in enumerate(lines, start=1):
-        if line.startswith('```'):
-            is_code = not is_code
-            is_after = not is_code
-        elif line and not is_code:
-            if is_after and line[0].islower():
-                yield number
-            is_after = False
-
-
-def test_sentences_do_not_continue_after_a_block_of_code():
-    pages = {name: list(continued(lines)) for name, lines in texts() if name.endswith('.md')}
-    assert {name: numbers for name, numbers in pages.items() if numbers} == {}
-    assert list(continued(['```', 'ls', '```', '', 'lists files.'])) == [5]

@@ -52,18 +52,14 @@ def test_rotated_points_agree_with_scipy():
 @example((0.0, 0.0, 1.0, 0.0))
 @example((0.0, 0.0, 0.0, -1.0))
 def test_canonical_quaternion_is_the_same_rotation(q):
-    found = canonical(np.array([q]))
+    given = np.array([q])
+    found = canonical(given)
+    np.testing.assert_array_equal(given, [q])
     assert found[0, 3] >= 0
     assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
     np.testing.assert_allclose(
         Rotation.from_quat(found[0]).as_matrix(), Rotation.from_quat(q).as_matrix(), atol=1e-14
     )
-
-
-def test_canonical_does_not_change_its_input():
-    q = np.array([[0.1, 0.2, 0.3, -2.0]])
-    canonical(q)
-    np.testing.assert_array_equal(q, [[0.1, 0.2, 0.3, -2.0]])
 
 
 @pytest.mark.parametrize(
@@ -111,9 +107,11 @@ def test_any_direction_is_turned_down_by_the_shortest_rotation(direction):
 
 def test_random_orientations_have_the_rotation_angles_of_haar_measure():
     q = random_orientations(np.random.default_rng(7), 20_000)
-    angle = Rotation.from_quat(q).magnitude()
-    # Density (1 - cos t) / pi on [0, pi].
-    assert kstest(angle, lambda t: (t - np.sin(t)) / np.pi).pvalue > LEVEL
+    turns = Rotation.from_quat(q)
+    # A turn from one to the next is uniform again, as these are independent.
+    for turn in (turns, turns[1::2] * turns[::2].inv()):
+        # Density (1 - cos t) / pi on [0, pi].
+        assert kstest(turn.magnitude(), lambda t: (t - np.sin(t)) / np.pi).pvalue > LEVEL
 
 
 @pytest.mark.parametrize('axis', range(3))
@@ -125,13 +123,6 @@ def test_random_orientations_distribute_axes_uniformly(axis):
         assert kstest(coordinate, 'uniform', args=(-1, 2)).pvalue > LEVEL
     longitude = np.arctan2(image[:, 1], image[:, 0])
     assert kstest(longitude, 'uniform', args=(-np.pi, 2 * np.pi)).pvalue > LEVEL
-
-
-def test_random_orientations_are_independent_of_each_other():
-    q = random_orientations(np.random.default_rng(9), 20_000)
-    # A turn from one to the next is uniform again, as these are independent.
-    turn = Rotation.from_quat(q[1::2]) * Rotation.from_quat(q[::2]).inv()
-    assert kstest(turn.magnitude(), lambda t: (t - np.sin(t)) / np.pi).pvalue > LEVEL
 
 
 def test_random_orientations_depend_only_on_the_generator():

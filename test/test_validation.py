@@ -1,7 +1,5 @@
 """The fit, the measured bodies and the shifts of `make validate`."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy.special import expit
@@ -22,9 +20,7 @@ from validation.paired import (
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import LocalWorkers, drop_range
-from resting_aspects_ros.statistics.distribution import aspect_ids
+from resting_aspects_ros.simulation.workers import LocalWorkers
 from resting_aspects_ros.statistics.model_range import discrepancy
 
 
@@ -96,34 +92,6 @@ def dropper(part):
     workers.stop()
 
 
-@pytest.mark.slow
-def test_convergence_states_the_drops_that_end_differently(dropper, monkeypatch):
-    n = 2000
-    monkeypatch.setattr(validate_convergence, 'DROPS', n)
-    monkeypatch.setattr(validate_convergence, 'AIMS', {'thrown': (0.1, 0.005)})
-    ((_, surface, differ, aim, aspect, shift, interval, _),) = rows(
-        validate_convergence.convergence(dropper)
-    )
-    (shape,) = dropper.parts
-    job = make_job(shape, dropper.surfaces.get('thrown'), 1)
-    aspects = find_aspects(shape)
-    before, after = (
-        aspect_ids(aspects, drop_range(each, 0, n))
-        for each in (job, dataclasses.replace(job, refinement=4))
-    )
-    assert (surface, aim) == ('thrown', '0.1')
-    changed = before != after
-    assert changed.any()
-    assert differ == f'{changed.mean():.4f}'
-    moved = (after == int(aspect)).mean() - (before == int(aspect)).mean()
-    assert shift == f'{moved:+.4f}'
-    # Standard error of a difference of shares of the same drops, with half a count in each cell.
-    c = (changed & ((before == int(aspect)) | (after == int(aspect)))).sum() + 1
-    low, high = map(float, interval.split(' to '))
-    error = np.sqrt((c / (n + 2) - moved**2) / (n + 2))
-    assert (high - low) / 2 == pytest.approx(1.96 * error, abs=1e-4)
-
-
 def test_shift_and_error_are_those_of_paired_shares():
     counts = np.zeros((1, 5, 5), dtype=np.int64)
     counts[0, 0, 0], counts[0, 0, 1], counts[0, 1, 0], counts[0, 1, 1] = 500, 40, 10, 450
@@ -172,20 +140,6 @@ def test_decision_adds_up_to_all_drops(dropper, monkeypatch):
     assert none == ['0', '0', '0', '0']
     # What runs on takes longer.
     assert float(decided[9]) > float(decided[8])
-
-
-@pytest.mark.slow
-def test_difference_of_equal_engines_is_within_chance():
-    generator = np.random.default_rng(1)
-    p, n, samples = [0.5, 0.3, 0.19, 0.01], 1000, 400
-    above = 0
-    for _ in range(samples):
-        one, other = (generator.multinomial(n, p, size=2) for _ in range(2))
-        statistic, value, *_ = validate_engines.difference(one, other).split(' | ')
-        assert statistic.endswith('(6)')
-        above += float(value) < 0.05
-    # The rare end makes the statistic only roughly chi-square.
-    assert abs(above / samples - 0.05) < 4 * np.sqrt(0.05 * 0.95 / samples)
 
 
 def test_difference_of_two_shares_is_that_of_a_fourfold_table():

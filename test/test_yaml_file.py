@@ -56,14 +56,11 @@ def test_plain_documents_are_read():
         ('1e-6', 1e-6), ('-2E+3', -2000.0), ('.5', 0.5), ('5.', 5.0), ('-0.25e1', -2.5),
         ('.inf', math.inf), ('-.inf', -math.inf), ('12', 12), ('-3', -3), ('1_000', 1000),
         ('5:50', '5:50'), ('20:30.5', '20:30.5'), ('0:20', '0:20'), ('010', '010'), ('e5', 'e5'),
-        ('1e', '1e'), ('0.1:0.5', '0.1:0.5'), ('.', '.'), ('-', None),
+        ('1e', '1e'), ('0.1:0.5', '0.1:0.5'), ('.', '.'),
     ],
 )  # fmt: skip
 def test_numbers_are_those_of_yaml_1_2(text, value):
     """A range such as 5:50 is text, not a number of base 60; 1e-6 is a number."""
-    if value is None:
-        assert parse_yaml(f'a: {text}1', 'sheet') == {'a': -1}
-        return
     found = parse_yaml(f'a: {text}', 'sheet')['a']
     assert (found, type(found)) == (value, type(value))
     assert math.isnan(parse_yaml('.nan', 'sheet'))
@@ -82,12 +79,11 @@ def test_merged_key_may_be_given_again():
     assert parse_yaml(text, 'sheet')['y'] == {'a': 3, 'b': 2}
 
 
-@pytest.mark.parametrize('tag', TAGS)
-def test_value_that_does_not_fit_its_tag_is_an_error(tag):
+def test_value_that_does_not_fit_its_tag_is_an_error():
     places = ('mass: {}', '{}', '? {}\n: 1')
-    texts = [place.format(f'!!{tag} {value}') for value in VALUES for place in places]
-    refused = [text for text in texts if error_of(text)]
-    assert refused
+    for tag in TAGS:
+        texts = [place.format(f'!!{tag} {value}') for value in VALUES for place in places]
+        assert any(error_of(text) for text in texts), tag
 
 
 @pytest.mark.parametrize(
@@ -136,14 +132,10 @@ def test_hostile_documents_are_rejected_in_one_line(text):
         | st.text(string.printable, max_size=4),
         max_size=30,
     ).map(''.join)
+    | st.binary(max_size=60)
 )
 def test_any_text_gives_a_document_or_one_error(text):
     error_of(text)
-
-
-@given(data=st.binary(max_size=60))
-def test_any_bytes_give_a_document_or_one_error(data):
-    error_of(data)
 
 
 def test_a_file_is_read_and_named_in_errors(tmp_path):

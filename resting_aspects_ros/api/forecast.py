@@ -15,7 +15,7 @@ from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, warn
-from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, check_fit, free_shares
+from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
@@ -81,19 +81,13 @@ def footprints_of(
 ) -> tuple[Footprint, ...]:
     """Return the rectangle, or the disc, around the outline of each row, with the grips of it."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.vision.outline import find_outlines
+    from resting_aspects_ros.feeding.grasps import grips_of
 
-    grips: dict[int, tuple[Grip, ...]] = {}
-    if grasps:
-        from resting_aspects_ros.feeding.grasps import grips_of
-
-        placements = placements_of(part, aspects)
-        grips = {each.outline.symmetry_class: grips_of(grasps, each) for each in placements}
-    outlines = {each.symmetry_class: each for each in find_outlines(part, aspects)}
+    placements = placements_of(part, aspects)
     found = []
     for row in rows:
-        number = row[0].symmetry_class
-        seen, own = outlines[number], grips.get(number, ())
+        placement = placements[row[0].symmetry_class - 1]
+        seen, own = placement.outline, grips_of(grasps, placement) if grasps else ()
         if seen.yaw_symmetry == 0:
             found.append(Footprint(0.0, 0.0, seen.length / 2, own))
         else:

@@ -98,7 +98,7 @@ def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPa
         [sum(by_aspect[number - 1] for number in each.aspects) for each in outlines]
     )
     found = KnownPart(loaded, aspects, outlines, by_class / by_class.sum())
-    _ = found.shapes, [each.members for each in found.placements]  # computed once, now
+    _ = found.views, [each.members for each in found.placements]  # computed once, now
     return found
 
 

@@ -581,7 +581,7 @@ def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
             power *= prime
         n *= power // prime
         if n > HIGHEST_ORDER:
-            break  # no higher order is told apart
+            break  # no higher order is distinguished
     for multiple in range(HIGHEST_PRODUCT, n, -1):
         if multiple % n == 0 and _generates(match, axis, multiple, order):
             return multiple

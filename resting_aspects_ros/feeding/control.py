@@ -10,10 +10,15 @@ from operator import attrgetter
 import numpy as np
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.footprint import FreeShares, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates, check_number, forecast
-from resting_aspects_ros.feeding.steady_state import MAX_TIME, CycleTimes, Moves, moves_of, picks
+from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates, forecast
+from resting_aspects_ros.feeding.steady_state import (
+    CycleTimes,
+    Moves,
+    moves_of,
+    picks,
+    place_values,
+)
 from resting_aspects_ros.statistics.markov import Mask
 
 # -- What the controller knows --------------------------------------------------------------------
@@ -72,26 +77,6 @@ class ControllerModel:
     max_supply: int | None = None
     min_score: float = DEFAULT_MIN_SCORE
 
-    def __post_init__(self) -> None:
-        check_number('best number of parts', self.best_number)
-        if self.best_number > len(self.table.free):
-            raise InvalidValueError(
-                f'invalid best number of parts {self.best_number}: expected at most '
-                f'{len(self.table.free)}'
-            )
-        if self.spread is not None and not 0 <= self.spread <= MAX_TIME:
-            raise InvalidValueError(
-                f'invalid spread time {shown(self.spread)} s: expected 0 to {MAX_TIME:g} s'
-            )
-        if self.max_supply is not None and self.max_supply < 0:
-            raise InvalidValueError(
-                f'invalid maximum supply {shown(self.max_supply)}: expected 0 or more'
-            )
-        if not 0 <= self.min_score <= 1:
-            raise InvalidValueError(
-                f'invalid minimum score {shown(self.min_score)}: expected 0 to 1'
-            )
-
     @property
     def times(self) -> CycleTimes:
         """Times of a cycle."""
@@ -122,20 +107,10 @@ class ControllerModel:
         if not rate > 0:
             return PartValues(0.0, state.mix, np.zeros_like(state.mix), 0.0)
         moves = moves_of(feeder.drop, feeder.transitions)
-        taken = state.taken
         supply = rate * times.supply
-        pick = taken * (1 - rate * times.robot - supply)
-        expected = pick - (1 - taken) * moves.left * supply
-        stay = moves.transitions + np.outer(moves.left, moves.drop)
-        chain = np.outer(taken, moves.drop) + (1 - taken)[:, None] * stay
-        mean = state.mix @ expected
-        h = np.linalg.solve(np.eye(len(chain)) - chain + state.mix, expected - mean)
+        h = place_values(moves, state, 1 - rate * times.robot - supply, -supply)
         place = float(moves.drop @ h) - supply
         return PartValues(rate, state.mix, moves.transitions @ h + moves.left * place, place)
-
-    def free(self, number: Array) -> Array:
-        """Return the shares of free parts (..., k), interpolated, with numbers of parts (...)."""
-        return self.table.between(number)
 
     def _without_traps(self) -> FeederModel:
         if not self.trapped.any():
@@ -281,24 +256,16 @@ def _next_image(
     """
     moves, kept = model.moves, view.free + view.blocked
     new = supply[:, None] * moves.drop
-    if action is Choice.FLIP:
-        parts = kept @ moves.transitions + new
-        taken = parts * model.free(parts.sum(axis=1))
-    elif action is Choice.SPREAD:
-        parts = kept + new
-        taken = parts * model.free(parts.sum(axis=1))
-    else:
-        parts = kept + new
-        now = model.free(np.array(float(view.total)))
-        later = model.free(parts.sum(axis=1))
+    parts = (kept @ moves.transitions if action is Choice.FLIP else kept) + new
+    later = model.table.between(parts.sum(axis=1))
+    taken = parts * later
+    if action not in (Choice.FLIP, Choice.SPREAD):
+        now = model.table.between(np.array(float(view.total)))
         taken = view.free * np.minimum(later / np.maximum(now, 1e-12), 1.0) + new * later
     return parts, np.where(model.feeder.pickable, taken, 0.0)
 
 
 # -- Decision -------------------------------------------------------------------------------------
-
-
-_VERBS = {Choice.FLIP: 'flip', Choice.SPREAD: 'spread'}
 
 
 @dataclass(frozen=True)
@@ -369,10 +336,7 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     minimum score and worth the time of the robot. Then, or if there is none, the action of the
     feeder and the number of supplied parts with the highest value are chosen. The advice is to
     wait only if there is no part on the tray and none can be supplied.
-
-    Raises InvalidValueError if a part has no valid class, clearance or score.
     """
-    _check(seen, model)
     chosen = pickable_parts(seen, model)
     options: dict[Choice, Option] = {}
     view = _view(seen, (), model)
@@ -395,19 +359,6 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     choice = Choice.PICK if chosen else best.action or Choice.WAIT
     then = best.action if chosen else None
     return Advice(choice, chosen, then, best.supply, expected, _reason(best, chosen, view))
-
-
-def _check(seen: Sequence[SeenPart], model: ControllerModel) -> None:
-    classes = len(model.feeder.drop)
-    for part in seen:
-        if not 0 <= part.symmetry_class <= classes:
-            raise InvalidValueError(
-                f'invalid symmetry class {shown(part.symmetry_class)}: expected 0 to {classes}'
-            )
-        if not 0 <= part.score <= 1:
-            raise InvalidValueError(f'invalid score {shown(part.score)}: expected 0 to 1')
-        if part.clearance != part.clearance:
-            raise InvalidValueError('invalid clearance nan: expected a distance')
 
 
 def _is_free(part: SeenPart, model: ControllerModel) -> bool:
@@ -453,18 +404,15 @@ def _reason(best: Option, chosen: Sequence[int], view: View) -> str:
     supplied = f' and supply {_parts(best.supply)}' if best.supply else ''
     if not chosen:
         verb = f'Supply {_parts(best.supply)}'
-        if best.action in _VERBS:
-            verb = _VERBS[best.action].capitalize() + supplied
+        if best.action in (Choice.FLIP, Choice.SPREAD):
+            verb = best.action.value.capitalize() + supplied
         return f'{verb}: {left}, and {more} are expected to be pickable afterwards.'
     picked = f'Pick {_parts(len(chosen))}'
     if best.action is None:
         return f'{picked} and take another image; {more} more are expected to be free then.'
-    if best.action is Choice.SUPPLY:
-        noun = f'the supply of {_parts(best.supply)}'
-        return f'{picked}; {noun} is expected to bring {more} more picks.'
-    noun = f'a {best.action.value}'
-    if best.supply:
-        noun += f' with the supply of {_parts(best.supply)}'
+    noun = f'the supply of {_parts(best.supply)}' if best.supply else ''
+    if best.action is not Choice.SUPPLY:
+        noun = f'a {best.action.value}' + (f' with {noun}' if noun else '')
     return f'{picked}; {noun} is expected to bring {more} more picks.'
 
 

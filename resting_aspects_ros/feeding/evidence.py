@@ -6,6 +6,7 @@ decisions.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -62,39 +63,29 @@ class FedPart:
         return self.known.part.part_sha256
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """The run that drops or flips are from.
+Found = TypeVar('Found', Distribution, TransitionMatrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated(Generic[Found]):
+    """The drops or the flips of a run.
 
     conditions : object
         Only compared: runs under equal conditions continue each other.
     surface : str
         Name of the conditions for texts.
+    action : str or None
+        Name of the action of flips.
     """
 
+    found: Found
     run_id: str
     part: str
     part_sha256: str
     conditions: object
     surface: str
     complete: bool
-
-
-@dataclass(frozen=True, eq=False)
-class KnownDrops:
-    """The distribution of a run."""
-
-    run: SimulatedRun
-    distribution: Distribution
-
-
-@dataclass(frozen=True, eq=False)
-class KnownFlips:
-    """The transitions of a run by an action, given by its name."""
-
-    run: SimulatedRun
-    action: str
-    matrix: TransitionMatrix
+    action: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,14 +101,10 @@ class Evidence:
     flips: TransitionMatrix | None = None
 
     @property
-    def drop_count(self) -> int:
-        """Number of drops that came to rest in an aspect."""
-        return int(self.drops.counts.sum())
-
-    @property
-    def flip_count(self) -> int:
-        """Number of flips."""
-        return int(self.flips.counts.sum()) if self.flips is not None else 0
+    def counts(self) -> tuple[int, int]:
+        """Numbers of drops that came to rest in an aspect, and of flips."""
+        flips = int(self.flips.counts.sum()) if self.flips is not None else 0
+        return int(self.drops.counts.sum()), flips
 
 
 class PartEvidence:
@@ -137,8 +124,9 @@ class PartEvidence:
         self._action = action
         self._warn = warn
         self._ids: tuple[int, ...] = ()  # of the pickable aspects
-        self._drops: KnownDrops | None = None  # the newest ones, even if they do not fit
-        self._flips: KnownFlips | None = None
+        # The newest ones, even if they do not fit.
+        self._drops: Simulated[Distribution] | None = None
+        self._flips: Simulated[TransitionMatrix] | None = None
         self._used: tuple[int, int] | None = None  # drops and flips of the model
         self._ignored = {'drops': '', 'flips': ''}
         self.fed: FedPart | None = None
@@ -166,46 +154,48 @@ class PartEvidence:
     def is_complete(self) -> bool:
         """Whether the newest drops and the newest flips are those of complete runs."""
         newest = self._drops, self._flips
-        return all(each is not None and each.run.complete for each in newest)
+        return all(each is not None and each.complete for each in newest)
 
     @property
     def counts(self) -> tuple[int, int]:
         """Numbers of drops and of flips in the evidence; 0 without evidence."""
-        found = self.current
-        return (found.drop_count, found.flip_count) if found is not None else (0, 0)
+        return self.current.counts if self.current is not None else (0, 0)
 
     def set_part(self, fed: FedPart, ids: tuple[int, ...]) -> None:
         """Begin again with a part, the ids of its pickable aspects, and what is known of it."""
         self._ids = ids
         self.fed, self._used = fed, None
-        self._counted = self._transitions = None
-        self._use_drops()
-        self._use_flips()
+        self._counted = self._fitting('drops', self._drops)
+        self._transitions = self._fitting('flips', self._flips)
 
     def forget_part(self) -> None:
         """Forget a part that cannot be used."""
         self.fed = self._counted = self._transitions = None
 
-    def add_drops(self, found: KnownDrops) -> bool:
+    def add_drops(self, new: Simulated[Distribution]) -> bool:
         """Take a distribution; return whether it changes the evidence enough for a new model."""
         old = self._drops
-        if found.distribution.drops == 0 or (old is not None and _has_fewer_drops(found, old)):
+        if new.found.drops == 0 or (old is not None and _has_fewer_drops(new, old)):
             return False
-        self._drops = found
-        if old is not None and old.run.conditions != found.run.conditions:
+        self._drops = new
+        if old is not None and old.conditions != new.conditions:
             self._used = None
             self._warn(
-                f'the conditions of run {found.run.run_id} ({_surface(found)}) differ from those '
+                f'the conditions of run {new.run_id} ({_surface(new)}) differ from those '
                 f'of the previous run ({_surface(old)})'
             )
-        return self._use_drops() and self._is_new(found.run.complete)
+        fitting = self._fitting('drops', new)
+        self._counted = fitting or self._counted
+        return fitting is not None and self._is_new(new.complete)
 
-    def add_flips(self, found: KnownFlips) -> bool:
+    def add_flips(self, new: Simulated[TransitionMatrix]) -> bool:
         """Take a transition matrix; return whether it changes the evidence enough."""
-        if not found.matrix.counts.any():
+        if not new.found.counts.any():
             return False
-        self._flips = found
-        return self._use_flips() and self._is_new(found.run.complete)
+        self._flips = new
+        fitting = self._fitting('flips', new)
+        self._transitions = fitting or self._transitions
+        return fitting is not None and self._is_new(new.complete)
 
     def ignore(self, kind: str, error: InvalidValueError) -> None:
         """Report that the newest 'drops' or 'flips' are not used, once for the same reason."""
@@ -226,44 +216,22 @@ class PartEvidence:
         """Return the probability that a supplied part is pickable."""
         return evidence.drops.combined_interval(self._ids)
 
-    def _use_drops(self) -> bool:
-        """Take the newest distribution as evidence; return whether it is valid."""
-        known = self._drops
-        if known is None or not self._fits('drops', known.run, known.distribution):
-            return False
-        self._counted = known.distribution
-        return True
-
-    def _use_flips(self) -> bool:
-        """Take the newest transition matrix as evidence; return whether it is valid."""
-        known = self._flips
-        if known is None or not self._fits('flips', known.run, known.matrix, known.action):
-            return False
-        self._transitions = known.matrix
-        return True
-
-    def _fits(
-        self,
-        kind: str,
-        run: SimulatedRun,
-        found: Distribution | TransitionMatrix,
-        action: str | None = None,
-    ) -> bool:
-        """Return whether drops or flips are of the part and of the action; report why not."""
-        if self.fed is None:
-            return False
+    def _fitting(self, kind: str, new: Simulated[Found] | None) -> Found | None:
+        """Return drops or flips of the part and the action; report why others are not used."""
+        if self.fed is None or new is None:
+            return None
         try:
-            if action not in (None, self._action):
+            if new.action not in (None, self._action):
                 raise InvalidValueError(
-                    f'invalid action {action}: expected {self._action}, as the parameter action '
-                    'states'
+                    f'invalid action {new.action}: expected {self._action}, as the parameter '
+                    'action states'
                 )
-            _check_fit(self.fed.known, run, found)
+            _check_fit(self.fed.known, new)
         except InvalidValueError as error:
             self.ignore(kind, error)
-            return False
+            return None
         self._ignored[kind] = ''
-        return True
+        return new.found
 
     def _is_new(self, complete: bool) -> bool:
         """Return whether the evidence differs enough from that of the model."""
@@ -317,28 +285,27 @@ def _filled(flips: Counts, drops: Counts) -> Counts:
     return np.where(missing > 0, filled, flips)
 
 
-def _check_fit(part: KnownPart, run: SimulatedRun, found: Distribution | TransitionMatrix) -> None:
+def _check_fit(part: KnownPart, run: Simulated[Found]) -> None:
     """Raise InvalidValueError if drops or flips are of another part or version."""
     if (run.part, run.part_sha256) != (part.part.name, part.part.part_sha256):
         raise InvalidValueError(
             f'invalid part {shown(run.part)} (part_sha256 {shown(run.part_sha256)}): expected '
             f'{part.part.name} (part_sha256 {part.part.part_sha256})'
         )
-    if not part.aspects.matches(found.aspects):
+    if not part.aspects.matches(run.found.aspects):
         raise InvalidValueError(
             f'invalid aspects of run {shown(run.run_id)}: expected those of {part.part.name}'
         )
 
 
-def _has_fewer_drops(found: KnownDrops, known: KnownDrops) -> bool:
-    """Return whether ``known`` has more drops of the same part under the same conditions.
+def _has_fewer_drops(new: Simulated[Distribution], old: Simulated[Distribution]) -> bool:
+    """Return whether ``old`` has more drops of the same part under the same conditions.
 
     This happens when two runs overlap, or when a new run starts.
     """
-    new, old = found.run, known.run
     same = (new.part_sha256, new.conditions) == (old.part_sha256, old.conditions)
-    return bool(same and found.distribution.drops < known.distribution.drops)
+    return bool(same and new.found.drops < old.found.drops)
 
 
-def _surface(found: KnownDrops) -> str:
-    return found.run.surface or 'own conditions'
+def _surface(run: Simulated[Distribution]) -> str:
+    return run.surface or 'own conditions'

@@ -212,88 +212,59 @@ class BrokenAssumption:
     change: float
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """The forecast of a number of parts on the tray, whose assumptions can be changed.
+def places_rate(
+    model: FeederModel, number: int, free: Array, staying: float = 0.0, clumped: float = 0.0
+) -> float:
+    """Return the parts per minute with k aspects, all of which are occupied in the long run.
 
-    moves : Moves
-        Over k aspects, all of which are occupied in the long run.
-    pickable : (k,) bool
     free : (k,) float
         Probability that a part of each aspect is free.
-    number : int
-    max_picks : int or None
+    staying : float
+        Share of the parts that stay where they are in a vibration. A part stays free or blocked
+        if it and its neighbour stay, hence with the square of this probability.
+    clumped : float
+        Share of supplied parts that are blocked in the first image, in addition.
     """
-
-    moves: Moves
-    pickable: Mask
-    free: Array
-    number: int
-    times: CycleTimes
-    max_picks: int | None = None
-
-    def rate(self, staying: float = 0.0, clumped: float = 0.0) -> float:
-        """Return the parts per minute.
-
-        staying : float
-            Share of the parts that stay where they are in a vibration. A part stays free or
-            blocked if it and its neighbour stay, hence with the square of this probability.
-        clumped : float
-            Share of supplied parts that are blocked in the first image, in addition.
-        """
-        k, kept = len(self.free), staying**2
-        fresh = np.stack([self.free, 1 - self.free])  # free and blocked, after a vibration
-        first = np.stack([self.free * (1 - clumped), 1 - self.free * (1 - clumped)])
-        moved = self.moves.transitions
-        rows = np.zeros((2, k, 2, k))
-        for was in range(2):
-            for now in range(2):
-                stays = kept if was == now else 0.0
-                rows[was, :, now] = moved * (stays + (1 - kept) * fresh[now])
-        drop = (self.moves.drop * first).ravel()
-        left = np.tile(self.moves.left, 2)
-        wanted = np.concatenate([self.pickable.astype(np.float64), np.zeros(k)])
-        state = self._state(Moves(drop, rows.reshape(2 * k, 2 * k), left), wanted)
-        return float(parts_per_minute(self.times, state.picks, state.supplied))
-
-    def _state(self, moves: Moves, wanted: Array) -> SteadyState:
-        """Return the long run over the states that are reached."""
-        reached = moves.drop > 0
-        while True:
-            further = reached | (moves.transitions[reached].sum(axis=0) > 0)
-            if (further == reached).all():
-                break
-            reached = further
-        inside = Moves(
-            moves.drop[reached], moves.transitions[np.ix_(reached, reached)], moves.left[reached]
-        )
-        free = np.append(np.minimum(wanted[reached], 1 - 1e-12), 0.0)
-        return steady_state(refilled_later(inside), free, self.number, self.max_picks)
+    moves, k, kept = moves_of(model.drop, model.transitions), len(free), staying**2
+    fresh = np.stack([free, 1 - free])  # free and blocked, after a vibration
+    first = np.stack([free * (1 - clumped), 1 - free * (1 - clumped)])
+    stays = kept * np.eye(2)[:, None, :, None] + (1 - kept) * fresh
+    rows = (moves.transitions[:, None] * stays).reshape(2 * k, 2 * k)
+    drop, left = (moves.drop * first).ravel(), np.tile(moves.left, 2)
+    wanted = np.concatenate([model.pickable.astype(np.float64), np.zeros(k)])
+    reached = drop > 0
+    for _ in rows:
+        reached = reached | (rows[reached].sum(axis=0) > 0)
+    inside = Moves(drop[reached], rows[np.ix_(reached, reached)], left[reached])
+    picked = np.append(np.minimum(wanted[reached], 1 - _HARDLY), 0.0)
+    state = steady_state(refilled_later(inside), picked, number, model.max_picks)
+    return float(parts_per_minute(model.times, state.picks, state.supplied))
 
 
-def broken_assumptions(places: Places, overlapping: Array) -> tuple[BrokenAssumption, ...]:
+def broken_assumptions(
+    model: FeederModel, number: int, free: Array, overlapping: Array
+) -> tuple[BrokenAssumption, ...]:
     """Return the rate with each assumption broken by itself; empty if no part is picked.
 
+    free : (k,) float
+        Shares of free parts.
     overlapping : (k,) float
-        Shares of free parts, if parts that fall on others are not separated.
+        The same, if parts that fall on others are not separated.
     """
-    base = places.rate()
+    base = places_rate(model, number, free)
     if base <= 0:
         return ()
-    seen = replace(
-        places,
-        free=places.free * (1 - MISSED) * (1 - FAILED),
-        # A pick that fails takes as long as one that does not.
-        times=replace(places.times, robot=places.times.robot / (1 - FAILED)),
-    )
+    # A pick that fails takes as long as one that does not.
+    failing = replace(model, times=replace(model.times, robot=model.times.robot / (1 - FAILED)))
+    seen = free * (1 - MISSED) * (1 - FAILED)
     staying, clumped, missed, failed = (
         f'{100 * share:g} %' for share in (STAYING, CLUMPED, MISSED, FAILED)
     )
     rates = {
-        f'{staying} of the parts stay in place': places.rate(staying=STAYING),
-        f'{clumped} fall in clumps': places.rate(clumped=CLUMPED),
-        f'{missed} missed, {failed} of picks fail': seen.rate(),
-        'overlaps do not separate': replace(places, free=overlapping).rate(),
+        f'{staying} of the parts stay in place': places_rate(model, number, free, STAYING),
+        f'{clumped} fall in clumps': places_rate(model, number, free, clumped=CLUMPED),
+        f'{missed} missed, {failed} of picks fail': places_rate(failing, number, seen),
+        'overlaps do not separate': places_rate(model, number, overlapping),
     }
     return tuple(BrokenAssumption(text, rate, rate / base - 1) for text, rate in rates.items())
 
@@ -442,6 +413,9 @@ def forecast(
     runs = _runs(draws[here], spread, rate, model.times.feeder, minutes, generator)
     low, high = np.quantile(runs, [tail, 1 - tail])
     cycle = model.times, state.picks, state.supplied
+    # Parts that are lost are missing in the image.
+    present = np.array(chosen - float(state.lost))
+    shares = table.between(present), overlapping.between(present)
     return Forecast(
         number=chosen,
         best_number=best,
@@ -467,24 +441,8 @@ def forecast(
         ),
         free=table.at(chosen),
         trapped=states.trapped,
-        broken=_broken(model, state, table, overlapping, chosen) if rate > 0 else (),
+        broken=broken_assumptions(model, chosen, *shares) if rate > 0 else (),
     )
-
-
-def _broken(
-    model: FeederModel, state: SteadyState, table: FreeShares, overlapping: FreeShares, number: int
-) -> tuple[BrokenAssumption, ...]:
-    # Parts that are lost are missing in the image.
-    present = np.array(number - float(state.lost))
-    places = Places(
-        moves_of(model.drop, model.transitions),
-        model.pickable,
-        table.between(present),
-        number,
-        model.times,
-        model.max_picks,
-    )
-    return broken_assumptions(places, overlapping.between(present))
 
 
 def _table(

@@ -4,11 +4,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import shapely
-from shapely import affinity
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -17,6 +16,7 @@ from resting_aspects_ros.input_files import FileModel, FromOne, Number, named, r
 from resting_aspects_ros.part.hull import smallest_rectangle
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.vision.boundary import placed
 from resting_aspects_ros.vision.location import Placement, Pose, checked_pose
 from resting_aspects_ros.vision.rolling import KnownPart
 
@@ -97,24 +97,28 @@ def gripper_area(grasp: Grasp, pose: Pose) -> shapely.Geometry:
     half = grasp.length / 2, grasp.width / 2
     corners = [(a * half[0], b * half[1]) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     sides = shapely.MultiPoint(corners).convex_hull
-    turned = affinity.rotate(sides, yaw, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, x, y).buffer(grasp.radius)
+    return placed(sides, x, y, yaw).buffer(grasp.radius)
 
 
 # -- Room -----------------------------------------------------------------------------------------
 
 
-class Detection(Protocol):
-    """A camera pose of a part, m and rad, and its distance to the next outline, m."""
+@dataclass(frozen=True)
+class Detection:
+    """A part, or a blob of parts, in an image; see the message Detection.
 
-    @property
-    def x(self) -> float: ...  # noqa: D102
-    @property
-    def y(self) -> float: ...  # noqa: D102
-    @property
-    def yaw(self) -> float: ...  # noqa: D102
-    @property
-    def clearance(self) -> float: ...  # noqa: D102
+    index : int
+        In the detections of the image, from 0.
+    """
+
+    index: int
+    part: str
+    class_id: str
+    score: float
+    x: float
+    y: float
+    yaw: float
+    clearance: float
 
 
 def free_grasps(
@@ -171,8 +175,7 @@ def _area(detection: Detection, number: int, part: KnownPart, longest: float) ->
     """Return what a detection covers on the tray; nothing if its place is not valid."""
     if number:
         polygon = part.outlines[number - 1].polygon
-        turned = affinity.rotate(polygon, detection.yaw, origin=(0, 0), use_radians=True)
-        return affinity.translate(turned, detection.x, detection.y)
+        return placed(polygon, detection.x, detection.y, detection.yaw)
     if not (math.isfinite(detection.x) and math.isfinite(detection.y)):
         return shapely.Point()
     return shapely.Point(detection.x, detection.y).buffer(longest)

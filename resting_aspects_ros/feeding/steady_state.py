@@ -149,7 +149,7 @@ def time_shares(times: CycleTimes, found: Picks, supplied: Array) -> dict[str, f
 
 
 def sensitivity(
-    times: CycleTimes, found: Picks, supplied: Array, change: float = 0.1
+    times: CycleTimes, found: Picks, supplied: Array
 ) -> dict[str, tuple[float, float]]:
     """Return how the rate changes, as a share, if each time is shorter and longer by 10 %.
 
@@ -162,7 +162,7 @@ def sensitivity(
         return float(changed) / base - 1 if base else 0.0
 
     names = ('robot', 'vibrate', 'settle', 'image', 'supply')
-    return {name: (relative(name, 1 - change), relative(name, 1 + change)) for name in names}
+    return {name: (relative(name, 0.9), relative(name, 1.1)) for name in names}
 
 
 def limited_by(times: CycleTimes, found: Picks, supplied: Array) -> str | None:
@@ -361,7 +361,7 @@ def run_spread(
     rest = max(none * (1 - none) - slope**2 * variance, 0.0)
     per_pick = 1 - rate * (times.robot + times.supply - times.overlap * slope) / 60
     per_loss = -rate * times.supply / 60
-    value = _values(moves, state, per_pick, per_loss)
+    value = place_values(moves, state, per_pick, per_loss)
     of_place = _asymptotic_variance(moves, state, value, per_pick, per_loss)
     # What it changes that a part is picked, and not moved.
     dropped = float(moves.drop @ value)
@@ -374,7 +374,7 @@ def run_spread(
     return RunSpread(number * dropped - rate * first, total / duration)
 
 
-def _values(moves: Moves, state: SteadyState, pick: float, loss: float) -> Array:
+def place_values(moves: Moves, state: SteadyState, pick: float, loss: float) -> Array:
     """Return the value (k,) of each aspect in an image, by Poisson's equation.
 
     ``pick`` is the reward of a pick and ``loss`` that of a part that leaves the aspects.

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from resting_aspects_ros.feeding.steady_state import (
 )
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence, containing
 from resting_aspects_ros.statistics.markov import Mask
+from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
 Controller = Callable[[Sequence[SeenPart]], Advice]
 
@@ -43,24 +43,11 @@ TRIES = 60
 _AT_ONCE = 4
 
 
-class Places(Protocol):
-    """Places of the parts on a tray, in their order."""
-
-    def shake(self, classes: Counts) -> None:
-        """Give parts of these classes (n,) new places; nothing else is on the tray."""
-
-    def add(self, classes: Counts) -> None:
-        """Add places for the last of the classes (n,), which do not have a place yet."""
-
-    def keep(self, which: Mask) -> None:
-        """Remove all but some of the parts."""
-
-    def clearance(self) -> Array:
-        """Return the distance (n,) of each part from others, m; -1 if the gripper is blocked."""
-
-
 class RandomPlaces:
-    """Random positions of the footprints on the tray, which stay until the next vibration."""
+    """Random positions of the footprints on the tray, which stay until the next vibration.
+
+    It has the methods of `OutlinePlaces`. A part whose gripper is blocked has the clearance -1.
+    """
 
     def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
         self._tray, self._generator = model.feeder.tray, generator
@@ -70,22 +57,26 @@ class RandomPlaces:
         self._poses: Poses = np.zeros((0, 4))
         self._size: Array = np.zeros((0, 3))
 
-    def shake(self, classes: Counts) -> None:  # noqa: D102
+    def shake(self, classes: Counts) -> None:
+        """Give parts of these classes (n,) new places; nothing else is on the tray."""
         self.keep(np.zeros(len(self._kinds), dtype=np.bool_))
         self.add(classes)
 
-    def add(self, classes: Counts) -> None:  # noqa: D102
+    def add(self, classes: Counts) -> None:
+        """Add places for the last of the classes (n,), which do not have a place yet."""
         for kind in classes[len(self._poses) :]:
             pose = self._empty_place(self._sizes[kind])
             self._poses = np.vstack([self._poses, pose])
             self._size = np.vstack([self._size, self._sizes[kind]])
             self._kinds = np.append(self._kinds, kind)
 
-    def keep(self, which: Mask) -> None:  # noqa: D102
+    def keep(self, which: Mask) -> None:
+        """Remove all but some of the parts."""
         self._poses, self._size = self._poses[which], self._size[which]
         self._kinds = self._kinds[which]
 
-    def clearance(self) -> Array:  # noqa: D102
+    def clearance(self) -> Array:
+        """Return the distance (n,) of each part from others, m."""
         number = len(self._poses)
         one, other = np.nonzero(~np.eye(number, dtype=np.bool_))
         found = np.full(number, math.inf)
@@ -114,36 +105,12 @@ class RandomPlaces:
         return np.asarray(poses[0])
 
 
+Places = RandomPlaces | OutlinePlaces
+
 # -- Tray -----------------------------------------------------------------------------------------
 
 
 WAITING = 1.0  # s, until a feeder that waits takes the next image
-
-
-@dataclass(frozen=True, eq=False)
-class TrayRun:
-    """What happened in a simulated run.
-
-    images, supplied : int
-    seconds : float
-    picked : (picks,) float
-        When each pick was over, s.
-    """
-
-    images: int
-    supplied: int
-    seconds: float
-    picked: Array
-
-    @property
-    def picks(self) -> int:
-        """Number of picks."""
-        return len(self.picked)
-
-    @property
-    def rate(self) -> float:
-        """Parts per minute."""
-        return 60 * self.picks / self.seconds
 
 
 class SimulatedTray:
@@ -187,6 +154,21 @@ class SimulatedTray:
         """Give each part a new place."""
         self._places.shake(self.classes)
 
+    def move(self, action: Choice | None, model: ControllerModel) -> float:
+        """Let the feeder act on the parts; return the time until they are at rest, s."""
+        if action is None:
+            return 0.0
+        if action is Choice.WAIT:
+            return WAITING
+        seconds = model.times.settle
+        if action is Choice.FLIP:
+            self.flip()
+            seconds += model.times.vibrate
+        elif action is Choice.SPREAD:
+            self.spread()
+            seconds += model.spread or 0.0
+        return seconds
+
     def supply(self, number: int) -> None:
         """Drop parts to random places."""
         rolled = self._generator.random(number) * self._drop[-1]
@@ -199,8 +181,10 @@ def simulate(
     model: ControllerModel,
     seconds: float,
     tray: SimulatedTray,
-) -> TrayRun:
+) -> tuple[Array, float]:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
+
+    Returns when each pick was over, (picks,) s, and when the run was over, s.
 
     The times are those of `steady_state.cycle_time`, with an image after each advice.
 
@@ -214,38 +198,20 @@ def simulate(
     tray : SimulatedTray
         Without parts.
     """
-    clock, images, supplied = 0.0, 0, 0
+    times = model.times
+    clock = 0.0
     done: list[float] = []
     while clock < seconds:
-        images += 1
         advice = controller(tray.seen())
         action = advice.then if advice.choice is Choice.PICK else advice.choice
         picks = len(advice.picks)
-        done += [clock + k * model.times.robot for k in range(1, picks + 1)]
+        done += [clock + k * times.robot for k in range(1, picks + 1)]
         tray.remove(advice.picks)
-        if action is Choice.FLIP:
-            tray.flip()
-        elif action is Choice.SPREAD:
-            tray.spread()
+        busy = times.image + tray.move(action, model)
         tray.supply(advice.supply)
-        supplied += advice.supply
-        clock += _duration(model, action, picks) + model.times.supply * advice.supply
-    return TrayRun(images, supplied, clock, np.array(done))
-
-
-def _duration(model: ControllerModel, action: Choice | None, picks: int) -> float:
-    """Return the time of picks and of an action of the feeder with the image, s."""
-    times = model.times
-    seconds = times.image
-    if action is Choice.WAIT:
-        seconds += WAITING
-    elif action is not None:
-        seconds += times.settle
-    if action is Choice.FLIP:
-        seconds += times.vibrate
-    elif action is Choice.SPREAD:
-        seconds += model.spread or 0.0
-    return seconds + picks * times.robot - (min(times.place, seconds) if picks else 0.0)
+        clock += busy + picks * times.robot - (min(times.place, busy) if picks else 0.0)
+        clock += times.supply * advice.supply
+    return np.array(done), clock
 
 
 # -- A feeder -------------------------------------------------------------------------------------
@@ -255,14 +221,6 @@ def _duration(model: ControllerModel, action: Choice | None, picks: int) -> floa
 REACH = 2e-3
 
 
-class SeenPlaces(Places, Protocol):
-    """Places of outlines."""
-
-    @property
-    def centres(self) -> Array:
-        """(n, 2) float: centroids of the outlines, m."""
-
-
 class VirtualFeeder:
     """A tray of parts, a robot and the clock of both.
 
@@ -270,7 +228,7 @@ class VirtualFeeder:
     ----------
     model : ControllerModel
         The true shares of drops and flips, and the times.
-    places : SeenPlaces
+    places : OutlinePlaces
     generator : Generator
 
     Attributes
@@ -282,7 +240,7 @@ class VirtualFeeder:
     """
 
     def __init__(
-        self, model: ControllerModel, places: SeenPlaces, generator: np.random.Generator
+        self, model: ControllerModel, places: OutlinePlaces, generator: np.random.Generator
     ) -> None:
         self.tray = SimulatedTray(model, places, generator)
         self._places = places
@@ -323,18 +281,10 @@ class VirtualFeeder:
 
     def move(self, action: Choice, supply: int = 0) -> None:
         """Flip, spread or supply parts, or wait; after that, the parts are at rest."""
-        times = self._model.times
-        if action is Choice.FLIP:
-            self.tray.flip()
-            self.seconds += times.vibrate
-        elif action is Choice.SPREAD:
-            self.tray.spread()
-            self.seconds += self._model.spread or 0.0
-        self.seconds += WAITING if action is Choice.WAIT else times.settle
-        if supply:
-            self.tray.supply(supply)
-            self.supplied += supply
-            self.seconds += times.supply * supply
+        self.seconds += self.tray.move(action, self._model)
+        self.tray.supply(supply)
+        self.supplied += supply
+        self.seconds += self._model.times.supply * supply
 
 
 # -- Runs -----------------------------------------------------------------------------------------
@@ -488,7 +438,7 @@ def _simulated(
         there = RandomPlaces(model, each) if places is None else places(each)
         tray = SimulatedTray(model, there, each)
         tray.use(Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]))
-        picked = simulate(decide, model, 60 * length, tray).picked
+        picked, _ = simulate(decide, model, 60 * length, tray)
         counts.append(np.searchsorted(picked, ends))
     steady = (1 - WARM_UP) * length
     batches = np.diff(counts, axis=1) / (steady / BATCHES)

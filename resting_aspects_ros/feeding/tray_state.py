@@ -6,14 +6,14 @@ arrives that was exposed later. Times are in ns; no clock is read here.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.control import Choice, ControllerModel, Expected, SeenPart, advise
 from resting_aspects_ros.feeding.evidence import FedPart
-from resting_aspects_ros.feeding.grasps import free_grasps
+from resting_aspects_ros.feeding.grasps import Detection, free_grasps
 from resting_aspects_ros.vision.location import Pose
 
 # -- The parts on the tray ------------------------------------------------------------------------
@@ -37,24 +37,6 @@ class PickOutcome(Enum):
     MISSED = 'missed'
     DROPPED = 'dropped'
     MOVED = 'moved'
-
-
-@dataclass(frozen=True)
-class Detection:
-    """A part, or a blob of parts, in an image; see the message Detection.
-
-    index : int
-        In the detections of the image, from 0.
-    """
-
-    index: int
-    part: str
-    class_id: str
-    score: float
-    x: float
-    y: float
-    yaw: float
-    clearance: float
 
 
 @dataclass(frozen=True)
@@ -232,11 +214,6 @@ def known_class(detection: Detection, classes: int) -> int:
     return numbers[detection.class_id]
 
 
-def other_parts(detections: Sequence[Detection], part: str) -> list[str]:
-    """Return the names of other parts among the detections, sorted."""
-    return sorted({d.part for d in detections} - {part, ''})
-
-
 def _check_image(image: Image, now: int) -> None:
     """Raise InvalidValueError if the time or the frame of an image is not valid."""
     if image.time > now + CLOCK_TOLERANCE:
@@ -257,14 +234,6 @@ def _check_image(image: Image, now: int) -> None:
 
 
 # -- The advice for the newest image --------------------------------------------------------------
-
-
-PHRASES = {
-    Choice.PICK: 'pick parts',
-    Choice.FLIP: 'flip the parts',
-    Choice.SPREAD: 'spread the parts',
-    Choice.WAIT: 'wait',
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +286,9 @@ class CurrentAdvice:
         """What to do, as part of a sentence."""
         if self.choice is Choice.SUPPLY:
             return f'supply {self.supply} parts' if self.supply != 1 else 'supply 1 part'
-        return PHRASES[self.choice]
+        if self.choice is Choice.WAIT:
+            return 'wait'
+        return f'{self.choice.value} {"" if self.choice is Choice.PICK else "the "}parts'
 
     def after_picks(self, image: Image) -> 'CurrentAdvice':
         """Return the advice for an image from which parts have been picked since then."""
@@ -364,10 +335,11 @@ def advise_image(image: Image, fed: FedPart, model: ControllerModel) -> CurrentA
             for each, poses in zip(seen, grasps, strict=True)
         ]
     found = advise(seen, model)
-    others = other_parts(image.detections, part)
+    others = sorted({each.part for each in image.detections} - {part, ''})
     reason = found.reason
     if not own:
-        reason = f'Image {image.number} shows no {part}{_beside(others)}. {reason}'
+        beside = f', but {", ".join(others[:3])}' if others else ''
+        reason = f'Image {image.number} shows no {part}{beside}. {reason}'
     return CurrentAdvice(
         choice=found.choice,
         reason=reason,
@@ -380,7 +352,3 @@ def advise_image(image: Image, fed: FedPart, model: ControllerModel) -> CurrentA
         parts=len(own),
         problems=tuple(problems),
     )
-
-
-def _beside(others: Sequence[str]) -> str:
-    return f', but {", ".join(others[:3])}' if others else ''

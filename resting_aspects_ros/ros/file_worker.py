@@ -24,7 +24,8 @@ T = TypeVar('T')
 # Limits for one function: processor time, s, and memory in addition to that of the process, bytes.
 MAX_SECONDS = 30.0
 MAX_MEMORY = 2 * 1024**3
-# Maximum time for a function, in units of its limit: on a busy machine, it waits for a processor.
+# A function hangs if it takes this multiple of its limit; on a busy machine, it waits for a
+# processor.
 MAX_WAIT = 10
 # How often a function is started whose process dies or hangs.
 ATTEMPTS = 3

@@ -157,9 +157,8 @@ class Boundary:
         generator = np.random.default_rng(20)  # any angles are suitable; these are reproducible
         for _ in range(TURNS):
             angle = generator.uniform(0, 2 * np.pi, len(self.points))
-            x, y = self.points.T
-            turned = [x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)]
-            if (self.excess(np.stack(turned, axis=1), self.skins) > SAME * self.radius).any():
+            moved = turned(self.points[:, None], angle)[:, 0]
+            if (self.excess(moved, self.skins) > SAME * self.radius).any():
                 return False
         return True
 
@@ -217,6 +216,11 @@ def nearest_on_pieces(
 def turn(angle: float) -> Array:
     """Return the matrix (2, 2) of a counter-clockwise rotation, rad."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def placed(shape: shapely.Geometry, x: float, y: float, yaw: float) -> shapely.Geometry:
+    """Return a shape after a rotation about the origin, rad, and a translation."""
+    return shapely.transform(shape, lambda points: points @ turn(yaw).T + (x, y))
 
 
 def _pieces(ring: Array, spacing: float) -> tuple[Array, Array, Array]:

@@ -24,6 +24,7 @@ from resting_aspects_ros.vision.boundary import (
     common_area,
     nearest_on_pieces,
     normal_equations,
+    placed,
     turn,
     turned,
 )
@@ -126,8 +127,7 @@ class Fit:
 
 def overlap_at(model: shapely.Polygon, seen: shapely.Polygon, yaw: float, move: Array) -> float:
     """Return the intersection over the union, the model being rotated, rad, and moved, m."""
-    moved = shapely.transform(model, lambda points: points @ turn(yaw).T + move)
-    common = common_area(moved, seen)
+    common = common_area(placed(model, float(move[0]), float(move[1]), yaw), seen)
     return common / (float(model.area) + float(seen.area) - common)
 
 
@@ -221,9 +221,7 @@ class ShapeStack:
         samples = [self._samples[k] for k in which]
         ends = np.cumsum([0, *map(len, samples)])
         owner = np.repeat(np.arange(len(which)), np.diff(ends))
-        x, y = np.concatenate(samples).T
-        c, s = np.cos(yaws)[owner], np.sin(yaws)[owner]
-        moved = np.stack([c * x - s * y, s * x + c * y], axis=1) + shifts[owner]
+        moved = turned(np.concatenate(samples)[:, None], yaws[owner])[:, 0] + shifts[owner]
         square = (seen.boundary.nearest(moved)[0] ** 2).sum(axis=1)
         return [square[a:b] for a, b in pairwise(ends)]
 
@@ -277,11 +275,10 @@ def candidate_yaws(model: Shape, seen: Shape, order: int = 1) -> Array:
 
 def _points_on(ring: shapely.LinearRing, density: float) -> Array:
     """Return points (m, 2) at equal distances along a ring, ``density`` of them in a metre."""
-    corners = shapely.get_coordinates(ring)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    count = max(3, round(density * float(along[-1])))
-    places = (np.arange(count) + 0.5) / count * along[-1]
-    return np.stack([np.interp(places, along, axis) for axis in corners.T], axis=1)
+    count = max(3, round(density * ring.length))
+    places = (np.arange(count) + 0.5) / count
+    points = shapely.line_interpolate_point(ring, places, normalized=True)
+    return np.asarray(shapely.get_coordinates(points))
 
 
 def _moment(ring: shapely.LinearRing, centre: Array) -> float:

@@ -13,7 +13,7 @@ from shapely.geometry.polygon import orient
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import FileModel, validated
-from resting_aspects_ros.vision.boundary import common_area, turn
+from resting_aspects_ros.vision.boundary import common_area, placed
 from resting_aspects_ros.vision.camera import Pinhole, Telecentric, given_points, perspective_fits
 from resting_aspects_ros.vision.fitting import (
     OutlineNoise,
@@ -254,22 +254,22 @@ def touching_odds(seen: Shape, outlines: Sequence[Shape], sd: float) -> float:
     if not MIN_AREA * min(areas) <= seen.area <= MAX_PARTS * max(areas):
         return 0.0
     exterior = shapely.Polygon(seen.polygon.simplify(2 * sd).exterior)
-    placed = [
+    fitting = [
         one for each in outlines if each.area <= seen.area for one in _placed(each, exterior, sd)
     ]
-    return FOUND if _cover(placed, exterior, sd) else NOT_FOUND
+    return FOUND if _cover(fitting, exterior, sd) else NOT_FOUND
 
 
-def _cover(placed: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) -> bool:
+def _cover(outlines: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) -> bool:
     """Return whether two or more of the placed outlines, chosen greedily, cover a polygon."""
     rest, total = seen, 0.0
     for others in range(MAX_PARTS):
-        if not placed:
+        if not outlines:
             return False
-        common = [common_area(one, rest) for one in placed]
+        common = [common_area(one, rest) for one in outlines]
         k = int(np.argmax(common))
-        total += placed[k].area
-        rest = shapely.difference(rest, placed[k].buffer(2 * sd))
+        total += outlines[k].area
+        rest = shapely.difference(rest, outlines[k].buffer(2 * sd))
         if rest.area <= MAX_UNCOVERED * seen.area:
             # A single one is a part whose holes are missing.
             return others > 0 and bool(total * (1 - MAX_OVERLAP) <= seen.area)
@@ -303,11 +303,10 @@ def _placed(model: Shape, seen: shapely.Polygon, sd: float) -> list[shapely.Poly
         k, place = np.unravel_index(flat, rest.shape)
         angle = float(np.angle(products[k, place]))
         shift = sums[place] / arc - np.exp(1j * angle) * mean[k, 0]
-        move = np.array([shift.real, shift.imag])
-        placed = shapely.transform(outer, lambda points, a=angle, m=move: points @ turn(a).T + m)
-        outside = shapely.difference(placed, seen).area
+        moved = placed(outer, shift.real, shift.imag, angle)
+        outside = shapely.difference(moved, seen).area
         if outside <= MAX_OUTSIDE * outer.area + 2 * sd * outer.length:
-            found.append(placed)
+            found.append(moved)
     return found
 
 
@@ -326,10 +325,10 @@ def _separate(rest: Array, limit: float, apart: int) -> list[int]:
 
 def _ring_of(polygon: shapely.Polygon, spacing: float) -> np.ndarray:
     """Return points on the exterior at equal distances, counter-clockwise, as complex numbers."""
-    corners = shapely.get_coordinates(polygon.exterior) @ np.array([1, 1j])
-    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)))])
-    count = max(3, round(along[-1] / spacing))
-    return np.asarray(np.interp(np.arange(count) * along[-1] / count, along, corners))
+    ring = polygon.exterior
+    count = max(3, round(ring.length / spacing))
+    points = shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
+    return np.asarray(shapely.get_coordinates(points) @ np.array([1, 1j]))
 
 
 # -- Identification -------------------------------------------------------------------------------
@@ -495,7 +494,7 @@ def _identified(
     posterior = np.exp(np.array(scores) - log_sum(scores))
     if posterior[-2:].sum() > 1e-3:
         flat = views.at(found[0].known.outlines[found[0].index].height)
-        odds = touching_odds(flat, [s[0] for p in known for s in p.shapes], noise.sd)
+        odds = touching_odds(flat, [v.shapes[0] for part in known for v in part.views], noise.sd)
         scores[-1] = unknown + np.log(max(TOUCHING_PRIOR * odds, 1e-12))
         posterior = np.exp(np.array(scores) - log_sum(scores))
     candidates = tuple(
@@ -517,7 +516,7 @@ def _near(
     for part in known:
         for k, outline in enumerate(part.outlines):
             seen = views.at(outline.height)
-            far = min(shape.difference(seen) for shape in part.shapes[k])
+            far = min(shape.difference(seen) for shape in part.views[k].shapes)
             rows.append((far - views.parallax(outline.height), part, k, seen))
     rows.sort(key=lambda row: row[0])
     return [row[1:] for n, row in enumerate(rows) if n < NEAREST or row[0] < FAR * noise.sd]

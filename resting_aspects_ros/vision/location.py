@@ -21,7 +21,7 @@ from resting_aspects_ros.rotations import (
     rotation_between,
     turned_down,
 )
-from resting_aspects_ros.vision.outline import Outline
+from resting_aspects_ros.vision.outline import Outline, angle_about
 
 # Maximum angle between equal directions, rad.
 SAME_DIRECTION = 0.01
@@ -35,15 +35,10 @@ def rotation_to(symmetry: Symmetry | None, one: Array, other: Array) -> Array:
         return Rotation.from_quat(rotation_between(one, other)).as_matrix()
     rotations = symmetry.rotations
     if symmetry.axis is not None:
-        rotations = np.array([_about(symmetry.axis, r @ one, other) @ r for r in rotations])
+        axis = symmetry.axis
+        angles = [angle_about(axis, r @ one, other) for r in rotations]
+        rotations = Rotation.from_rotvec(np.outer(angles, axis)).as_matrix() @ rotations
     return np.asarray(rotations[(rotations @ one @ other).argmax()])
-
-
-def _about(axis: Array, one: Array, other: Array) -> Array:
-    """Return the rotation (3, 3) about an axis that brings ``one`` closest to ``other``."""
-    along = np.cross(axis, one)
-    angle = np.arctan2(other @ along, other @ one - (axis @ one) * (axis @ other))
-    return Rotation.from_rotvec(angle * axis).as_matrix()
 
 
 def is_symmetry(symmetry: Symmetry | None, vector: Array, tolerance: float) -> bool:
@@ -61,11 +56,16 @@ def is_symmetry(symmetry: Symmetry | None, vector: Array, tolerance: float) -> b
     return bool((traces.max() - 1) / 2 >= np.cos(tolerance))
 
 
+def _is_round(symmetry: Symmetry | None, down: Array, tolerance: float) -> bool:
+    """Return whether all turns about a direction map the part onto itself."""
+    return all(is_symmetry(symmetry, angle * down, tolerance) for angle in (1.0, 2.2))
+
+
 def vertical_order(symmetry: Symmetry | None, down: Array) -> int:
     """Return how many rotations about a direction map the part onto itself; 0 if all do."""
     if symmetry is None:
         return 1
-    if all(is_symmetry(symmetry, angle * down, SAME_DIRECTION) for angle in (1.0, 2.2)):
+    if _is_round(symmetry, down, SAME_DIRECTION):
         return 0
     if symmetry.axis is not None:  # of a body of revolution, beside the direction
         return 2 if is_symmetry(symmetry, np.pi * down, SAME_DIRECTION) else 1
@@ -162,9 +162,8 @@ class Placement:
     def yaw_known(self) -> bool:
         """Whether the outline determines the yaw up to rotations of the part onto itself."""
         down = self._aspect(self.outline.aspect).down_in_part
-        return self.outline.yaw_symmetry > 0 or all(
-            is_symmetry(self.aspects.symmetry, angle * down, SAME_TURN) for angle in (1.0, 2.2)
-        )
+        is_round = _is_round(self.aspects.symmetry, down, SAME_TURN)
+        return self.outline.yaw_symmetry > 0 or is_round
 
     def poses(
         self, x: float, y: float, yaw: float, orientation: Array | None = None

@@ -451,14 +451,13 @@ def rolled_down(aspect: Aspect, down: Array) -> Array:
     """
     if aspect.sweep not in (Sweep.ARC, Sweep.RING):
         return np.asarray(turned_down(aspect.orientation[None], down[None])[0])
-    return rolled(aspect, roll_between(aspect, down))
+    return rolled(aspect, angle_about(aspect.axis, down, aspect.down_in_part))
 
 
-def roll_between(aspect: Aspect, down: Array) -> float:
-    """Return by which angle the part rolls about its axis until ``down`` points down, rad."""
-    axis, start = aspect.axis, aspect.down_in_part
-    across = axis @ np.cross(down, start)
-    return float(np.arctan2(across, down @ start - (axis @ down) * (axis @ start)))
+def angle_about(axis: Array, one: Array, other: Array) -> float:
+    """Return the angle about an axis that brings a direction closest to another one, rad."""
+    across = axis @ np.cross(one, other)
+    return float(np.arctan2(across, one @ other - (axis @ one) * (axis @ other)))
 
 
 def spread(directions: Array, count: int = MAX_DIRECTIONS) -> Array:

@@ -28,7 +28,7 @@ from resting_aspects_ros.vision.fitting import (
 from resting_aspects_ros.vision.location import Placement, Pose, vertical_order
 from resting_aspects_ros.vision.outline import (
     Outline,
-    roll_between,
+    angle_about,
     rolled,
     rolled_down,
     rolls_round,
@@ -176,7 +176,8 @@ def _range(aspect: Aspect) -> tuple[float, float]:
     """Return the first and the last roll of a sweep about an axis, rad; 0 is between them."""
     if aspect.sweep is Sweep.RING:
         return 0.0, 2 * np.pi
-    angles = np.sort([roll_between(aspect, down) % (2 * np.pi) for down in aspect.directions])
+    axis, start = aspect.axis, aspect.down_in_part
+    angles = np.sort([angle_about(axis, d, start) % (2 * np.pi) for d in aspect.directions])
     gap = int(np.diff(angles, append=angles[0] + 2 * np.pi).argmax())
     if gap == len(angles) - 1:
         return float(angles[0]), float(angles[-1])
@@ -417,11 +418,6 @@ class KnownPart:
         for views in found:
             _ = views.spectra  # computed now, so that the first identification is fast, too
         return found
-
-    @property
-    def shapes(self) -> tuple[tuple[Shape, ...], ...]:
-        """For each class, the shapes of its outlines."""
-        return tuple(views.shapes for views in self.views)
 
 
 # -- Candidates -----------------------------------------------------------------------------------

@@ -72,10 +72,7 @@ class TrayCamera:
 
     def to_image(self, polygon: shapely.Polygon) -> shapely.Polygon:
         """Return a polygon of the tray frame, m, in image coordinates, px."""
-        return shapely.transform(polygon, self._pixels)
-
-    def _pixels(self, points: Array) -> Array:
-        return np.asarray(np.array(self.centre) + points * [self.scale, -self.scale])
+        return shapely.transform(polygon, self.model.to_image)
 
 
 def render_tray(

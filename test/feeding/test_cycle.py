@@ -42,9 +42,7 @@ def test_cycle_time_adds_up_and_overlaps_only_after_a_pick():
     assert cycle_time(without, found, np.array(1.0)) == pytest.approx(1.0 + 1.0 + 0.1)
     assert cycle_time(TIMES, found, np.array(1.0)) == pytest.approx(2.1 - 0.4 * 0.75)
     assert parts_per_minute(TIMES, found, np.array(1.0)) == pytest.approx(60 / 1.8)
-
-
-def test_overlap_is_at_most_the_time_of_the_feeder():
+    # It is at most the time of the feeder.
     assert CycleTimes(3.0, 0.1, 0.1, 0.1, place=1.5).overlap == pytest.approx(0.3)
 
 
@@ -57,7 +55,16 @@ def test_shorter_times_never_lower_the_rate(robot, vibrate, settle, image, overl
         assert shorter >= -1e-12
         assert longer <= 1e-12
     assert sum(time_shares(times, found, found.mean).values()) == pytest.approx(1)
-    assert limited_by(times, found, found.mean) in ('robot', 'feeder', 'vision')
+
+
+@pytest.mark.parametrize('resource', ['robot', 'vibrate', 'image'])
+def test_longest_time_limits(resource):
+    times = dataclasses.replace(CycleTimes(0.1, 0.1, 0.1, 0.1), **{resource: 2.0})
+    found = picks(10, np.array(0.3))
+    names = {'vibrate': 'feeder', 'image': 'vision'}
+    assert limited_by(times, found, found.mean) == names.get(resource, resource)
+    effects = sensitivity(times, found, found.mean)
+    assert max(effects, key=lambda each: effects[each][0]) == resource
 
 
 @pytest.mark.parametrize(

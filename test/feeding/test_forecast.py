@@ -52,33 +52,17 @@ def few_parts_are_placed(monkeypatch):
     monkeypatch.setattr(forecast_module, 'DRAWS', 60)
 
 
-@pytest.fixture(scope='module', params=['plain', 'overlap', 'limited', 'few'])
-def case(request):
-    """Give times, number of parts, maximum of picks, and the picks of a long simulation."""
-    times = TIMES if request.param == 'plain' else OVERLAP
-    number, most = {'limited': (12, 2), 'few': (2, None)}.get(request.param, (12, None))
+@pytest.mark.parametrize(
+    ('times', 'number', 'most'), [(TIMES, 12, None), (OVERLAP, 12, 2), (OVERLAP, 2, None)]
+)
+def test_rate_and_variance_are_those_of_a_discrete_event_simulation(times, number, most):
     found = simulated_picks(MOVES, FREE, number, times, most, 60 * MINUTES, seed=1)
-    return times, number, most, found
-
-
-def expected(times, number, most):
-    """Return the rate of the formulas, and the variance of the picks per minute."""
     state = steady_state(MOVES, FREE, number, most)
     rate = float(parts_per_minute(times, state.picks, state.supplied))
-    return rate, run_spread(MOVES, state, number, times).variance
-
-
-def test_rate_is_that_of_a_discrete_event_simulation(case):
-    times, number, most, found = case
-    rate, variance = expected(times, number, most)
+    variance = run_spread(MOVES, state, number, times).variance
     # Correlations between places, which a limit causes, are of the order 1 / number.
     slack = 0.01 * rate if most else 0.0
     assert abs(len(found) / MINUTES - rate) < 4 * math.sqrt(variance / MINUTES) + slack
-
-
-def test_variance_is_that_of_a_discrete_event_simulation(case):
-    times, number, most, found = case
-    _, variance = expected(times, number, most)
     pieces = np.histogram(found, bins=MINUTES // 5, range=(0, 60 * MINUTES))[0]
     # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)). The ends
     # of a piece, within a cycle, add a little.
@@ -92,15 +76,15 @@ def test_runs_are_within_the_prediction_interval():
     found = forecast(MODEL, 10, minutes=20)
     free = np.append(np.where(MODEL.pickable, found.free, 0.0), 0.0)
     generator = np.random.default_rng(3)
-    drawn = refilled_later(drawn_moves(DROP, TRANSITIONS, 30, generator))
+    drawn = refilled_later(drawn_moves(DROP, TRANSITIONS, 20, generator))
     low, high = found.prediction
     within = 0
-    for k in range(30):
+    for k in range(20):
         moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
         picks = simulated_picks(moves, free, 10, TIMES, None, 60 * 20, seed=k)
         within += low <= len(picks) / 20 <= high
-    # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
-    assert within >= 24
+    # At least 15 of 20 in 99.9 % of cases, if each is within with 95 %.
+    assert within >= 15
 
 
 @pytest.mark.slow
@@ -210,16 +194,6 @@ def test_part_with_one_aspect_is_always_pickable():
     assert found.state.mix == pytest.approx([1])
 
 
-@pytest.mark.slow
-def test_faster_robot_and_smaller_clearance_raise_the_rate():
-    base = forecast(MODEL, 10).rate
-    assert forecast(changed(times=dataclasses.replace(TIMES, robot=1.0)), 10).rate > base
-    assert forecast(changed(times=OVERLAP), 10).rate > base
-    assert forecast(changed(tray=Tray((0.2, 0.2), 0.002)), 10).rate > base
-    assert forecast(changed(max_picks=2), 10).rate < base
-    assert forecast(changed(pickable=np.ones(3, dtype=bool)), 10).rate > base
-
-
 def test_best_number_is_lower_than_that_without_overlaps():
     found = forecast(MODEL)
     curve = found.curve
@@ -238,23 +212,6 @@ def test_more_counts_and_longer_runs_narrow_the_intervals():
     long = forecast(MODEL, 10, minutes=6000)
     assert np.ptp(few.prediction) > 1.1 * np.ptp(long.prediction)
     assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('times', 'resource'),
-    [
-        (CycleTimes(2.0, 0.1, 0.1, 0.1), 'robot'),
-        (CycleTimes(0.1, 2.0, 0.1, 0.1), 'feeder'),
-        (CycleTimes(0.1, 0.1, 0.1, 2.0), 'vision'),
-    ],
-)
-def test_longest_time_limits(times, resource):
-    found = forecast(changed(times=times), 10)
-    assert found.limited_by == resource
-    name = {'feeder': 'vibrate', 'vision': 'image'}.get(resource, resource)
-    assert max(found.sensitivity, key=lambda each: found.sensitivity[each][0]) == name
-    assert sum(found.time_shares.values()) == pytest.approx(1)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from shapely import affinity
 from resting_aspects_ros.api.forecast import footprints_of
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding import footprint
 from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, free_shares
 from resting_aspects_ros.feeding.grasps import (
     Grasp,
@@ -110,8 +111,9 @@ def test_grip_covers_the_area_of_the_gripper(known):
 
 
 @pytest.mark.slow
-def test_any_free_grip_is_sufficient(known):
+def test_any_free_grip_is_sufficient(known, monkeypatch):
     """The share of free parts grows with each grip, and is 1 if the gripper is within the part."""
+    monkeypatch.setattr(footprint, 'PLACED', 3000)
     tray = Tray((0.2, 0.2), 0.0)
     wide, beside = Grip(Footprint(0.06, 0.06)), Grip(Footprint(0.02, 0.02), 0.03)
 

@@ -35,12 +35,11 @@ def tray_of(model, seed):
 
 @pytest.mark.slow
 def test_controller_is_not_below_the_cycle_of_the_forecast(model):
-    ours, theirs = (
-        np.mean(
-            [density_run(rule, model, 2400, np.random.default_rng(seed)).rate for seed in range(3)]
-        )
-        for rule in (lambda seen: advise(seen, model), fixed_cycle(model))
-    )
+    def rate(rule):
+        runs = [density_run(rule, model, 2400, np.random.default_rng(seed)) for seed in range(2)]
+        return np.mean([len(picked) / seconds for picked, seconds in runs])
+
+    ours, theirs = rate(lambda seen: advise(seen, model)), rate(fixed_cycle(model))
     assert ours > 0.99 * theirs
 
 
@@ -102,13 +101,7 @@ def test_times_add_up():
         choice, then, picks = next(steps)
         return Advice(choice, tuple(range(picks)), then, 4 * (choice is Choice.SUPPLY), {}, '')
 
-    run = density_run(decide, model, 6.55, np.random.default_rng(1))
-    assert run.seconds == pytest.approx(1.1 + 1.8 + 1.0 + 1.2 + 1.5)
-    assert (run.picks, run.images, run.supplied) == (2, 5, 4)
-
-
-def test_same_seed_gives_the_same_run(model):
-    one, other = (
-        density_run(fixed_cycle(model), model, 500, np.random.default_rng(7)) for _ in range(2)
-    )
-    assert (one.picks, one.seconds) == (other.picks, other.seconds)
+    picked, seconds = density_run(decide, model, 6.55, np.random.default_rng(1))
+    assert seconds == pytest.approx(1.1 + 1.8 + 1.0 + 1.2 + 1.5)
+    assert picked == pytest.approx([1.1 + 1.0, 2.9 + 1.0])
+    assert next(steps, None) is None

@@ -7,16 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.grasps import Detection
 from resting_aspects_ros.feeding.tray_state import (
     CLOCK_TOLERANCE,
     MAX_AGE,
     SECOND,
-    Detection,
     Image,
     PickOutcome,
     TrayState,
     known_class,
-    other_parts,
 )
 
 NOW = 1000 * SECOND
@@ -207,9 +206,3 @@ def test_class_is_known_by_its_number():
 def test_invalid_detection_has_no_class(field, value):
     with pytest.raises(InvalidValueError, match=f'invalid {field} .* of detection 0: expected'):
         known_class(detection(**{field: value}), 3)
-
-
-def test_other_parts_are_sorted_and_named_once():
-    names = ['nut', 'washer', '', 'bolt', 'washer']
-    found = [detection(k, part=name) for k, name in enumerate(names)]
-    assert other_parts(found, 'nut') == ['bolt', 'washer']

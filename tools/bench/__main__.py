@@ -7,20 +7,15 @@ from validation.document import Section, write_sections
 from validation.dropper import ROOT
 
 from bench.command import command
-from bench.costs import actions, surroundings
 from bench.drops import drops
 from bench.geometry import geometry
-from bench.hulls import hulls
 from bench.latency import latency
 from bench.logs import logs
 from bench.studio import studio
 
 SECTIONS: dict[str, Section] = {
     'drops': drops,
-    'actions': lambda _: actions(),
-    'surroundings': lambda _: surroundings(),
     'command': lambda _: command(),
-    'hulls': lambda _: hulls(),
     'geometry': lambda _: geometry(),
     'latency': lambda _: latency(),
     'logs': lambda _: logs(),
@@ -34,9 +29,9 @@ wall-clock times, unless a section says otherwise, and include the effect of oth
 The machine is a virtual one whose speed varies by a factor of two from hour to hour, so only the
 numbers of a section can be compared with each other.
 
-The sections `gpu`, `estimators` and `identification` are finished comparisons. They were
-made once and stay as they are; the programs of the last two were removed on 2026-11-27 and are in
-the history of the repository.
+The sections `gpu`, `estimators`, `identification`, `hulls`, `actions`, `surroundings` are finished
+comparisons. They were made once and stay as they are; the programs of all but the first were
+removed on 2026-11-27 and are in the history of the repository.
 """
 
 if __name__ == '__main__':

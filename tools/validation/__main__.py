@@ -10,7 +10,6 @@ from validation.document import Section, write_sections
 from validation.dropper import ROOT
 from validation.engines import engines
 from validation.feeder import feeder
-from validation.identification import identification
 from validation.mujoco import mujoco
 from validation.thrown import thrown
 from validation.tosses import tosses
@@ -24,7 +23,6 @@ SECTIONS: dict[str, Section] = {
     'convergence_elsewhere': convergence_elsewhere,
     'engines': engines,
     'decision': decision,
-    'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3),
     'calibration': calibration,
     'track': lambda _: track(),

@@ -12,7 +12,6 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
     PartDescription,
-    RunDescription,
     Status,
 )
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
@@ -29,11 +28,9 @@ from resting_aspects_ros.feeding.control import (
 from resting_aspects_ros.feeding.evidence import (
     Evidence,
     FedPart,
-    KnownDrops,
-    KnownFlips,
     PartEvidence,
     Settings,
-    SimulatedRun,
+    Simulated,
     build_model,
 )
 from resting_aspects_ros.feeding.footprint import MAX_REQUESTED, Tray
@@ -69,7 +66,9 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.ros.requests import NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 from resting_aspects_ros.vision.rolling import KnownPart
 
 TIME = (0.0, MAX_TIME)
@@ -162,28 +161,29 @@ def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> Fed
     return FedPart(known, footprints, grasps)
 
 
-def drops_from(message: AspectDistribution) -> KnownDrops:
+def drops_from(message: AspectDistribution) -> Simulated[Distribution]:
     """Return the drops in a message; raises InvalidValueError."""
     if message.aspect_numbering != ASPECT_NUMBERING:
         raise InvalidValueError(
             f'invalid aspect_numbering {message.aspect_numbering}: expected {ASPECT_NUMBERING}'
         )
-    return KnownDrops(_run_from(message.run, message.complete), distribution_from(message))
+    return Simulated(distribution_from(message), *_run_from(message))
 
 
-def flips_from(message: TransitionMatrixMsg, part: str) -> KnownFlips:
+def flips_from(message: TransitionMatrixMsg, part: str) -> Simulated[TransitionMatrix]:
     """Return the flips in a message on transitions/<part>; raises InvalidValueError."""
     check_transitions(message, part)
     check_numbering(message)
     name = message.action.name or message.action.kind
-    run = _run_from(message.run, message.complete)
-    return KnownFlips(run, name, transition_matrix_from(message))
+    return Simulated(transition_matrix_from(message), *_run_from(message), name)
 
 
-def _run_from(run: RunDescription, complete: bool) -> SimulatedRun:
-    return SimulatedRun(
-        run.run_id, run.part, run.part_sha256, run.conditions, run.conditions.surface, complete
-    )
+def _run_from(
+    message: AspectDistribution | TransitionMatrixMsg,
+) -> tuple[str, str, str, object, str, bool]:
+    run, conditions = message.run, message.run.conditions
+    sha256, surface = run.part_sha256, conditions.surface
+    return run.run_id, run.part, sha256, conditions, surface, message.complete
 
 
 # A part with very many triangles and aspects needs more time than a file, s.
@@ -270,7 +270,7 @@ class ModelUpdates:
         """Numbers of drops and of flips behind the model; 0 without one."""
         if self.current is None or self._evidence is None:
             return 0, 0
-        return self._evidence.drop_count, self._evidence.flip_count
+        return self._evidence.counts
 
     @property
     def is_complete(self) -> bool:

@@ -17,11 +17,11 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.control import Choice
+from resting_aspects_ros.feeding.grasps import Detection
 from resting_aspects_ros.feeding.tray_state import (
     SECOND,
     ChosenPart,
     CurrentAdvice,
-    Detection,
     Image,
     PickOutcome,
     TrayState,
