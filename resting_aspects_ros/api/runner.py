@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -62,12 +61,7 @@ class TerminalDisplay:
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._moving is not None:
             self._moving.stop()
 
@@ -458,6 +452,11 @@ def _required_drops(drops: int, max_width: float) -> int:
     return -(-drops // step) * step
 
 
+def _finer(job: DropJob, run: RunDescription, drops: int) -> tuple[DropJob, RunDescription]:
+    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
+    return job, dataclasses.replace(run, drops=drops, precision=0.0, time_step=job.time_step)
+
+
 def repeat_drops_in_finer_steps(
     runner: Runner, job: DropJob, run: RunDescription, coarse: Distribution
 ) -> Convergence | None:
@@ -465,8 +464,7 @@ def repeat_drops_in_finer_steps(
 
     Returns None if it was stopped, or if the convergence could not be determined.
     """
-    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
-    run = dataclasses.replace(run, drops=coarse.drops, precision=0.0, time_step=job.time_step)
+    job, run = _finer(job, run, coarse.drops)
     fine = DropTally(no_drops(coarse.aspects, confidence=coarse.confidence), run.drops)
     if coarse.drops:
         runner.count(job, run, fine, label=f'{run.part} with a finer time step')
@@ -519,8 +517,7 @@ def repeat_actions_in_finer_steps(
     runner: Runner, job: DropJob, run: RunDescription, coarse: TransitionTally, label: str
 ) -> MatrixConvergence | None:
     """Repeat the actions of a run with a finer time step; returns None if it was stopped."""
-    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
-    run = dataclasses.replace(run, drops=coarse.done, time_step=job.time_step)
+    job, run = _finer(job, run, coarse.done)
     fine = TransitionTally(no_actions(coarse.aspects), run.drops, ids=coarse.ids)
     runner.count(job, run, fine, label=f'{label} with a finer time step', unit='actions')
     return compare_matrices(coarse.matrix, fine.matrix, run.time_step) if fine.complete else None
