@@ -256,7 +256,9 @@ def _conditions(
         }
         known = condition_values({k: v for k, v in both.items() if k not in ranges})
         # A factor needs unit and bounds only, which all conditions have.
-        middle = {name: QUANTITIES[name].low or 1.0 for name in ranges if name in QUANTITIES}
+        middle: dict[str, Any] = {
+            name: QUANTITIES[name].low or 1.0 for name in ranges if name in QUANTITIES
+        }
         base = DropConditions(**middle, **known)
         by_name = {k: read_factor(k, each, Setting(base)) for k, each in ranges.items()}
         factors = tuple(by_name[name] for name in QUANTITIES if name in by_name)
