@@ -528,7 +528,7 @@ class PlannedReorient:
                             runner, each.job, each.run, each.tally, label
                         )
                 finally:
-                    edge = each.action.action.has_edge
+                    edge = each.action.action.edge
                     results.append(
                         ReorientResult(
                             each.tally.matrix,

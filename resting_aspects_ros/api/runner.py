@@ -30,7 +30,6 @@ from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
     Workers,
-    default_workers,
     drop_chunks,
 )
 from resting_aspects_ros.statistics.distribution import (
@@ -48,6 +47,7 @@ from resting_aspects_ros.statistics.transitions import (
     columns_of,
     no_actions,
 )
+from resting_aspects_ros.system import available_cores
 
 # -- Progress -------------------------------------------------------------------------------------
 
@@ -241,7 +241,7 @@ def given_workers(given: int | Workers | None) -> Iterator[Workers]:
     if given is not None and not isinstance(given, int):
         yield given
         return
-    workers = LocalWorkers(default_workers() if given is None else given)
+    workers = LocalWorkers(available_cores() if given is None else given)
     try:
         yield workers
     finally:

@@ -50,9 +50,14 @@ def _requested_values(arguments: argparse.Namespace) -> dict[str, float]:
     }
 
 
+def known_actions(arguments: argparse.Namespace) -> Actions:
+    """Return the actions of the file that --actions names, or those of the suite."""
+    return shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+
+
 def requested_actions(arguments: argparse.Namespace) -> list[NamedAction]:
     """Return the actions that the flags request; raises InvalidValueError."""
-    known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+    known = known_actions(arguments)
     values = _requested_values(arguments)
     time = values.pop('time', None)
     text = arguments.action

@@ -1,7 +1,6 @@
 """What `resting_aspects feeder_demo` was asked for, and its run: nodes, forecast and results."""
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -31,7 +30,8 @@ from resting_aspects_ros.cli.feeder_display import (
     feeder_sentence,
     save_layout,
 )
-from resting_aspects_ros.cli.node_processes import NodeProcesses
+from resting_aspects_ros.cli.life_cycle import save_text
+from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.options import parse_numbers
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding.footprint import Tray
@@ -69,19 +69,15 @@ class PlannedDemo:
         Whether they were chosen here.
     """
 
+    arguments: argparse.Namespace
     known: KnownPart
-    folder: Path | None
     classes: tuple[int, ...]
     default: bool
     tray: Tray
     times: CycleTimes
-    parts_on_tray: int | None
-    max_picks: int | None
     minutes: float
-    seed: int
     drops: int
     per_aspect: int
-    real_time: bool
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -120,19 +116,20 @@ class PlannedDemo:
             **cell,
             'pickable_classes': list(self.classes),
             'clearance': float(self.tray.clearance),
-            'best_number': self.parts_on_tray or 0,
-            'max_picks': self.max_picks or 0,
+            'best_number': self.arguments.parts_on_tray or 0,
+            'max_picks': self.arguments.max_picks or 0,
         }
         camera = {
             **cell,
             'px_per_mm': PX_PER_MM,
-            'seed': self.seed,
+            'seed': self.arguments.seed,
             'evidence': True,
             'subscribers': SUBSCRIBERS,
-            'speed': 1.0 if self.real_time else 0.0,
+            'speed': 1.0 if self.arguments.real_time else 0.0,
         }
         simulated = ['-p', 'use_sim_time:=true', '-r', f'/clock:={clock}']
-        folder = [] if self.folder is None else ['-p', f'parts_folder:={self.folder}']
+        parts = self.arguments.parts
+        folder = [] if parts is None else ['-p', f'parts_folder:={parts}']
         return {
             'drop_simulator': folder,
             # Without logs, a second demo makes its drops again.
@@ -174,21 +171,7 @@ def planned_demo(
         )
     check_tray(known.part, known.aspects, tray, arguments.parts_on_tray)
     TrayCamera(tray.size, PX_PER_MM)
-    return PlannedDemo(
-        known=known,
-        folder=arguments.parts,
-        classes=classes,
-        default=default,
-        tray=tray,
-        times=times,
-        parts_on_tray=arguments.parts_on_tray,
-        max_picks=arguments.max_picks,
-        minutes=minutes,
-        seed=arguments.seed,
-        drops=drops,
-        per_aspect=per_aspect,
-        real_time=arguments.real_time,
-    )
+    return PlannedDemo(arguments, known, classes, default, tray, times, minutes, drops, per_aspect)
 
 
 def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[tuple[int, ...], bool]:
@@ -248,16 +231,13 @@ class FeederDemo:
 
     def run(self, layout: Path) -> None:
         """Run the nodes until the simulated time is over; write the layout of their topics."""
-        # A unique namespace separates the demo from other suites on this machine, and LOCALHOST
-        # from other machines in the network.
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        name = f'/feeder_demo_{os.getpid()}'
+        name = own_namespace('feeder_demo')
         namespace = ['-r', f'__ns:={name}']
         _say(self._plan.pickable_text)
         nodes = self._plan.node_arguments(f'{name}/clock', self._out / 'logs')
         _say(f'Starting {len(nodes)} nodes in the namespace {name} ...')
         watching = save_layout(layout, self._plan.known.part.name, name)
-        if self._plan.real_time:
+        if self._plan.arguments.real_time:
             _say(watching)
         with NodeProcesses(self._out) as processes:
 
@@ -284,7 +264,7 @@ class FeederDemo:
             'part': plan.known.part.name,
             'pickable': list(plan.ids),
             'pickable_classes': list(plan.classes),
-            'seed': plan.seed,
+            'seed': plan.arguments.seed,
             'complete': watch is not None and watch.done.done(),
         }
         if forecast is not None:
@@ -292,15 +272,14 @@ class FeederDemo:
         if watch is not None:
             found['run'] = {**watch.fields(), 'real_seconds': self._seconds}
         text = json_text(found)
-        with whole_file(document) as file:
-            file.write_text(text, encoding='utf-8')
+        save_text(document, text)
         written = [document]
         if watch is not None and watch.best is not None:
             with whole_file(picture) as file:
                 self._draw(watch.best, file)
             written.append(picture)
         if watch is not None and forecast is not None and watch.images:
-            _say(feeder_sentence(FeederView.of(watch, forecast, plan.minutes), self._seconds))
+            _say(feeder_sentence(FeederView(watch, forecast, plan.minutes), self._seconds))
         written += sorted(set(self._logs()) - self._earlier)
         _say('Written: ' + ', '.join(str(path) for path in written))
         return text
@@ -325,7 +304,7 @@ class FeederDemo:
                 drops = client.get_distribution(
                     name,
                     drops=plan.drops,
-                    seed=plan.seed,
+                    seed=plan.arguments.seed,
                     timeout=TIMEOUT,
                     progress=progress.update,
                 )
@@ -335,7 +314,7 @@ class FeederDemo:
                     DEFAULT_ACTION,
                     plan.per_aspect,
                     drops=plan.drops,
-                    seed=plan.seed,
+                    seed=plan.arguments.seed,
                     timeout=TIMEOUT,
                     progress=progress.update,
                 )
@@ -352,8 +331,8 @@ class FeederDemo:
             plan.ids,
             plan.tray,
             plan.times,
-            parts_on_tray=plan.parts_on_tray,
-            max_picks=plan.max_picks,
+            parts_on_tray=plan.arguments.parts_on_tray,
+            max_picks=plan.arguments.max_picks,
             minutes=plan.minutes,
         )
         return forecast_controlled(forecast)
@@ -375,7 +354,7 @@ class FeederDemo:
                 self._watch.connect()
                 check_silence(self._watch, self._out)
                 if self._watch.images:
-                    display.show(FeederView.of(self._watch, forecast, plan.minutes))
+                    display.show(FeederView(self._watch, forecast, plan.minutes))
 
             with spun_node(namespace) as (node, executor):
                 watch = self._watch = FeederWatch(node, plan.known.part.name, plan.minutes)

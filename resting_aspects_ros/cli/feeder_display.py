@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from resting_aspects_ros.api.result import whole_file
 from resting_aspects_ros.api.runner import TerminalDisplay
+from resting_aspects_ros.cli.life_cycle import save_text
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.report.format import minutes_text, number_text
@@ -42,72 +42,37 @@ SHARED = (
 
 @dataclass(frozen=True)
 class FeederView:
-    """What is shown of a feeder; rates are parts per minute, and times simulated minutes.
+    """What was counted of a feeder, beside the forecast of a run of ``total`` minutes."""
 
-    lower, upper : float
-        Prediction interval of the rate of a run of ``total`` minutes.
-    """
-
-    minutes: float
+    watch: 'FeederWatch'
+    forecast: 'ControlledRuns'
     total: float
-    on_tray: int
-    picks: int
-    missed: int
-    images: int
-    flips: int
-    supplied: int
-    reason: str
-    rate: float
-    forecast: float
-    lower: float
-    upper: float
-
-    @classmethod
-    def of(cls, watch: 'FeederWatch', forecast: 'ControlledRuns', total: float) -> 'FeederView':
-        """Return the view of what was counted beside a forecast."""
-        lower, upper = forecast.prediction
-        return cls(
-            minutes=watch.minutes,
-            total=total,
-            on_tray=watch.on_tray,
-            picks=watch.picks,
-            missed=watch.missed,
-            images=watch.images,
-            flips=watch.choices['flip'],
-            supplied=watch.supplied,
-            reason=watch.advice.reason if watch.advice is not None else '',
-            rate=watch.rate,
-            forecast=forecast.rate,
-            lower=lower,
-            upper=upper,
-        )
 
     @property
     def time(self) -> str:
         """Simulated time as minutes and seconds."""
-        return '{}:{:02d}'.format(*divmod(round(60 * self.minutes), 60))
+        return '{}:{:02d}'.format(*divmod(round(60 * self.watch.minutes), 60))
 
     @property
     def forecast_text(self) -> str:
         """The forecast with its interval."""
-        return (
-            f'{number_text(self.forecast)} '
-            f'({number_text(self.lower)} to {number_text(self.upper)})'
-        )
+        lower, upper = map(number_text, self.forecast.prediction)
+        return f'{number_text(self.forecast.rate)} ({lower} to {upper})'
 
 
 def feeder_table(view: FeederView) -> Table:
     """Return the table of a running feeder."""
+    watch = view.watch
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style='dim', no_wrap=True)
     table.add_column()
     rows = {
         'simulated time': f'{view.time} of {view.total:g} min',
-        'parts in the image': str(view.on_tray),
-        'advice': view.reason,
-        'images, flips': f'{view.images}, {view.flips}',
-        'picks': f'{view.picks}' + (f' ({view.missed} missed)' if view.missed else ''),
-        'parts per minute': number_text(view.rate),
+        'parts in the image': str(watch.on_tray),
+        'advice': watch.advice.reason if watch.advice is not None else '',
+        'images, flips': f'{watch.images}, {watch.choices["flip"]}',
+        'picks': f'{watch.picks}' + (f' ({watch.missed} missed)' if watch.missed else ''),
+        'parts per minute': number_text(watch.rate),
         'forecast': f'{view.forecast_text}, 95 % of runs of {view.total:g} min',
     }
     for name, value in rows.items():
@@ -117,8 +82,9 @@ def feeder_table(view: FeederView) -> Table:
 
 def feeder_line(view: FeederView) -> str:
     """Return the state of a running feeder in a line, for a log."""
+    watch = view.watch
     return (
-        f'{view.time} of {view.total:g} min: {view.picks} picks, {number_text(view.rate)} per '
+        f'{view.time} of {view.total:g} min: {watch.picks} picks, {number_text(watch.rate)} per '
         f'minute (forecast {view.forecast_text})'
     )
 
@@ -128,15 +94,16 @@ def feeder_sentence(view: FeederView, seconds: float) -> str:
 
     seconds : real duration
     """
+    watch, rate, (lower, upper) = view.watch, view.forecast.rate, view.forecast.prediction
     text = (
         f'In {view.time} minutes of simulated time, which took {seconds:.0f} s, the robot picked '
-        f'{view.picks} parts: {number_text(view.rate)} per minute. The forecast is '
-        f'{number_text(view.forecast)}, and {number_text(view.lower)} to '
-        f'{number_text(view.upper)} for 95 % of the runs of {minutes_text(view.total)}'
+        f'{watch.picks} parts: {number_text(watch.rate)} per minute. The forecast is '
+        f'{number_text(rate)}, and {number_text(lower)} to {number_text(upper)} for 95 % '
+        f'of the runs of {minutes_text(view.total)}'
     )
-    if view.minutes < view.total:
+    if watch.minutes < view.total:
         return f'{text}; this run was shorter.'
-    inside = view.lower <= view.rate <= view.upper
+    inside = lower <= watch.rate <= upper
     return f'{text}; this run lies {"within" if inside else "outside"} that interval.\n{SHARED}'
 
 
@@ -154,8 +121,8 @@ class FeederDisplay(TerminalDisplay):
         if self._live is not None:
             self._live.start()
             self._live.update(feeder_table(view), refresh=True)
-        elif view.minutes * LINES >= self._lines * view.total:
-            self._lines = int(view.minutes * LINES / view.total) + 1
+        elif view.watch.minutes * LINES >= self._lines * view.total:
+            self._lines = int(view.watch.minutes * LINES / view.total) + 1
             print(feeder_line(view), file=sys.stderr, flush=True)
 
 
@@ -175,8 +142,7 @@ SHIPPED_PART, GLOBAL = 'l_bracket', ('/diagnostics',)
 
 def save_layout(path: Path, part: str, namespace: str) -> str:
     """Write the layout, and return how to watch the nodes."""
-    with whole_file(path) as file:
-        file.write_text(foxglove_layout(part, namespace), encoding='utf-8')
+    save_text(path, foxglove_layout(part, namespace))
     return (
         f'To watch it: the layout {path} for Foxglove, or '
         f'rviz2 -d rviz/feeder.rviz --ros-args -r __ns:={namespace}'

@@ -8,14 +8,14 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
-from resting_aspects_ros.system import Interruption, catch
+from resting_aspects_ros.system import Interruption, available_cores, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table
@@ -45,24 +45,20 @@ def session(arguments: argparse.Namespace) -> Iterator[Session]:
     The workers are stopped last, so that the result is written even if stopping them fails.
     Raises InvalidValueError.
     """
-    with Interruption() as stop, ExitStack() as stack:
-        yield Session(_start_workers(arguments, stack), stop)
+    with Interruption() as stop:
+        # This import is slow because of NumPy.
+        from resting_aspects_ros.simulation.workers import ClusterWorkers, LocalWorkers
 
-
-def _start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
-    # These imports are slow because of NumPy.
-    if arguments.scheduler is not None:
-        from resting_aspects_ros.simulation.workers import ClusterWorkers
-
-        cluster = ClusterWorkers(arguments.scheduler)
-        stack.callback(cluster.stop)
-        return cluster
-    from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
-
-    count = default_workers() if arguments.workers is None else arguments.workers
-    workers = LocalWorkers(count)
-    stack.callback(workers.stop)
-    return workers
+        workers: Workers
+        if arguments.scheduler is not None:
+            workers = ClusterWorkers(arguments.scheduler)
+        else:
+            count = available_cores() if arguments.workers is None else arguments.workers
+            workers = LocalWorkers(count)
+        try:
+            yield Session(workers, stop)
+        finally:
+            workers.stop()
 
 
 def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | None]:
@@ -103,13 +99,6 @@ def exit_code(
 # -- Files ----------------------------------------------------------------------------------------
 
 
-def requested_folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
-    """Return the flag that requests a folder, and the folder: None if nothing is saved."""
-    if arguments.out is None and getattr(arguments, 'report', False):
-        return '--report', Path('out') / part
-    return '--out', arguments.out
-
-
 def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]) -> Path | None:
     """Make the folder of a result with the given files.
 
@@ -118,7 +107,9 @@ def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]
     """
     from resting_aspects_ros.api.result import check_files
 
-    flag, out = requested_folder(arguments, part)
+    flag, out = '--out', arguments.out
+    if out is None and getattr(arguments, 'report', False):
+        flag, out = '--report', Path('out') / part
     if out is not None:
         check_files(flag, out, files)
     return out
@@ -213,7 +204,7 @@ def finish(
 
     saved = []
     name, text = document
-    saves = {name: lambda path: _save_text(path, text()), **files}
+    saves = {name: lambda path: save_text(path, text()), **files}
     try:
         for path, save in [] if out is None else [(out / name, saves[name]) for name in saves]:
             with analysis(f'the file {path.name}'):
@@ -231,7 +222,8 @@ def finish(
             say(arguments, f'Report: {report(out)}')
 
 
-def _save_text(path: Path, text: str) -> None:
+def save_text(path: Path, text: str) -> None:
+    """Write a text file as a whole; raises OutputError."""
     from resting_aspects_ros.api.result import whole_file
 
     with whole_file(path) as file:

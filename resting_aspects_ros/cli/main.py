@@ -12,13 +12,14 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
@@ -140,7 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('always', RestingAspectsWarning)
-                warnings.showwarning = _print_warning
+                warnings.showwarning = partial(_print_warning, warnings.showwarning)
                 arguments = make_parser(words).parse_args(words)
                 if arguments.command in GROUPS[ROS]:
                     _check_ros(arguments.command)
@@ -165,19 +166,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
+    show: Callable[..., object], message: Warning | str, category: type[Warning], *where: Any
 ) -> None:
-    """Print a warning of the suite as one line, and any other one as Python does."""
+    """Print a warning of the suite as one line, and show any other one."""
     if issubclass(category, RestingAspectsWarning):
         print(f'warning: {message}', file=sys.stderr)
     else:
-        text = warnings.formatwarning(message, category, filename, lineno, line)
-        print(text, file=file or sys.stderr)
+        show(message, category, *where)
 
 
 def _check_ros(command: str) -> None:

@@ -17,6 +17,15 @@ START_TIMEOUT, START_PERIOD = 600.0, 0.1
 STOP_TIMEOUT = 10.0  # s, for a node to end in order
 
 
+def own_namespace(name: str) -> str:
+    """Return a namespace that separates the nodes of this process from other suites.
+
+    They are not seen by other machines in the network.
+    """
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    return f'/{name}_{os.getpid()}'
+
+
 class NodeProcesses:
     """Running nodes, whose output is in <folder>/<node>.log.
 

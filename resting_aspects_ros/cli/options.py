@@ -29,6 +29,31 @@ if TYPE_CHECKING:
 MAX_DIGITS = 20
 
 
+def add_integer(
+    parser: 'argparse._ActionsContainer',
+    flag: str,
+    text: str,
+    *,
+    metavar: str = 'N',
+    default: int | None = None,
+) -> None:
+    """Add a flag whose value is an integer, such as 1000 or 1e4."""
+    parser.add_argument(flag, metavar=metavar, type=parse_integer, default=default, help=text)
+
+
+def add_share(
+    parser: 'argparse._ActionsContainer',
+    flag: str,
+    metavar: str,
+    text: str,
+    *,
+    default: str | None = None,
+) -> None:
+    """Add a flag whose value is a share, such as 0.02 or 2%."""
+    share = partial(parse_share, flag)
+    parser.add_argument(flag, metavar=metavar, type=share, default=default, help=text)
+
+
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the part, a name or a file; see `part.library`."""
     parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
@@ -67,12 +92,12 @@ def requested_part(arguments: argparse.Namespace, given: str | None = None) -> '
 
 def add_confidence(parser: argparse.ArgumentParser) -> None:
     """Add --confidence, a share."""
-    parser.add_argument(
+    add_share(
+        parser,
         '--confidence',
-        metavar='C',
-        type=partial(parse_share, '--confidence'),
+        'C',
+        'confidence of the intervals: more than 0.5 and less than 1 (0.95)',
         default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
 
 
@@ -116,12 +141,12 @@ def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
 
 def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --seed; ``what`` is the same for the same seed."""
-    parser.add_argument(
+    add_integer(
+        parser,
         '--seed',
+        f'the same seed gives the same {what} ({DEFAULT_SEED})',
         metavar='S',
-        type=parse_integer,
         default=DEFAULT_SEED,
-        help=f'the same seed gives the same {what} ({DEFAULT_SEED})',
     )
 
 
@@ -221,11 +246,11 @@ def add_quantities(
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add --workers and --scheduler, which tell where to simulate; see start_workers."""
     place = parser.add_mutually_exclusive_group()
-    place.add_argument(
+    add_integer(
+        place,
         '--workers',
+        'number of worker threads, or of processes of Bullet (one per core)',
         metavar='W',
-        type=parse_integer,
-        help='number of worker threads, or of processes of Bullet (one per core)',
     )
     place.add_argument(
         '--scheduler',
@@ -292,25 +317,21 @@ def add_ros_args(parser: argparse.ArgumentParser) -> None:
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     """Add --drops, --precision and --seed, each None by default; see requested_number."""
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        help=f'number of drops ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of '
+        f'number of drops ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of '
         '+-0.01. With --precision the maximum (as many as needed)',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--precision',
-        metavar='P',
-        type=partial(parse_share, '--precision'),
-        help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%, also those '
+        'P',
+        'stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%, also those '
         'of aspects that were never seen',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        help=f'the same seed gives the same drops ({default_seed})',
+    add_integer(
+        parser, '--seed', f'the same seed gives the same drops ({default_seed})', metavar='S'
     )
 
 

@@ -2,7 +2,7 @@
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -397,7 +397,6 @@ def outcome_rows(
     classes = distribution.aspects.classes()
     found = []
     for k, (row, height) in enumerate(zip(rows, heights, strict=True)):
-        share = share_fields(row, distribution.drops, longest)
         oblique, above, small = drawn.pictures(k)
         found.append(
             OutcomeRow(
@@ -406,11 +405,7 @@ def outcome_rows(
                 note=_note(row),
                 colour=row.colour,
                 count=row.count,
-                probability=share.probability,
-                interval=share.interval,
-                bar=share.bar,
-                model=share.model,
-                model_text=share.model_text,
+                **share_fields(row, distribution.drops, longest),
                 facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
                 members=_members(distribution, row) if len(row.aspects) > 1 else None,
                 oblique=oblique,
@@ -421,27 +416,18 @@ def outcome_rows(
     return found
 
 
-@dataclass(frozen=True)
-class ShareFields:
-    """The texts and the bar of an OutcomeRow, which change with the counts."""
+def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
+    """Return the fields of an OutcomeRow that change with the counts.
 
-    probability: str
-    interval: str
-    bar: tuple[float, float, float]
-    model: tuple[float, float] | None
-    model_text: str
-
-
-def share_fields(row: Row, drops: int, longest: float) -> ShareFields:
-    """Return the texts and the bar of a row; a bar has the full width at the longest share."""
-    model = None if row.model is None else _bar(row.model, longest)[1:]
-    return ShareFields(
-        _probability(row, drops),
-        interval_text(row.interval),
-        _bar(row.interval, longest),
-        model,
-        '' if row.model is None else model_range(row.model),
-    )
+    A bar has the full width at the longest share.
+    """
+    return {
+        'probability': _probability(row, drops),
+        'interval': interval_text(row.interval),
+        'bar': _bar(row.interval, longest),
+        'model': row.model and _bar(row.model, longest)[1:],
+        'model_text': '' if row.model is None else model_range(row.model),
+    }
 
 
 def _members(distribution: Distribution, row: Row) -> Table:

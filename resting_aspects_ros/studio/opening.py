@@ -125,18 +125,15 @@ class Opener:
 
     def __init__(self) -> None:
         self._slots = threading.Semaphore(MAX_OPENING)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._ready: OpeningProcess | None = None
         self._ended = False
 
     def prepare(self) -> None:
         """Start the process for the next part."""
         with self._lock:
-            self._prepare()
-
-    def _prepare(self) -> None:
-        if self._ready is None and not self._ended:
-            self._ready = OpeningProcess()
+            if self._ready is None and not self._ended:
+                self._ready = OpeningProcess()
 
     def open(
         self, source: Source, step: Callable[[str], None], stopped: Callable[[], bool]
@@ -149,7 +146,7 @@ class Opener:
         try:
             # In one step, so that no other thread takes the process.
             with self._lock:
-                self._prepare()
+                self.prepare()
                 process, self._ready = self._ready, None
             if process is None:
                 raise StoppedError('the server ends')
@@ -178,7 +175,10 @@ def serve(descriptor: int) -> None:
         # With the first picture, all modules that opening a part needs are imported.
         open_part(Source(WARM_UP))
         source: Source = connection.recv()
-        answer: tuple[str, Any] = ('opened', open_part(source, _sender(connection)))
+        answer: tuple[str, Any] = (
+            'opened',
+            open_part(source, lambda text: connection.send(('step', text))),
+        )
     except (EOFError, OSError):
         return  # the server ended, or has no need of this process
     except RestingAspectsError as error:
@@ -188,7 +188,3 @@ def serve(descriptor: int) -> None:
         answer = ('error', RestingAspectsError(f'the file could not be opened ({reason})'))
     with contextlib.suppress(OSError):
         connection.send(answer)
-
-
-def _sender(connection: Connection) -> Callable[[str], None]:
-    return lambda text: connection.send(('step', text))

@@ -106,15 +106,9 @@ class Room:
         ``number`` is that of the change, with which the browser knows its answer.
         """
         with self._changed:
-            before = self.settings
-            after = changed(before, name, value)
-            if after.tab not in TABS:
-                raise InvalidValueError(
-                    f'invalid tab {shown(after.tab)}: expected one of {", ".join(TABS)}'
-                )
-            self.settings = after
+            self.settings = changed(self.settings, name, value)
             # Without "live", changed conditions wait for the button.
-            if after.live or name in ('tab', 'more') or name.startswith('pickable'):
+            if self.settings.live or name in ('tab', 'more') or name.startswith('pickable'):
                 self._wake()
             else:
                 self._publish('progress', {'text': 'changed; press "Drop now"'})

@@ -139,14 +139,12 @@ def changing_texts(distribution: Distribution, pending: str = '') -> list[dict[s
     texts = []
     for row in [*class_rows(distribution), *outside(distribution)]:
         fields = share_fields(row, drops, FULL)
+        model_text = fields.pop('model_text')
         texts.append(
             {
-                'probability': fields.probability,
-                'interval': fields.interval,
+                **fields,
                 'count': f'{row.count:,} of {drops:,}',
-                'bar': fields.bar,
-                'model': fields.model,
-                'range': fields.model_text or (pending if row.aspects else ''),
+                'range': model_text or (pending if row.aspects else ''),
                 'hidden': not row.aspects and row.name not in ALWAYS and not row.count,
                 'unseen': not row.count,
             }

@@ -25,6 +25,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from resting_aspects_ros.errors import RestingAspectsError, one_line, shown
 from resting_aspects_ros.studio.page import TITLES, templates
+from resting_aspects_ros.system import available_cores
 
 if TYPE_CHECKING:  # these imports are slow
     from resting_aspects_ros.simulation.workers import LocalWorkers
@@ -36,7 +37,6 @@ NAMES = ('127.0.0.1', 'localhost', '[::1]')
 TOKEN_BYTES = 16
 MAX_UPLOAD = 256 << 20  # bytes, the maximum of a mesh file
 MAX_MESSAGE = 64 << 10  # bytes
-MAX_CHANGES = 1000  # messages of a tab in a second; a slider sends less than 150
 MAX_ROOMS = 32
 PERIOD = 0.05  # s, between messages to a tab
 ROOM_LIFE = 600.0  # s, after its last tab
@@ -132,22 +132,6 @@ class Seat:
         self.news.set()
 
 
-class Limit:
-    """At most a number of events in each second of a clock."""
-
-    def __init__(self, number: int, clock: Callable[[], float]) -> None:
-        self._number, self._clock = number, clock
-        self._second, self._count = -1, 0
-
-    def allows(self) -> bool:
-        """Count an event; returns whether it is allowed."""
-        second = int(self._clock())
-        if second != self._second:
-            self._second, self._count = second, 0
-        self._count += 1
-        return self._count <= self._number
-
-
 class Studio:
     """The state of the server.
 
@@ -178,14 +162,14 @@ class Studio:
         """Return the workers of all rooms and what opens parts, made on the first call."""
         with self._lock:
             if self._tools is None:
-                from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
+                from resting_aspects_ros.simulation.workers import LocalWorkers
                 from resting_aspects_ros.studio.opening import Opener
                 from resting_aspects_ros.studio.room import route_warnings
 
                 opener = Opener()
                 opener.prepare()
                 route_warnings()
-                self._tools = LocalWorkers(default_workers()), opener
+                self._tools = LocalWorkers(available_cores()), opener
             return self._tools
 
     async def seat(self, key: Any) -> Seat:
@@ -408,7 +392,6 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
         return socket
     seat.socket = socket
     sender: asyncio.Task[None] | None = None
-    limit = Limit(MAX_CHANGES, studio.clock)
     try:
         # Raises ConnectionError if the tab was closed while its room was made.
         await socket.send_json({'topic': 'room', 'room': seat.key})
@@ -418,8 +401,6 @@ async def _socket(request: web.Request) -> web.WebSocketResponse:
         async for message in socket:
             if message.type is not WSMsgType.TEXT:
                 problem: str | None = 'invalid message: expected text'
-            elif not limit.allows():
-                problem = f'more than {MAX_CHANGES} changes in a second: some have no effect'
             else:
                 problem = _receive(seat, message.data)
             if problem is not None:

@@ -30,6 +30,7 @@ from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
     surroundings_names,
 )
+from resting_aspects_ros.studio.page import TITLES
 from resting_aspects_ros.tracks.description import MAX_TRAPS, Track, Wall
 from resting_aspects_ros.tracks.traps import KINDS, CutOut, Surface, Trap, read_trap
 
@@ -261,16 +262,6 @@ def _with_or_without(chosen: frozenset[T], each: T, name: str, value: Any) -> fr
 # control, and the value.
 
 
-def _set_tab(_settings: Settings, _key: str, value: Any) -> Changes:
-    if not isinstance(value, str) or not value.isidentifier() or len(value) > 40:
-        raise InvalidValueError(f'invalid tab {shown(value)}: expected the name of a tab')
-    return {'tab': value}
-
-
-def _set_live(_settings: Settings, _key: str, value: Any) -> Changes:
-    return {'live': _truth('live', value)}
-
-
 def _set_surface(settings: Settings, _key: str, value: Any) -> Changes:
     chosen = shipped_surfaces().get(_choice('surface', value, shipped_surfaces().names()))
     around = settings.conditions.surroundings
@@ -296,18 +287,6 @@ def _set_dimension(settings: Settings, key: str, value: Any) -> Changes:
     number = number_of(key, _quantity(quantities_of(around.shape), key), value)
     around = named_surroundings(settings.surroundings, dimensions(around) | {key: number})
     return {'conditions': settings.conditions.changed(surroundings=around)}
-
-
-def _set_drops(_settings: Settings, _key: str, value: Any) -> Changes:
-    return {'drops': _integer('number of drops', value, 1, MAX_DROPS), 'precision': 0.0}
-
-
-def _set_more(settings: Settings, _key: str, _value: Any) -> Changes:
-    return {'drops': min(MORE * settings.drops, MAX_DROPS)}
-
-
-def _set_precision(_settings: Settings, _key: str, value: Any) -> Changes:
-    return {'precision': float(_choice('precision', value, PRECISIONS))}
 
 
 def _set_pickable(settings: Settings, key: str, value: Any) -> Changes:
@@ -418,20 +397,21 @@ def _set_count(settings: Settings, key: str, value: Any) -> Changes:
     return {'counts': {**settings.counts, key: number}, 'fit': False}
 
 
-def _set_fit(_settings: Settings, _key: str, _value: Any) -> Changes:
-    return {'fit': True}
-
-
 _CHANGES: dict[str, Callable[[Settings, str, Any], Changes]] = {
-    'tab': _set_tab,
-    'live': _set_live,
+    'tab': lambda _settings, _key, value: {'tab': _choice('tab', value, TITLES)},
+    'live': lambda _settings, _key, value: {'live': _truth('live', value)},
     'surface': _set_surface,
     'condition': _set_condition,
     'surroundings': _set_surroundings,
     'dimension': _set_dimension,
-    'drops': _set_drops,
-    'more': _set_more,
-    'precision': _set_precision,
+    'drops': lambda _settings, _key, value: {
+        'drops': _integer('number of drops', value, 1, MAX_DROPS),
+        'precision': 0.0,
+    },
+    'more': lambda settings, _key, _value: {'drops': min(MORE * settings.drops, MAX_DROPS)},
+    'precision': lambda _settings, _key, value: {
+        'precision': float(_choice('precision', value, PRECISIONS))
+    },
     'pickable': _set_pickable,
     'action': _set_action,
     'plan': _set_plan,
@@ -440,7 +420,7 @@ _CHANGES: dict[str, Callable[[Settings, str, Any], Changes]] = {
     'trap': _set_trap,
     'other': _set_other,
     'count': _set_count,
-    'fit': _set_fit,
+    'fit': lambda _settings, _key, _value: {'fit': True},
 }
 
 

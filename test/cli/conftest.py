@@ -2,12 +2,17 @@
 
 import contextlib
 import csv
+import fcntl
 import io
 import json
 import os
+import pty
 import signal
+import struct
 import subprocess
 import sys
+import termios
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -153,6 +158,30 @@ def begin(environment, tmp_path):
         for pid in _session(process.pid):
             os.kill(pid, signal.SIGKILL)
         process.communicate()
+
+
+@pytest.fixture(scope='session')
+def terminal():
+    """Open a terminal of 80 columns; returns its descriptor, to be closed, and what it shows."""
+    return _terminal
+
+
+@contextlib.contextmanager
+def _terminal():
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
+    shown = bytearray()
+
+    def read():
+        with contextlib.suppress(OSError):  # the other end is closed
+            while data := os.read(ours, 4096):
+                shown.extend(data)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    yield theirs, shown
+    reader.join()
+    os.close(ours)
 
 
 @pytest.fixture(scope='session')

@@ -16,21 +16,12 @@ OPTIMISED = ['optimum.json', 'points.csv']
 COMMANDS = {
     # The function that fails: the command, what is named, and what is still written.
     'studies.effects:indices_of': (STUDY + FEW, 'depend on', ['results.csv', 'page.html']),
-    'studies.pages:curves_figure': (STUDY + FEW, 'figure', ['results.csv', 'page.html']),
-    'studies.pages:draw_parts': (STUDY + FEW, 'pictures', ['results.csv', 'page.html']),
-    'studies.pages:Page': (STUDY + FEW, 'report', ['results.csv', 'points.jsonl']),
     'report.drop_page:convergence_figure': (
         DROP + FEW,
         'figure',
         [*DROPPED, 'report.html', 'pie.png'],
     ),
-    'api.pages:estimate_each': (DROP + FEW, 'estimates', [*DROPPED, 'report.html']),
     'api.pages:drop_page': (DROP + FEW, 'report', DROPPED),
-    'api.pages:transition_figure': (
-        (*REORIENT, *FEW),
-        'figure',
-        ['transitions.json', 'reorientation.html'],
-    ),
     'api.reorient:long_run': (
         (*REORIENT, *FEW),
         'long-run shares',

@@ -28,10 +28,3 @@ def test_a_body_is_used_by_all_commands(run, refused, tmp_path):
     assert SMALL in (tmp_path / 'page' / 'report.html').read_text()
     ended = run('classify', 'o/poses.csv', '--part', 'two.stl', '--body', 2)
     assert ended.returncode == 0, ended.stderr
-
-
-@pytest.mark.slow
-def test_yaml_beside_a_mesh_selects_the_body(run, tmp_path):
-    (tmp_path / 'two.yaml').write_text('body: 2\nunit: mm\n')
-    for words in (['two.stl'], ['two.stl', '--body', 2], ['two', '--parts', '.']):
-        assert SMALL in run('aspects', *words).stdout

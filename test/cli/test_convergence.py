@@ -1,13 +1,11 @@
 """`drop --check-convergence`: how much the result changes with a finer time step."""
 
 import json
-import signal
 
 import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
@@ -30,24 +28,6 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(part, surfaces):
     assert (found.aspect, found.drops) == (moved + 1, DROPS)
     assert found.shift == pytest.approx(shift[moved], abs=1e-12)
     assert found.lower <= found.shift <= found.upper
-
-
-@pytest.mark.slow
-def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
-    update = DropProgress.update
-
-    def interrupt(shown, done):
-        update(shown, done)
-        if 'with a finer time step' in shown._what:
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(DropProgress, 'update', interrupt)
-    ended = run('drop', 'washer', '--drops', 2000, '--check-convergence', '--json')
-    assert ended.returncode == 130
-    document = json.loads(ended.stdout)
-    assert (document['drops'], document['complete']) == (2000, True)
-    assert 'convergence' not in document
-    assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
 
 
 @pytest.mark.slow

@@ -76,19 +76,6 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
 
 
 @pytest.mark.slow
-def test_ctrl_c_in_the_middle(begin, nodes_of, left, read_until, tmp_path):
-    process = begin('demo', '--out', 'o')
-    nodes = nodes_of(process.pid)
-    read_until(process.stderr, lambda line: re.match(r'l_bracket: [1-9]\d* of 1000', line))
-    os.killpg(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=600)
-    assert process.returncode == 130, errors
-    assert errors.splitlines()[-1] == 'interrupted'
-    left(process.pid, nodes)
-    assert no_tracebacks(tmp_path / 'o') == NODES
-
-
-@pytest.mark.slow
 def test_repeated_ctrl_c_before_nodes_run(begin, running, wait_until):
     process = begin('demo')
     assert process.stdout.readline().startswith('Starting ')

@@ -6,7 +6,6 @@ import json
 import pytest
 
 from resting_aspects_ros.cli.options import parse_integer, parse_share
-from resting_aspects_ros.part.loading import load_part
 
 BOX = [0.005, 0.005, 0.01, 0.01, 0.015, 0.015]
 
@@ -33,30 +32,6 @@ def test_a_mesh_file_has_the_unit_of_its_flag(dropped, box, tmp_path):
     box.export(tmp_path / 'in.here' / 'my-box.ply')
     document = dropped(tmp_path / 'in.here' / 'my-box.ply', '--unit', 'in')
     assert heights(document) == pytest.approx([25.4 * height for height in BOX])
-
-
-@pytest.mark.slow
-def test_yaml_beside_a_mesh_file_is_used(dropped, refused, box, tmp_path):
-    box.export(tmp_path / 'box.stl')
-    text = 'unit: in\ndensity: 2700\ncentre_of_mass: [0, 0, 5]\n'
-    (tmp_path / 'box.yaml').write_text(text, encoding='utf-8')
-    document = dropped('box.stl', '--unit', 'in')
-    of_z = {round(a['down_in_part'][2]): a['com_height'] for a in document['aspects']}
-    assert (of_z[-1], of_z[1]) == (pytest.approx(20 * 0.0254), pytest.approx(10 * 0.0254))
-    centre = [0, 0, 5 * 0.0254]
-    meant = load_part(tmp_path / 'box.stl', unit='in', density=2700, centre_of_mass=centre)
-    assert document['part_sha256'] == meant.part_sha256
-    line = refused('drop', 'box.stl', '--unit', 'cm')
-    assert all(word in line for word in ("'cm'", "'in'", "'box.yaml'"))
-
-
-@pytest.mark.slow
-def test_parts_of_another_folder(dropped, box, tmp_path):
-    (tmp_path / 'mine').mkdir()
-    box.export(tmp_path / 'mine' / 'brick.stl')
-    (tmp_path / 'mine' / 'brick.yaml').write_text('unit: cm\n', encoding='utf-8')
-    document = dropped('brick', '--parts', 'mine')
-    assert heights(document) == pytest.approx([10 * height for height in BOX])
 
 
 @pytest.mark.slow

@@ -208,14 +208,14 @@ def test_what_was_found_is_written_if_a_node_ends(run, monkeypatch, tmp_path, ha
 
 @pytest.mark.slow
 def test_demo_compares_a_run_with_its_forecast(begin, running, tmp_path):
-    demo = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path)
+    demo = begin('feeder_demo', '--minutes', '1', '--json', '--out', tmp_path)
     printed, said = demo.communicate()
     assert demo.returncode == 0, said
     found = json.loads(printed)
     assert found == json.loads((tmp_path / 'feeder_demo.json').read_text())
     assert found['complete']
     run, forecast = found['run'], found['forecast']
-    assert run['minutes'] >= 1.5
+    assert run['minutes'] >= 1
     assert run['picks'] == pytest.approx(run['minutes'] * run['parts_per_minute'])
     assert run['picks'] > 0
     assert run['choices']['pick'] > 0
@@ -228,12 +228,6 @@ def test_demo_compares_a_run_with_its_forecast(begin, running, tmp_path):
     layout = (tmp_path / 'foxglove.json').read_text()
     assert f'/feeder_demo_{demo.pid}/feeder_advice/l_bracket' in layout
     assert not running(f'__ns:=/feeder_demo_{demo.pid}')
-    # The run depends on the seed only, not on how fast the processes start and work.
-    again, _ = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path).communicate()
-    found['run'].pop('real_seconds')
-    repeated = json.loads(again)
-    repeated['run'].pop('real_seconds')
-    assert repeated == found
 
 
 @pytest.mark.slow

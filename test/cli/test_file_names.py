@@ -1,7 +1,6 @@
 """File names that are not UTF-8: messages are printable, and nothing crashes."""
 
 import os
-import shutil
 
 import pytest
 from rclpy.serialization import serialize_message
@@ -9,17 +8,9 @@ from rclpy.serialization import serialize_message
 from resting_aspects_ros.logs.topics import PART_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.system import parts_folder
 
 ODD = os.fsdecode(b'\xff')
 SHOWN = r'\udcff'
-
-
-@pytest.fixture
-def strict(run_process, environment):
-    """Run the command with a standard output that accepts only UTF-8."""
-    utf8 = {**environment, 'PYTHONIOENCODING': 'utf-8:strict'}
-    return lambda *words: run_process(*words, env=utf8)
 
 
 @pytest.fixture
@@ -33,15 +24,6 @@ def log(tmp_path, part):
     log.close()
     log.path.write_bytes(content)
     return log.path.parent.rename(tmp_path / ODD)
-
-
-@pytest.mark.slow
-def test_a_mesh_can_have_any_name(strict, tmp_path):
-    mesh = tmp_path / f'{ODD}.stl'
-    shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
-    ended = strict('drop', mesh, '--drops', 2, '--out', ODD)
-    assert ended.returncode == 0, ended.stderr
-    assert f'Written: {SHOWN}/distribution.json' in ended.stdout
 
 
 def test_file_with_a_name_invalid_in_metadata_is_not_recovered(run, log):

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import shapely
-import trimesh
 
 RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
 
@@ -39,14 +38,3 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, polygon):
     ended = run(*words, '--camera', '0mm,0mm,20mm')
     assert ended.returncode == 2
     assert all(word in ended.stderr for word in ('0.02 m', '0.03 m', 'box_10x20x30'))
-
-
-@pytest.mark.slow
-def test_a_part_that_is_given_twice_is_one_candidate(run, polygon, tmp_path):
-    for name in ('box', 'copy'):
-        trimesh.creation.box((40, 20, 10)).export(tmp_path / f'{name}.stl')
-    words = ('--polygon', polygon(RECTANGLE), '--json')
-    once = json.loads(run('identify', 'box.stl', *words).stdout)
-    ended = run('identify', 'box.stl', 'copy.stl', 'box.stl', *words)
-    assert json.loads(ended.stdout) == once
-    assert 'copy is the same part as box' in ended.stderr

@@ -64,10 +64,8 @@ def when_some_are_done(number):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('engine', ['kernel', 'bullet'])
-def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc, engine):
-    words = ('disc', '--parts', disc, '--engine', engine)
-    process = begin('drop', *words, *QUICK[2:], *OUTPUTS)
+def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
+    process = begin('drop', 'disc', '--parts', disc, *BULLET, *QUICK[2:], *OUTPUTS)
     read_until(process.stderr, some_done)
     # Like a terminal, signal all processes.
     os.killpg(process.pid, signal.SIGINT)
@@ -77,9 +75,8 @@ def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc, e
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_every_signal_saves_partial_results(run, saved, at_update, number):
-    at_update(when_some_are_done(number))
+def test_termination_saves_partial_results(run, saved, at_update):
+    at_update(when_some_are_done(signal.SIGTERM))
     document, _ = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] > 0
 
@@ -107,15 +104,7 @@ def test_repeated_ctrl_c(begin, ended, read_until):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('words', 'kept'),
-    [
-        ('drop l_bracket --drops 20', {'distribution.json', 'poses.csv'}),
-        ('reorient tetrahedron --per-aspect 5 --drops 20', {'transitions.json', 'roadmap.json'}),
-        ('retention tetrahedron --per-height 2', {'retention.json'}),
-    ],
-)
-def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path, words, kept):
+def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path):
     draw = Page.files
 
     def interrupted(page):
@@ -123,11 +112,11 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path,
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run(*words.split(), '--report', '--out', 'o', '--table', 't.csv')
+    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o', '--table', 't.csv')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
     assert (tmp_path / 't.csv').exists()
     assert found.stdout.splitlines()[-1].startswith('Written: ')
-    assert {file.name for file in (tmp_path / 'o').iterdir()} == kept
+    assert {file.name for file in (tmp_path / 'o').iterdir()} == {'distribution.json', 'poses.csv'}
 
 
 def test_ctrl_c_before_the_first_drop_keeps_earlier_files(run, at_update, tmp_path):
@@ -205,12 +194,8 @@ def test_large_job_with_a_precision_ends(begin, disc):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('part', 'drops'), [('tetrahedron', 1500), ('disc', 400)])
-def test_killed_worker_costs_no_drop(
-    begin, run, wait_for_poses, session, tmp_path, disc, part, drops
-):
-    parts = ('--parts', disc) if part == 'disc' else ()
-    words = ('drop', part, *parts, '--drops', drops, '--workers', 2, *BULLET, '--poses')
+def test_killed_worker_costs_no_drop(begin, run, wait_for_poses, session, tmp_path, disc):
+    words = ('drop', 'disc', '--parts', disc, '--drops', 400, '--workers', 2, *BULLET, '--poses')
     assert run(*words, 'undisturbed.csv').returncode == 0
     process = begin(*words, 'p.csv')
     wait_for_poses('p')
@@ -220,10 +205,10 @@ def test_killed_worker_costs_no_drop(
     printed, errors = process.communicate(timeout=ENOUGH)
     assert process.returncode == 0, errors
     assert re.search(
-        rf'^warning: a worker died near drop \d+ of {part}: its drops are repeated$', errors, re.M
+        r'^warning: a worker died near drop \d+ of disc: its drops are repeated$', errors, re.M
     )
     assert 'Traceback' not in errors
-    assert printed.splitlines()[1].strip() == f'{drops} drops on rubber_mat, seed 1'
+    assert printed.splitlines()[1].strip() == '400 drops on rubber_mat, seed 1'
     assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
 
 

@@ -1,8 +1,5 @@
 """`resting_aspects outlines`: its table, its document and its files."""
 
-import json
-import re
-
 import pytest
 
 
@@ -16,17 +13,6 @@ def done(run):
         return ended.stdout
 
     return text
-
-
-@pytest.mark.slow
-def test_files_are_listed(done, tmp_path):
-    text = ' '.join(done('washer', '--out', 'o', '--px-per-mm', '4').split())
-    names = {path.name for path in (tmp_path / 'o').iterdir()}
-    written = text.partition(f'Written: {len(names)} files in o: ')[2]
-    named = set(re.findall(r'\w+\.\w+', written))
-    assert named == {name for name in names if '_2' not in name}
-    document = json.loads((tmp_path / 'o' / 'coco.json').read_text())
-    assert {each['px_per_mm'] for each in document['images']} == {4}
 
 
 @pytest.mark.slow

@@ -38,15 +38,6 @@ def test_each_command_with_a_surface_takes_a_file_of_surfaces():
 
 
 @pytest.mark.slow
-def test_surface_of_the_file_is_used_by_its_name(run, own):
-    words = ['drop', 'tetrahedron', '--drops', '4', '--json', '--surfaces', own]
-    conditions = json.loads(run(*words, '--surface', 'ice').stdout)['conditions']
-    assert (conditions['surface'], conditions['friction']) == ('ice', 0.02)
-    shipped = json.loads(run(*words, '--surface', 'steel').stdout)['conditions']
-    assert (shipped['surface'], shipped['friction']) == ('steel', 0.15)
-
-
-@pytest.mark.slow
 def test_uncertainty_of_the_file_is_carried_through(run, own):
     words = ('--surfaces', own, '--surface', 'ice', '--drops', '16', '--json')
     ended = run('drop', 'tetrahedron', *words)

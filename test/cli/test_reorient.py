@@ -14,15 +14,6 @@ from resting_aspects_ros.errors import EngineError
 WORDS = ('reorient', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
 
 
-@pytest.fixture(scope='module')
-def saved(run_in, tmp_path_factory):
-    """Run with all files; returns the folder and the ended process."""
-    folder = tmp_path_factory.mktemp('reorient')
-    ended = run_in(folder, *WORDS, '--action', 'tap', '--wanted', '1', '--out', 'o')
-    assert ended.returncode == 0, ended.stderr
-    return folder / 'o', ended
-
-
 def test_several_actions_are_compared(run_in, tmp_path):
     few = (*WORDS[:2], '--per-aspect', 3, '--drops', 10, '--workers', 2)
     words = (*few, '--action', 'tap,toss', '--wanted-classes', '1', '--json')

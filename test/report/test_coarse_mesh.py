@@ -16,11 +16,6 @@ def ball():
     return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
 
 
-def test_small_mesh_is_unchanged(ball):
-    vertices, faces = ball
-    assert coarse_faces(vertices, faces, len(faces), NOTHING) is faces
-
-
 @pytest.mark.parametrize('most', [100, 1000, 10_000])
 def test_number_of_triangles_is_close_to_the_limit(ball, most):
     faces = coarse_faces(*ball, most, NOTHING)

@@ -149,7 +149,7 @@ def silhouette(image):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['l_bracket', 'u_bracket', 'tetrahedron', 'box_10x20x30'])
+@pytest.mark.parametrize('name', ['l_bracket', 'tetrahedron'])
 def test_part_has_the_size_of_its_projection(part, name):
     shape = part(name)
     aspects = find_aspects(shape).aspects

@@ -173,10 +173,9 @@ def test_keyboard_alone(browser, address):
         assert unnamed == []
 
 
-@pytest.mark.parametrize('scheme', ['light', 'dark'])
-def test_telephone_needs_no_horizontal_scroll(browser, address, scheme):
+def test_dark_telephone_needs_no_horizontal_scroll(browser, address):
     size = {'width': 390, 'height': 780}
-    with opened(browser, address, viewport=size, color_scheme=scheme) as page:
+    with opened(browser, address, viewport=size, color_scheme='dark') as page:
         choose(page)
         page.locator('.pick').first.click()
         for tab in page.locator('[role=tab]').all():
@@ -185,4 +184,4 @@ def test_telephone_needs_no_horizontal_scroll(browser, address, scheme):
             page.locator(f'[data-slot={name}] > *').first.wait_for(state='attached')
             assert page.evaluate('document.documentElement.scrollWidth') <= 390, name
         ground = page.evaluate('getComputedStyle(document.body).backgroundColor')
-        assert (sum(json.loads(f'[{ground[4:-1]}]')) < 200) is (scheme == 'dark')
+        assert sum(json.loads(f'[{ground[4:-1]}]')) < 200

@@ -7,7 +7,7 @@ import pytest
 from aiohttp import WSServerHandshakeError
 
 from resting_aspects_ros.studio import server
-from resting_aspects_ros.studio.server import Limit, Studio, serve
+from resting_aspects_ros.studio.server import Studio, serve
 
 PAGE = 'How does your part lie?'
 
@@ -202,8 +202,6 @@ MESSAGES = [
     '{"set": "condition.friction"}',
     '{"set": "condition.friction", "to": "much"}',
     '{"set": "condition.friction", "to": -1}',
-    '{"set": "condition.friction", "to": 1e400}',
-    '{"set": "condition.friction", "to": true}',
     '{"set": "condition.friction", "to": {"a": []}}',
     '{"set": "condition.gravity", "to": 0}',
     '{"set": "condition.__class__", "to": 1}',
@@ -216,7 +214,6 @@ MESSAGES = [
     '{"set": "tab", "to": "os"}',
     '{"set": "pickable.1", "to": true}',
     '{"set": "count.1", "to": 5}',
-    '{"set": "plan.nothing", "to": true}',
     '{"example": "../../x"}',
     '{"example": ["l_bracket"]}',
     '{"again": "unit", "to": "furlong"}',
@@ -259,29 +256,13 @@ def test_large_message_ends_the_socket_but_not_the_room(served, joined):
     assert served(task)
 
 
-def test_flood_of_messages_is_limited_and_the_room_lives_on(served, joined):
-    calls = [0]
-
-    def clock():
-        calls[0] += 1
-        return calls[0] / 10_000  # 10,000 messages in the first second, the others in the next
-
+def test_flood_of_messages_makes_no_queue_and_the_room_lives_on(served, joined):
     async def task(client, studio):
         browser = await joined(client, studio)
-        for k in range(10_500):
-            await browser.send(set='condition.friction', to=k / 20_000, number=k)
-        problem = await browser.wait('problem', lambda found: 'second' in found['text'])
-        found = await browser.wait('values', lambda found: found.get('number') == 10_499)
+        for k in range(2000):
+            await browser.send(set='condition.friction', to=k / 4000, number=k)
+        found = await browser.wait('values', lambda found: found.get('number') == 1999)
         assert len(studio.seats[browser.room].waiting) < 30
-        assert found['values']['condition.friction'] == '0.52495'
-        return problem['text']
+        return found['values']['condition.friction']
 
-    assert '1000' in served(task, clock=clock)
-
-
-def test_limit_counts_in_each_second():
-    now = [0.0]
-    limit = Limit(2, lambda: now[0])
-    assert [limit.allows() for _ in range(3)] == [True, True, False]
-    now[0] = 1.2
-    assert limit.allows()
+    assert served(task) == '0.49975'

@@ -3,14 +3,18 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import INTERRUPTED, result_folder, session
-from resting_aspects_ros.cli.options import add_out, add_seed, add_workers, parse_integer
-from resting_aspects_ros.errors import analysis
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.studies.calibration.result import CalibrationResult
+from resting_aspects_ros.cli.life_cycle import (
+    DONE,
+    INTERRUPTED,
+    finish,
+    result_folder,
+    save_text,
+    say,
+    session,
+)
+from resting_aspects_ros.cli.options import add_integer, add_out, add_seed, add_workers
+from resting_aspects_ros.studies.calibration.calibrate import calibrate
 
 DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
 counted on it by hand: the conditions that fit, their uncertainty, and what the
@@ -31,19 +35,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='counts file (YAML): parts with their counts on one surface, and what is known of '
         'the release; see docs/reference/files.md',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--points',
-        metavar='N',
-        type=parse_integer,
-        help='number of conditions at which the parts are first dropped in the simulation (32 for '
+        'number of conditions at which the parts are first dropped in the simulation (32 for '
         'each fitted condition); as many follow where the counts are probable',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        help='number of drops of each part at each point (as many as were counted, but 100 to '
-        '300)',
+        'number of drops of each part at each point (as many as were counted, but 100 to 300)',
     )
     add_seed(parser, 'result')
     parser.add_argument(
@@ -62,9 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
-    # These imports are slow because of NumPy.
-    from resting_aspects_ros.studies.calibration.calibrate import calibrate
-
     folder = result_folder(arguments, '', (DOCUMENT, ENTRY, PICTURE))
     with session(arguments) as started:
         result = calibrate(
@@ -75,35 +73,19 @@ def run(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             **started.options,
         )
-        _write(result, folder, as_json=arguments.json)
-        if started.stop.asked:
-            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
-        return INTERRUPTED if started.stop.asked else 0
 
-
-def _write(result: 'CalibrationResult', folder: Path | None, *, as_json: bool) -> None:
-    """Print and save a result."""
-    if not as_json:
-        with analysis('the tables of the result'):
+        def show() -> None:
             print(result)
             print(f'\n{result.surface_entry(uncertainty=False)}', end='')
-    if folder is not None:
-        _save(result, folder, quiet=as_json)
-    if as_json:
-        sys.stdout.write(result.to_json())
 
+        def save_entry(path: Path) -> None:
+            save_text(path, result.surface_entry())
 
-def _save(result: 'CalibrationResult', folder: Path, *, quiet: bool) -> None:
-    from resting_aspects_ros.api.result import whole_file
-
-    written = []
-    for name, text in ((DOCUMENT, result.to_json), (ENTRY, result.surface_entry)):
-        with analysis(f'the file {name}'), whole_file(folder / name) as file:
-            file.write_text(text(), encoding='utf-8')
-            written.append(folder / name)
-    with analysis('the picture'):
-        result.save_picture(folder / PICTURE)
-        written.append(folder / PICTURE)
-    if not quiet:
-        print(f'Written: {", ".join(map(str, written))}')
-        print(f'To use it: --surfaces {folder / ENTRY} --surface {result.surface}', flush=True)
+        files = {ENTRY: save_entry, PICTURE: result.save_picture}
+        finish(arguments, folder, (DOCUMENT, result.to_json), files, show)
+        if folder is not None:
+            use = f'--surfaces {folder / ENTRY} --surface {result.surface}'
+            say(arguments, f'To use it: {use}')
+        if started.stop.asked:
+            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
+        return INTERRUPTED if started.stop.asked else DONE

@@ -1,14 +1,13 @@
 """`resting_aspects demo`: the suite as three processes, and a client that requests drops."""
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.result import check_files
-from resting_aspects_ros.cli.node_processes import NodeProcesses
+from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.system import Interruption
 
@@ -44,13 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     logs = out / 'logs'
     check_files('--out', out, [f'{node}.log' for node in NODES])
-    # These imports take a second, and --help does not need them.
     from resting_aspects_ros.run_logs.contents import logged_result
 
-    # A unique namespace separates the demo from other suites on this machine, and LOCALHOST from
-    # other machines in the network.
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    namespace = ['-r', f'__ns:=/demo_{os.getpid()}']
+    namespace = ['-r', f'__ns:={own_namespace("demo")}']
     parameters = {
         'drop_recorder': ['-p', f'log_folder:={logs}'],
         # Without logs, a second demo makes its drops again.

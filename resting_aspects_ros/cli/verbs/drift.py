@@ -3,31 +3,37 @@
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from resting_aspects_ros.api.compare import DriftResult, watch_drift
+from resting_aspects_ros.api.count_files import counted_drops, read_observed
+from resting_aspects_ros.api.counts import CountedDrops, check_same_part
+from resting_aspects_ros.api.drop import DropResult, drop
+from resting_aspects_ros.api.forecast_result import counted_apart_texts
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
+    add_integer,
     add_out,
     add_output,
     add_part,
+    add_share,
     add_workers,
-    parse_integer,
-    parse_share,
     refuse,
     requested_conditions,
     requested_part,
 )
 from resting_aspects_ros.errors import StoppedError
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, QUANTITIES
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.compare import DriftResult
-    from resting_aspects_ros.api.counts import CountedDrops
-    from resting_aspects_ros.api.drop import DropResult
-    from resting_aspects_ros.aspects.aspect_set import AspectSet
-    from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.statistics.counted_parts import check_weight
+from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
+from resting_aspects_ros.statistics.intervals import check_confidence
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
@@ -81,44 +87,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='each count is the total since the start, as a counter shows it',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--window',
-        metavar='N',
-        type=parse_integer,
-        help='number of parts in a window (as many as find the deviation of --shift in any class '
+        'number of parts in a window (as many as find the deviation of --shift in any class '
         'with a probability of 80 %%; all parts if they are fewer). A batch is not divided',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--shift',
-        metavar='D',
-        type=partial(parse_share, '--shift'),
-        help='deviation of the share of a class that a window should find (0.05, which is 5 '
-        'points)',
+        'D',
+        'deviation of the share of a class that a window should find (0.05, which is 5 points)',
     )
-    parser.add_argument(
-        '--level',
-        metavar='A',
-        type=partial(parse_share, '--level'),
-        help='probability of a false alarm in each window (0.01)',
-    )
-    parser.add_argument(
+    add_share(parser, '--level', 'A', 'probability of a false alarm in each window (0.01)')
+    add_integer(
+        parser,
         '--prior-weight',
-        metavar='N',
-        type=parse_integer,
-        help='weight of the simulated drops in the shares of all parts, as a number of parts (60)',
+        'weight of the simulated drops in the shares of all parts, as a number of parts (60)',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        help=f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into '
-        'account',
+        f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into account',
     )
-    parser.add_argument(
-        '--seed',
-        metavar='S',
-        type=parse_integer,
-        help=f'the same seed gives the same drops ({DEFAULT_SEED})',
+    add_integer(
+        parser, '--seed', f'the same seed gives the same drops ({DEFAULT_SEED})', metavar='S'
     )
     add_confidence(parser)
     add_workers(parser)
@@ -134,13 +127,6 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
         if (value := getattr(arguments, name)) is not None
     }
-    # These imports are slow because of NumPy.
-    from resting_aspects_ros.api.compare import watch_drift
-    from resting_aspects_ros.api.count_files import read_observed
-    from resting_aspects_ros.aspects.find import find_aspects
-    from resting_aspects_ros.statistics.counted_parts import check_weight
-    from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
-    from resting_aspects_ros.statistics.intervals import check_confidence
 
     part = requested_part(arguments)
     aspects = find_aspects(part)
@@ -166,11 +152,9 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | CountedDrops':
+def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | CountedDrops:
     """Return the simulated drops in a file, or new drops."""
     if arguments.expected is None:
-        from resting_aspects_ros.api.drop import drop
-
         conditions = requested_conditions(arguments)
         with session(arguments) as started:
             result = drop(
@@ -185,8 +169,6 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
         if not result.complete:
             raise StoppedError('interrupted')
         return result
-    from resting_aspects_ros.api.count_files import counted_drops
-    from resting_aspects_ros.api.counts import check_same_part
 
     refuse(arguments, SIMULATION, 'without --expected, whose drops are compared')
     given = counted_drops(arguments.expected)
@@ -197,14 +179,10 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
     return given
 
 
-def _show(result: 'DriftResult', part: 'Part', aspects: 'AspectSet') -> None:
-    from resting_aspects_ros.api.forecast_result import counted_apart_texts
-    from resting_aspects_ros.cli.console import show_table, show_texts
-    from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
-
+def _show(result: DriftResult, part: Part, aspects: AspectSet) -> None:
     show_texts(result.verdict, drift_notes(result.test, result.shift, result.needed))
     print()
     show_table(window_table(result.test, result.title))
     print()
     show_table(live_table(result.test, result.live))
-    show_texts(*counted_apart_texts(part, aspects, result.test.groups))
+    show_texts(*counted_apart_texts(part, aspects, result.test.observed.groups))

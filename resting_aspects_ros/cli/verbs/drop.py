@@ -8,6 +8,7 @@ from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
     add_engine,
+    add_integer,
     add_model_range,
     add_out,
     add_output,
@@ -15,7 +16,6 @@ from resting_aspects_ros.cli.options import (
     add_run,
     add_surroundings,
     add_workers,
-    parse_integer,
 )
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, Noise, quantities_of
 
@@ -64,9 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='start from the poses and velocities in a CSV with the columns z_com_m, qx, qy, qz, '
         'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
     )
-    states.add_argument(
-        '--replicates', metavar='N', type=parse_integer, help='number of drops from each state (1)'
-    )
+    add_integer(states, '--replicates', 'number of drops from each state (1)')
     for name, quantity in quantities_of(Noise).items():
         states.add_argument(
             f'--noise-{name}',
@@ -122,7 +120,6 @@ def _is_folder(given: list[str]) -> bool:
 def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
         from resting_aspects_ros.cli import drop_run
 
         # With --parts, one part is a name in that folder, even if there is a folder of this name.

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from resting_aspects_ros.api.result import check_files
+from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED
 from resting_aspects_ros.cli.options import add_seed
 from resting_aspects_ros.cli.verbs.forecast import add_cell, parse_tray, requested_times
 from resting_aspects_ros.errors import RestingAspectsError
@@ -14,7 +15,6 @@ from resting_aspects_ros.system import Interruption
 PART, MINUTES = 'l_bracket', '10'
 DROPS, PER_ASPECT = DEFAULT_DROPS, 40
 DOCUMENT, PICTURE, LAYOUT = 'feeder_demo.json', 'feeder_demo.png', 'foxglove.json'
-INTERRUPTED = 130
 
 DESCRIPTION = f"""Run a vision feeder without hardware, in simulated time: drop the part {DROPS}
 times and flip it {PER_ASPECT} times from each aspect over ROS, forecast the parts per
@@ -68,7 +68,6 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     check_files('--out', out, (DOCUMENT, PICTURE, LAYOUT))
     with Interruption() as stop:
-        # These imports take a second, and --help does not need them.
         from resting_aspects_ros.cli.feeder_demo_run import FeederDemo, planned_demo
 
         size, times = parse_tray(arguments.tray), requested_times(arguments)
@@ -88,4 +87,4 @@ def run(arguments: argparse.Namespace) -> int:
             sys.stdout.write(found)
         if failure is not None:
             raise failure
-        return INTERRUPTED if stop.asked else 0
+        return INTERRUPTED if stop.asked else DONE

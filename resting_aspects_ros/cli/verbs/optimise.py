@@ -2,13 +2,16 @@
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING
 
+from resting_aspects_ros.api.conditions import requested_surroundings
+from resting_aspects_ros.cli.action_options import known_actions
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import exit_code, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_actions_file,
     add_conditions,
     add_confidence,
+    add_integer,
     add_out,
     add_output,
     add_part,
@@ -16,15 +19,15 @@ from resting_aspects_ros.cli.options import (
     add_surroundings,
     add_workers,
     changed_conditions,
-    parse_integer,
     parse_numbers,
     refuse,
     requested_part,
 )
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.actions import NamedAction
-    from resting_aspects_ros.studies.optimum import OptimiseResult
+from resting_aspects_ros.simulation.actions import NamedAction
+from resting_aspects_ros.simulation.conditions import all_surfaces
+from resting_aspects_ros.studies.design import parse_ranges
+from resting_aspects_ros.studies.optimise import optimise
+from resting_aspects_ros.studies.optimum import PAGE, OptimiseResult
 
 DESCRIPTION = """Find the conditions, within given ranges, in which most parts come to rest in
 wanted aspects, or whose distribution has the least entropy. Fresh drops at the
@@ -71,13 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'that was dropped, before it is counted (none)',
     )
     add_actions_file(parser)
-    parser.add_argument(
+    add_integer(
+        parser,
         '--budget',
-        metavar='N',
-        type=parse_integer,
-        default=200_000,
-        help='number of all drops: half of them search, a quarter are fresh drops that compare '
+        'number of all drops: half of them search, a quarter are fresh drops that compare '
         'the best conditions with others, and a quarter show how flat the optimum is (200000)',
+        default=200_000,
     )
     add_seed(parser, 'result')
     add_confidence(parser)
@@ -91,13 +93,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.api.conditions import requested_surroundings
-        from resting_aspects_ros.simulation.conditions import all_surfaces
-        from resting_aspects_ros.studies.design import parse_ranges
-        from resting_aspects_ros.studies.optimise import optimise
-        from resting_aspects_ros.studies.optimum import PAGE
-
         conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
         part = requested_part(arguments)
         out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
@@ -121,14 +116,10 @@ def run(arguments: argparse.Namespace) -> int:
         return exit_code(f'{result.drops} of {result.budget} drops', complete=result.complete)
 
 
-def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
+def _action(arguments: argparse.Namespace) -> NamedAction | None:
     """Return the action that is done to parts that were dropped; raises InvalidValueError."""
-    from resting_aspects_ros.api.conditions import shipped_actions
-    from resting_aspects_ros.simulation.actions import Actions
-
     if arguments.action is not None:
-        known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
-        return known.get(arguments.action)
+        return known_actions(arguments).get(arguments.action)
     refuse(arguments, ('actions',), 'with --action')
     return None
 
@@ -137,9 +128,7 @@ def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
     return None if text is None else parse_numbers(flag, text)
 
 
-def _show(result: 'OptimiseResult') -> None:
-    from resting_aspects_ros.cli.console import show_table, show_texts
-
+def _show(result: OptimiseResult) -> None:
     show_table(result.candidate_table())
     if result.curves:
         show_table(result.factor_table())

@@ -1,25 +1,76 @@
 """`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
 
 import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
-from resting_aspects_ros.cli.action_options import add_action_values
-from resting_aspects_ros.cli.life_cycle import session
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.api.conditions import pieces_text
+from resting_aspects_ros.api.estimate import estimate
+from resting_aspects_ros.api.pages import reorientation_page
+from resting_aspects_ros.api.reorient import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+    reorient_each,
+)
+from resting_aspects_ros.api.result import write_page
+from resting_aspects_ros.api.roadmap import roadmap_document
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.estimate import NotDefinedError
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import (
+    Session,
+    exit_code,
+    finish,
+    partial_result,
+    result_folder,
+    save_text,
+    session,
+)
 from resting_aspects_ros.cli.options import (
     add_actions_file,
     add_confidence,
     add_contact_conditions,
     add_engine,
+    add_integer,
     add_out,
     add_output,
     add_part,
     add_seed,
+    add_share,
     add_surroundings,
     add_workers,
-    parse_integer,
-    parse_share,
+    parse_numbers,
+    requested_conditions,
+    requested_part,
+    requested_precision,
+)
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.transitions import (
+    Rows,
+    actions_table,
+    long_run_table,
+    long_run_text,
+    plan_table,
+    suffix_of,
+    table_rows,
+    transition_table,
+    wanted_table,
 )
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+from resting_aspects_ros.statistics.markov import Plan, wanted_mask
+from resting_aspects_ros.statistics.transitions import OUTCOMES
+
+DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the
@@ -47,26 +98,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--actions all actions of the file)',
     )
     add_actions_file(parser)
-    parser.add_argument(
+    add_integer(
+        parser,
         '--per-aspect',
-        metavar='N',
-        type=parse_integer,
-        help='number of actions from each aspect (400). With --precision the maximum (as many as '
+        'number of actions from each aspect (400). With --precision the maximum (as many as '
         'needed)',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--precision',
-        metavar='P',
-        type=partial(parse_share, '--precision'),
-        help='stop as soon as every interval of the matrix is at most +-P wide, such as 0.05',
+        'P',
+        'stop as soon as every interval of the matrix is at most +-P wide, such as 0.05',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        default=DEFAULT_DROPS,
-        help='number of drops; their distribution is shown beside the long run, and parts that '
+        'number of drops; their distribution is shown beside the long run, and parts that '
         f'leave the aspects are replaced by dropped parts ({DEFAULT_DROPS})',
+        default=DEFAULT_DROPS,
     )
     add_seed(parser, 'transitions')
     wanted = parser.add_mutually_exclusive_group()
@@ -101,7 +150,191 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.cli.reorient_run import reorient_and_show
+        return _reorient_and_show(arguments, started)
 
-        return reorient_and_show(arguments, started)
+
+def _reorient_and_show(arguments: argparse.Namespace, started: Session) -> int:
+    actions = requested_actions(arguments)
+    conditions, precision = requested_conditions(arguments), requested_precision(arguments)
+    part = requested_part(arguments)
+    wanted = _wanted(arguments, find_aspects(part))
+    out = result_folder(arguments, part.name, (DOCUMENT,))
+    simulate = partial(
+        reorient_each,
+        part,
+        actions,
+        arguments.per_aspect,
+        surface=conditions,
+        precision=precision,
+        drops=arguments.drops,
+        seed=arguments.seed,
+        confidence=arguments.confidence,
+        check_convergence=arguments.check_convergence,
+        engine=arguments.engine,
+        **started.options,
+    )
+    results, failure = partial_result(simulate)
+    answer = Answer(tuple(results), wanted)
+    by_class = not (arguments.each or arguments.wanted is not None)
+    finish(
+        arguments,
+        out,
+        (DOCUMENT, answer.to_json),
+        _files(answer, part, pictures=not arguments.report),
+        partial(_show, answer, by_class=by_class),
+        partial(_write_page, answer),
+    )
+    checked = all(result.convergence is not None for result in results)
+    return exit_code(
+        f'{sum(int(result.matrix.actions.sum()) for result in results)} actions',
+        complete=all(result.complete for result in results),
+        failure=failure,
+        unchecked=arguments.check_convergence and started.stop.asked and not checked,
+    )
+
+
+def _wanted(arguments: argparse.Namespace, aspects: AspectSet) -> tuple[int, ...]:
+    """Return the ids of the wanted aspects."""
+    given = [
+        None if text is None else parse_numbers(flag, text)
+        for flag, text in (
+            ('--wanted', arguments.wanted),
+            ('--wanted-classes', arguments.wanted_classes),
+        )
+    ]
+    return () if given == [None, None] else aspects.chosen(given[0], given[1], 'wanted')
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Results of one or several actions, with what was asked of them.
+
+    wanted : tuple of int
+        Ids of the wanted aspects; empty without any.
+    """
+
+    results: tuple[ReorientResult, ...]
+    wanted: tuple[int, ...]
+
+    @property
+    def plan(self) -> PlanResult | None:
+        """The best plan; None without wanted aspects, or if the results are not complete."""
+        if not self.wanted or any(result.long_run is None for result in self.results):
+            return None
+        return plan_reorientation(self.results, self.wanted)
+
+    def to_json(self) -> str:
+        """Return one JSON document; with several actions it has a list of results."""
+        documents = [result.document(self.wanted) for result in self.results]
+        document = documents[0]
+        if len(documents) > 1:
+            document = {'schema_version': SCHEMA_VERSION, 'results': documents}
+        if (plan := self.plan) is not None:
+            document['plan'] = plan.document()
+        return to_json(document)
+
+
+# -- Tables ---------------------------------------------------------------------------------------
+
+
+def _show(answer: Answer, *, by_class: bool) -> None:
+    """Print the results as tables."""
+    for number, result in enumerate(answer.results):
+        if number:
+            print()
+        _show_result(result, answer.wanted, by_class=by_class)
+    if len(answer.results) > 1:
+        _show_comparison(answer, by_class=by_class)
+
+
+def _show_comparison(answer: Answer, *, by_class: bool) -> None:
+    """Print the long-run shares of all actions side by side, and the best plan."""
+    views = {each.action.name: each.by_class() if by_class else each for each in answer.results}
+    rows = table_rows(answer.results[0].matrix.aspects, by_class=by_class)
+    shares = {name: v.long_run.shares for name, v in views.items() if v.long_run is not None}
+    if shares:
+        drop = next(iter(views.values())).drop_shares
+        mask = _wanted_rows(answer.results[0], answer.wanted, rows)
+        print()
+        title = 'in the long run, by action'
+        show_table(actions_table(rows, drop / drop.sum(), shares, mask, title))
+    if (plan := answer.plan) is not None:
+        first = np.array([row[0].id - 1 for row in rows])
+        shown = Plan(plan.plan.action[first], plan.plan.time[first])
+        print()
+        show_table(plan_table(rows, shown, plan.names, 'best plan'))
+
+
+def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: bool) -> None:
+    title = f'{result.title}\n{result.action.text}'
+    show_table(transition_table(result.matrix, by_class, title))
+    if not result.action.action.has_effect:
+        show_texts('The action has no effect: every part stays where it is.')
+    if result.matrix.sliding:
+        show_texts(f'Of the unsettled parts, {result.matrix.sliding} slide or roll for ever.')
+    if result.pieces is not None:
+        show_texts(pieces_text(result.pieces, 'The edge meets'))
+    view = result.by_class() if by_class else result
+    rows = table_rows(result.matrix.aspects, by_class=by_class)
+    if view.long_run is not None:
+        table = long_run_table(
+            rows,
+            view.long_run,
+            *view.long_run_bounds,
+            view.drop_shares,
+            f'{result.action.name}, repeated',
+            result.matrix.confidence,
+            view.drop_shares / view.drop_shares.sum() @ view.chain,
+        )
+        print()
+        show_table(table)
+        show_texts(long_run_text(rows, view.long_run))
+    if wanted and (view.matrix.actions > 0).all():
+        mask = _wanted_rows(result, wanted, rows)
+        way = view.reach((np.flatnonzero(mask) + 1).tolist())
+        print()
+        show_table(wanted_table(rows, mask, *way, 'the way to wanted aspects'))
+    if result.convergence is not None:
+        classes = result.matrix.aspects.classes()
+        names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
+        show_texts(result.convergence.text([*names, *OUTCOMES]))
+
+
+def _wanted_rows(
+    result: ReorientResult, wanted: Sequence[int], rows: Rows
+) -> npt.NDArray[np.bool_]:
+    """Return which rows have wanted aspects only, (rows,) bool."""
+    mask = wanted_mask(wanted, len(result.matrix.counts)) if wanted else np.zeros(0, dtype=bool)
+    return np.array([bool(wanted) and mask[[a.id - 1 for a in row]].all() for row in rows])
+
+
+# -- Files ----------------------------------------------------------------------------------------
+
+
+def _files(answer: Answer, part: Part, *, pictures: bool) -> dict[str, Callable[[Path], object]]:
+    """Return what writes the roadmap and each picture, which take longest.
+
+    With a page, which has the same pictures, none are needed here.
+    """
+    saves: dict[str, Callable[[Path], object]] = {ROADMAP: partial(_save_roadmap, answer, part)}
+    for result in answer.results if pictures else ():
+        suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
+        saves[f'transitions{suffix}.png'] = result.save_picture
+    return saves
+
+
+def _save_roadmap(answer: Answer, part: Part, path: Path) -> None:
+    try:
+        weights = estimate(part, ['csa']).estimates['csa'].probabilities
+    except NotDefinedError:
+        weights = None
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in answer.results}
+    document = roadmap_document(part, answer.results[0].drop, weights, matrices)
+    save_text(path, to_json(document))
+
+
+def _write_page(answer: Answer, out: Path) -> Path:
+    """Write the page with its figures and return its path; raises OutputError."""
+    print('writing the report ...', file=sys.stderr)
+    plan = answer.plan if len(answer.results) > 1 else None
+    return write_page(reorientation_page(answer.results, wanted=answer.wanted, plan=plan), out)

@@ -86,7 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
         drops, precision = requested_number(arguments)
         if arguments.seed is not None:
             check_seed(arguments.seed)
-        # These imports take a second, and --help does not need them.
         from resting_aspects_ros.api.runner import DropProgress
         from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient

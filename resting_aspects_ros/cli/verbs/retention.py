@@ -2,8 +2,9 @@
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING
 
+from resting_aspects_ros.api.retention import RetentionResult, retention
+from resting_aspects_ros.cli.console import show_table
 from resting_aspects_ros.cli.life_cycle import (
     exit_code,
     finish,
@@ -15,20 +16,18 @@ from resting_aspects_ros.cli.options import (
     add_confidence,
     add_contact_conditions,
     add_engine,
+    add_integer,
     add_out,
     add_output,
     add_part,
     add_seed,
     add_workers,
-    parse_integer,
     requested_conditions,
     requested_part,
 )
 from resting_aspects_ros.errors import StoppedError
 from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.retention import RetentionResult
+from resting_aspects_ros.report.transitions import retention_table
 
 DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
 energy it leaves the aspect. The energy is given as a lift height: the height by
@@ -45,12 +44,11 @@ DOCUMENT, PICTURE, PAGE = 'retention.json', 'retention.png', 'retention.html'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_part(parser)
-    parser.add_argument(
+    add_integer(
+        parser,
         '--per-height',
-        metavar='N',
-        type=parse_integer,
+        'number of disturbances of each energy from each aspect (400)',
         default=400,
-        help='number of disturbances of each energy from each aspect (400)',
     )
     parser.add_argument(
         '--max-lift',
@@ -75,9 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.api.retention import retention
-
         part = requested_part(arguments)
         out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
         simulate = partial(
@@ -102,8 +97,5 @@ def run(arguments: argparse.Namespace) -> int:
         return exit_code(has, complete=result.complete, failure=failure)
 
 
-def _show(result: 'RetentionResult') -> None:
-    from resting_aspects_ros.cli.console import show_table
-    from resting_aspects_ros.report.transitions import retention_table
-
+def _show(result: RetentionResult) -> None:
     show_table(retention_table(result.curves, result.title, result.run.conditions.gravity))

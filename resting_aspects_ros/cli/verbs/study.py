@@ -2,25 +2,32 @@
 
 import argparse
 import textwrap
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_integer,
     add_out,
+    add_share,
     add_surroundings,
     add_workers,
-    parse_integer,
-    parse_share,
+    changed_conditions,
     refuse,
 )
 from resting_aspects_ros.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.studies.study import StudyResult, StudySpec
+from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces
+from resting_aspects_ros.studies.design import parse_ranges
+from resting_aspects_ros.studies.study import (
+    SPEC,
+    StudyResult,
+    StudySpec,
+    make_spec,
+    read_spec,
+    run_study,
+)
 
 WIDTH = 80  # of the text
 # Flags of what a study.yaml defines.
@@ -64,36 +71,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='a curve over each factor from each base point, with 7 levels if none are given '
         '(curves), or all combinations of the levels, 3 if none are given (factorial)',
     )
-    group.add_argument(
-        '--points', metavar='M', type=parse_integer, help='number of base points (16)'
-    )
-    group.add_argument(
+    add_integer(group, '--points', 'number of base points (16)', metavar='M')
+    add_integer(
+        group,
         '--drops',
-        metavar='N',
-        type=parse_integer,
-        help='number of drops at each point (400 to 10000: the fewer, the more points there are); '
+        'number of drops at each point (400 to 10000: the fewer, the more points there are); '
         'with --action, of actions from each aspect (a fifth of this)',
     )
-    group.add_argument(
-        '--seed', metavar='S', type=parse_integer, help='seed of the design and the drops (1)'
-    )
+    add_integer(group, '--seed', 'seed of the design and the drops (1)', metavar='S')
     group.add_argument(
         '--action',
         metavar='NAME',
         help='do this named action to parts at rest in each aspect, instead of dropping them',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--tolerance',
-        metavar='P',
-        type=partial(parse_share, '--tolerance'),
-        help='change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
+        'P',
+        'change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
         'measuring a condition is worth while (0.05)',
     )
-    parser.add_argument(
+    add_share(
+        parser,
         '--confidence',
-        metavar='C',
-        type=partial(parse_share, '--confidence'),
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
+        'C',
+        'confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
     add_out(
         parser,
@@ -108,18 +110,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.studies.study import run_study
-
         spec, folder = _requested(arguments)
         return _show(run_study(spec, folder, **started.options), folder)
 
 
-def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
+def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
     """Return the requested study and its folder; raises InvalidValueError."""
-    from resting_aspects_ros.simulation.conditions import all_surfaces
-    from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec
-
     changes: dict[str, Any] = {
         name: value
         for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
@@ -144,10 +140,6 @@ def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
 
 
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
-    from resting_aspects_ros.api.conditions import requested_surroundings
-    from resting_aspects_ros.cli.options import changed_conditions
-    from resting_aspects_ros.studies.design import parse_ranges
-
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
@@ -166,7 +158,7 @@ def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[st
     }
 
 
-def _show(result: 'StudyResult', folder: Path) -> int:
+def _show(result: StudyResult, folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
     for case in result.cases:
         if case.skipped:
@@ -191,7 +183,7 @@ def _show(result: 'StudyResult', folder: Path) -> int:
     return 0
 
 
-def _show_findings(result: 'StudyResult') -> None:
+def _show_findings(result: StudyResult) -> None:
     """Print the findings of each case, each as a sentence with details below it."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')

@@ -3,8 +3,11 @@
 import argparse
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from resting_aspects_ros.api.track import default_track, design_track, given_track, track
+from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import (
     DONE,
     FAILED,
@@ -16,6 +19,7 @@ from resting_aspects_ros.cli.life_cycle import (
 )
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_integer,
     add_model_range,
     add_out,
     add_output,
@@ -28,9 +32,6 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -89,13 +90,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='propose traps that pass only the wanted orientation, after those that are given',
     )
-    parser.add_argument(
+    add_integer(
+        parser,
         '--simulate',
-        metavar='N',
-        type=parse_integer,
-        default=0,
-        help='let N parts of each row run over the traps at the speed of the track (0); with '
+        'let N parts of each row run over the traps at the speed of the track (0); with '
         '--design, margins are those of simulated parts',
+        default=0,
     )
     parser.add_argument(
         '--before',
@@ -109,12 +109,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tolerance', metavar='X', default='0', help='of the parts, half width (0)'
     )
     parser.add_argument('--trap-tolerance', metavar='X', default='0', help='of traps (0)')
-    parser.add_argument(
-        '--drops',
-        metavar='N',
-        type=parse_integer,
-        default=2000,
-        help='number of drops for the shares of the aspects (2000)',
+    add_integer(
+        parser, '--drops', 'number of drops for the shares of the aspects (2000)', default=2000
     )
     add_seed(parser, 'result')
     add_model_range(parser)
@@ -131,10 +127,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        # These imports are slow because of NumPy.
-        from resting_aspects_ros.api.track import default_track, design_track, given_track, track
-        from resting_aspects_ros.api.track_result import TrackDesign
-
         part = requested_part(arguments)
         described = _described(arguments)
         if arguments.on is not None:
@@ -209,9 +201,7 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: 'TrackResult | TrackDesign') -> None:
-    from resting_aspects_ros.cli.console import show_table, show_texts
-
+def _show(result: TrackResult | TrackDesign) -> None:
     for table in result.tables():
         show_table(table)
     show_texts(*result.sentences)
