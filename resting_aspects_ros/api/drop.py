@@ -17,7 +17,6 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.model_range import add_model_range, missing_in, model_range_text
 from resting_aspects_ros.api.plan import (
-    CountsByState,
     PlannedDrops,
     check_height,
     given_starts,
@@ -30,6 +29,7 @@ from resting_aspects_ros.api.runner import (
     DropTally,
     Progress,
     Runner,
+    StartTally,
     keep_result,
     make_runner,
     never,
@@ -89,7 +89,7 @@ class DropResult(Result):
         The resting poses, if they were kept.
     log : Path or None
         The folder of the log of the run, if one was written.
-    by_state : CountsByState or None
+    by_state : StartTally or None
         Counts by initial state, if the initial states were given.
     contacts : Placements or None
         Counts by what the parts touch, if the surroundings have walls.
@@ -106,7 +106,7 @@ class DropResult(Result):
     history: tuple[Counts, Counts] | None = None
     poses: RestingPoses | None = None
     log: Path | None = None
-    by_state: CountsByState | None = None
+    by_state: StartTally | None = None
     contacts: Placements | None = None
     no_model_range: str = ''
 
@@ -293,7 +293,7 @@ def drop(
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     loaded = given_part(part)
     starts: Starts | None = None
-    by_state: CountsByState | None = None
+    by_state: StartTally | None = None
     if initial_states is None:
         if replicates != 1 or noise != NO_NOISE:
             raise InvalidValueError(
@@ -323,7 +323,7 @@ def drop(
         engine=engine,
     )
     if initial_states is not None:
-        by_state = CountsByState.none(len(initial_states), len(planned.empty.aspects))
+        by_state = StartTally(planned.empty.aspects, len(initial_states), count)
     with make_runner(workers, progress, stopped) as runner:
         return make_drops(
             runner,
@@ -460,7 +460,7 @@ def make_drops(
     planned: PlannedDrops,
     part: Part,
     *,
-    by_state: CountsByState | None = None,
+    by_state: StartTally | None = None,
     check: bool = False,
     model_range: bool = False,
     keep_poses: bool = True,

@@ -281,7 +281,6 @@ def forecast_page(results: Sequence[ForecastResult]) -> Page:
 
 
 def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
-
     forecasts = [each.named for each in results]
     several = len(forecasts) > 1
     for each in forecasts:
@@ -314,7 +313,6 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
 
 
 def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
-
     for each in results:
         if len(results) > 1:
             yield Text(each.named.title, 'part')
@@ -329,7 +327,6 @@ def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
 def _facts(
     first: ForecastResult, parts: Mapping[str, ReorientResult]
 ) -> dict[str, list[tuple[str, str]]]:
-
     conditions = first.reorientation.run.conditions
     facts = {'Feeder, camera and robot': list(_cell_facts(first))}
     for name, found in parts.items():

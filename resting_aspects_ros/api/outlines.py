@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.result import Result, check_output, make_folder, whole_file
+from resting_aspects_ros.api.result import Result, check_files, whole_file
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -89,9 +89,8 @@ class OutlinesResult(Result):
     def check_output(self, flag: str, folder: Path, px_per_mm: float) -> None:
         """Make the folder; raises InvalidValueError if `save` could not write into it."""
         check_px_per_mm(self.outlines, px_per_mm)
-        make_folder(flag, folder)
-        for name in (DOCUMENT, COCO, *(f'class_{k}.svg' for k in self.look_alikes)):
-            check_output(flag, folder / name)
+        files = (DOCUMENT, COCO, *(f'class_{k}.svg' for k in self.look_alikes))
+        check_files(flag, folder, files)
 
     def _files(self, px_per_mm: float) -> Iterator[tuple[str, bytes]]:
         """Yield name and content of each file, the description of the images last."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
 from resting_aspects_ros.api.runner import TransitionTally
@@ -46,7 +45,7 @@ from resting_aspects_ros.statistics.intervals import (
     max_drops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
-from resting_aspects_ros.statistics.transitions import OUTCOMES, columns_of, no_actions
+from resting_aspects_ros.statistics.transitions import OUTCOMES, no_actions
 
 # -- Given initial states -------------------------------------------------------------------------
 
@@ -62,35 +61,6 @@ OPTIONAL = ('x_m', 'y_m', 'vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 # 100,000 states.
 MAX_BYTES = 1 << 25
 MAX_STATES = 100_000
-
-
-@dataclass(frozen=True, eq=False)
-class CountsByState:
-    """Counts of replicates by initial state; with k aspects.
-
-    counts : (n, k + 4) int
-        Replicates of each state that ended in each aspect, by id from 1, and then in each of
-        unclassified, unsettled, failed, lost.
-    """
-
-    counts: npt.NDArray[np.int64]
-
-    @property
-    def columns(self) -> list[int | str]:
-        """Ids of the aspects, then the names of the other outcomes."""
-        return [*range(1, self.counts.shape[1] - len(OUTCOMES) + 1), *OUTCOMES]
-
-    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
-        """Count a chunk of poses, given the ids of their aspects."""
-        aspects = self.counts.shape[1] - len(OUTCOMES)
-        column = columns_of(poses, ids, aspects)
-        row = np.arange(poses.first_drop, poses.end) % len(self.counts)
-        np.add.at(self.counts, (row, column), 1)
-
-    @classmethod
-    def none(cls, states: int, aspects: int) -> 'CountsByState':
-        """Return counts without drops."""
-        return cls(np.zeros((states, aspects + len(OUTCOMES)), dtype=np.int64))
 
 
 def given_starts(

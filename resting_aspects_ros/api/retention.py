@@ -1,17 +1,16 @@
 """Retention curves: how strong a disturbance must be for a part to leave its aspect."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import given_conditions, surface_text
 from resting_aspects_ros.api.plan import new_run
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.api.runner import Progress, keep_result, make_runner, never
+from resting_aspects_ros.api.runner import Progress, StartTally, keep_result, make_runner, never
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
@@ -31,7 +30,6 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.job import RunDescription, plan_run
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence
-from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import RetentionCurve
 
 if TYPE_CHECKING:
@@ -180,57 +178,27 @@ def retention(
         starts=disturbance_starts(loaded, aspects, lift, given),
         engine=engine,
     )
-    tally = RetentionTally(aspects, lift, run.drops)
+    tally = StartTally(aspects, lift.size, run.drops)
 
     def result() -> RetentionResult:
-        return RetentionResult(tally.curves(confidence), aspects, run, loaded, tally.complete)
+        curves = tuple(_curves(tally, lift, confidence))
+        return RetentionResult(curves, aspects, run, loaded, tally.complete)
 
     with keep_result(result), make_runner(workers, progress, stopped) as runner:
         runner.count(job, run, tally, label=f'{loaded.name}, disturbed', unit='parts')
     return result()
 
 
-class RetentionTally:
-    """Counts of disturbed parts that left their aspect: part i has the lift height i mod (a m).
-
-    aspects : AspectSet
-    lift : (a, m) float
-        Lift heights of the curve of each aspect, m.
-    number : int
-        Number of disturbances.
-    """
-
-    def __init__(self, aspects: AspectSet, lift: Array, number: int) -> None:
-        self.aspects, self.lift, self.number = aspects, lift, number
-        self._left, self._parts = np.zeros((2, lift.size), dtype=np.int64)
-
-    @property
-    def done(self) -> int:
-        """Number of parts that were disturbed."""
-        return int(self._parts.sum())
-
-    @property
-    def complete(self) -> bool:
-        """Whether all disturbances are counted."""
-        return self.done >= self.number
-
-    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
-        """Count a chunk, given the ids of its aspects."""
-        row = np.arange(poses.first_drop, poses.end) % self.lift.size
-        stayed = ids == row // self.lift.shape[1] + 1
-        np.add.at(self._parts, row, 1)
-        np.add.at(self._left, row, ~stayed)
-
-    def curves(self, confidence: float) -> tuple[RetentionCurve, ...]:
-        """Return the curve of each aspect that was disturbed, at the heights with a part."""
-        left, parts = (each.reshape(self.lift.shape) for each in (self._left, self._parts))
-        return tuple(
-            RetentionCurve(
-                aspect.id, aspect.min_barrier, lift[n > 0], gone[n > 0], n[n > 0], confidence
+def _curves(tally: StartTally, lift: Array, confidence: float) -> Iterator[RetentionCurve]:
+    """Yield the curve of each aspect that was disturbed, at the heights (a, m) with a part."""
+    counts = tally.counts.reshape(*lift.shape, -1)
+    for k, aspect in enumerate(tally.aspects):
+        parts = counts[k].sum(axis=1)
+        made, left = parts > 0, parts - counts[k, :, k]
+        if made.any():
+            yield RetentionCurve(
+                aspect.id, aspect.min_barrier, lift[k, made], left[made], parts[made], confidence
             )
-            for aspect, lift, gone, n in zip(self.aspects, self.lift, left, parts, strict=True)
-            if n.any()
-        )
 
 
 def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> Array:

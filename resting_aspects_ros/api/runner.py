@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -23,6 +22,7 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
 from rich.progress import Progress as ProgressBar
 
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import EngineError, LogError, OutputError, warn
 from resting_aspects_ros.simulation.conditions import MAX_DROPS
@@ -41,7 +41,12 @@ from resting_aspects_ros.statistics.distribution import (
 )
 from resting_aspects_ros.statistics.intervals import SIMULTANEOUS, bounds, checkpoints, is_precise
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-from resting_aspects_ros.statistics.transitions import TransitionMatrix, columns_of, no_actions
+from resting_aspects_ros.statistics.transitions import (
+    OUTCOMES,
+    TransitionMatrix,
+    columns_of,
+    no_actions,
+)
 from resting_aspects_ros.system import available_cores
 
 # -- Progress -------------------------------------------------------------------------------------
@@ -62,12 +67,7 @@ class TerminalDisplay:
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._moving is not None:
             self._moving.stop()
 
@@ -295,7 +295,42 @@ class DropTally:
         self.distribution += count_poses(self.aspects, poses, ids)
 
 
-class TransitionTally:
+class StartTally:
+    """Counts of parts by their start and where they end: part i has the start i mod n.
+
+    counts : (n, k + 4) int
+        Parts of each start that ended in each of the k aspects, by id from 1, and then in each of
+        unclassified, unsettled, failed, lost.
+    number : int
+        Number of all parts.
+    """
+
+    def __init__(self, aspects: AspectSet, starts: int, number: int) -> None:
+        self.aspects, self.number = aspects, number
+        self.counts: Counts = np.zeros((starts, len(aspects) + len(OUTCOMES)), dtype=np.int64)
+
+    @property
+    def columns(self) -> list[int | str]:
+        """Ids of the aspects, then the names of the other outcomes."""
+        return [*range(1, len(self.aspects) + 1), *OUTCOMES]
+
+    @property
+    def done(self) -> int:
+        """Number of parts that are counted."""
+        return int(self.counts.sum())
+
+    @property
+    def complete(self) -> bool:
+        """Whether all parts are counted."""
+        return self.done >= self.number
+
+    def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+        """Count a chunk, given the ids of its aspects."""
+        start = np.arange(poses.first_drop, poses.end) % len(self.counts)
+        np.add.at(self.counts, (start, columns_of(poses, ids, len(self.aspects))), 1)
+
+
+class TransitionTally(StartTally):
     """Counts of actions by aspect before and after: action i is on a part in ``ids[i mod k]``.
 
     Parameters
@@ -317,45 +352,43 @@ class TransitionTally:
         precision: float = 0.0,
         ids: Sequence[int] = (),
     ) -> None:
-        self.matrix, self.aspects = empty, empty.aspects
         self.ids = tuple(ids) or tuple(range(1, len(empty.counts) + 1))
-        self.actions, self.precision, self.precise = actions, precision, False
-        self._rows = np.array(self.ids, dtype=np.int64) - 1
+        super().__init__(empty.aspects, len(self.ids), actions)
+        self.precision, self.precise = precision, False
+        self._empty, self._sliding, self._energy_growth = empty, 0, 0.0
         limit = max(1, actions // max(1, len(self.ids)))
         self._checkpoints = [n for n in checkpoints(limit) if precision > 0]
 
     @property
-    def done(self) -> int:
-        """Number of actions."""
-        return int(self.matrix.actions.sum())
+    def matrix(self) -> TransitionMatrix:
+        """The matrix of the actions that are counted."""
+        counts = np.zeros_like(self._empty.counts)
+        counts[np.array(self.ids, dtype=np.int64) - 1] = self.counts
+        return dataclasses.replace(
+            self._empty,
+            counts=counts,
+            sliding=self._sliding,
+            energy_growth=self._energy_growth,
+        )
 
     @property
     def complete(self) -> bool:
         """Whether all actions are counted, or enough for the precision."""
-        return self.precise or self.done >= self.actions
+        return self.precise or super().complete
 
     def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
         """Count a chunk, given the ids of its aspects."""
-        start = self._rows[np.arange(poses.first_drop, poses.end) % len(self._rows)]
-        end = columns_of(poses, ids, len(self.matrix.counts))
-        counts = np.zeros_like(self.matrix.counts)
-        np.add.at(counts, (start, end), 1)
-        self.matrix += dataclasses.replace(
-            self.matrix,
-            counts=counts,
-            sliding=int((poses.status == RestStatus.SLIDING).sum()),
-            energy_growth=float(poses.energy_growth.max(initial=0.0)),
-        )
-        self._check_precision()
-
-    def _check_precision(self) -> None:
-        actions = self.matrix.actions[self._rows]
+        super().add(poses, ids)
+        self._sliding += int((poses.status == RestStatus.SLIDING).sum())
+        growth = float(poses.energy_growth.max(initial=0.0))
+        self._energy_growth = max(self._energy_growth, growth)
+        actions = self.counts.sum(axis=1)
         while self._checkpoints and actions.min() >= self._checkpoints[0]:
             del self._checkpoints[0]
-            m = self.matrix
+            interval, confidence = self._empty.interval, self._empty.confidence
             self.precise = all(
-                is_precise(row, n, self.precision, m.interval, m.confidence)
-                for row, n in zip(m.counts[self._rows], actions.tolist(), strict=True)
+                is_precise(row, n, self.precision, interval, confidence)
+                for row, n in zip(self.counts, actions.tolist(), strict=True)
             )
 
 
@@ -458,6 +491,11 @@ def _required_drops(drops: int, max_width: float) -> int:
     return -(-drops // step) * step
 
 
+def _finer(job: DropJob, run: RunDescription, drops: int) -> tuple[DropJob, RunDescription]:
+    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
+    return job, dataclasses.replace(run, drops=drops, precision=0.0, time_step=job.time_step)
+
+
 def repeat_drops_in_finer_steps(
     runner: Runner, job: DropJob, run: RunDescription, coarse: Distribution
 ) -> Convergence | None:
@@ -465,8 +503,7 @@ def repeat_drops_in_finer_steps(
 
     Returns None if it was stopped, or if the convergence could not be determined.
     """
-    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
-    run = dataclasses.replace(run, drops=coarse.drops, precision=0.0, time_step=job.time_step)
+    job, run = _finer(job, run, coarse.drops)
     fine = DropTally(no_drops(coarse.aspects, confidence=coarse.confidence), run.drops)
     if coarse.drops:
         runner.count(job, run, fine, label=f'{run.part} with a finer time step')
@@ -519,8 +556,7 @@ def repeat_actions_in_finer_steps(
     runner: Runner, job: DropJob, run: RunDescription, coarse: TransitionTally, label: str
 ) -> MatrixConvergence | None:
     """Repeat the actions of a run with a finer time step; returns None if it was stopped."""
-    job = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
-    run = dataclasses.replace(run, drops=coarse.done, time_step=job.time_step)
+    job, run = _finer(job, run, coarse.done)
     fine = TransitionTally(no_actions(coarse.aspects), run.drops, ids=coarse.ids)
     runner.count(job, run, fine, label=f'{label} with a finer time step', unit='actions')
     return compare_matrices(coarse.matrix, fine.matrix, run.time_step) if fine.complete else None

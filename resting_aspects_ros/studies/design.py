@@ -365,11 +365,13 @@ def parse_ranges(texts: Sequence[str]) -> dict[str, str]:
 
 
 def read_factor(name: str, given: Any, base: Setting) -> Factor:
-    """Return a factor from its range: a text, or a mapping; raises InvalidValueError."""
+    """Return a factor from its range: a text, a pair or a mapping; raises InvalidValueError."""
     name = name.replace('-', '_')
     quantity = base.quantity(name)
     if isinstance(given, str):
         given = _range(name, given)
+    elif isinstance(given, tuple | list) and len(given) == 2:
+        given = dict(zip(('low', 'high'), given, strict=True))
     known = {'low', 'high', 'levels', 'logarithmic'}
     if not isinstance(given, Mapping) or not {'low', 'high'} <= given.keys() <= known:
         raise InvalidValueError(

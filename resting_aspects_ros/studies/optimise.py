@@ -245,7 +245,7 @@ def optimise(
     """
     loaded = given_part(part)
     base = given_setting(surface, conditions, surroundings, action)
-    factors = tuple(read_factor(name, _range(given), base) for name, given in vary.items())
+    factors = tuple(read_factor(name, given, base) for name, given in vary.items())
     check_factors(factors, base, [loaded])
     check_seed(seed)
     check_confidence(confidence)
@@ -259,13 +259,6 @@ def optimise(
             return _Search(
                 simulation, factors, base, objective, budget, confidence, seed, bar, stopped
             ).found()
-
-
-def _range(given: Any) -> Any:
-    """Return a range as `read_factor` accepts it."""
-    if isinstance(given, tuple | list) and len(given) == 2:
-        return {'low': given[0], 'high': given[1]}
-    return given
 
 
 @dataclass(eq=False)

@@ -48,17 +48,6 @@ def test_uncertainty_that_part_and_conditions_exclude_costs_no_drop(dropped):
     assert 'released' in result.no_model_range
 
 
-@pytest.mark.slow
-def test_symmetric_aspects_share_the_range_of_their_class(workers):
-    cylinder = ra.load_part('cylinder_d20_h20')
-    found = ra.drop(cylinder, 4000, workers=workers).distribution
-    for number, members in enumerate(found.aspects.classes()):
-        for each in members:
-            low, high = found.model.by_aspect[each.id - 1] * len(members)
-            assert low <= found.model.by_class[number, 0] + 1e-12
-            assert high >= found.model.by_class[number, 1] - 1e-12
-
-
 def test_range_does_not_depend_on_the_workers(dropped, part):
     one = dropped().distribution.model.by_aspect
     np.testing.assert_array_equal(one, ra.drop(part, 60, workers=2).distribution.model.by_aspect)

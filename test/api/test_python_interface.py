@@ -58,16 +58,6 @@ def test_no_ros_is_imported():
 
 
 @pytest.mark.slow
-def test_a_condition_that_is_changed(workers):
-    changed = {'height': 0.2, 'friction': 0.3, 'model_range': False}
-    result = ra.drop('tetrahedron', drops=5, workers=workers, **changed)
-    conditions = result.run.conditions
-    assert (conditions.height, conditions.friction, conditions.surface) == (0.2, 0.3, '')
-    again = ra.drop('tetrahedron', 5, surface=conditions, model_range=False, workers=workers)
-    assert np.array_equal(again.poses.position, result.poses.position)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize('engine', ['kernel', 'bullet'])
 def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
     options = {'workers': workers, 'engine': engine}

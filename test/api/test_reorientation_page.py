@@ -117,20 +117,6 @@ def test_matrix_cells_match_the_document(page, results, by_class):
     assert [row[1] for row in none[1:]] == ['-'] * (k - 1)  # the second action: no simulation
 
 
-def test_long_run_shares_are_beside_those_of_a_drop(page, results):
-    tables = [
-        *rows_of(page, 'aspects', 'in the long run'),
-        *rows_of(page, 'aspect', 'in the long run'),
-    ]
-    for rows, found in zip(tables, [results[0].by_class(), results[0]], strict=True):
-        columns = (found.long_run.shares, *found.long_run_bounds, found.drop_shares)
-        values = 100 * np.array(columns).T
-        for (_, share, interval, drop), expected in zip(rows, values.tolist(), strict=True):
-            assert_shown(f'{share} {interval} {drop}', *expected)
-    unknown = [each for each in texts_of(page) if 'long run are not known' in each]
-    assert len(unknown) == 1  # of the second action
-
-
 def test_page_has_the_way_and_the_plan(page, results):
     (rows,) = rows_of(page, 'from', 'reaches a wanted aspect')
     assert [row[1:] for row in rows[:2]] == 2 * [['wanted', '0']]

@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-import trimesh
 from doc_pages import first_cells, section
 
 from resting_aspects_ros.api.roadmap import roadmap_document
@@ -18,7 +17,6 @@ from resting_aspects_ros.statistics.distribution import (
     Distribution,
     Placement,
     Placements,
-    no_drops,
 )
 from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
@@ -118,15 +116,6 @@ def test_the_document_has_every_pair_that_was_seen(document):
     assert [each['values'] for each in document['actions']] == [
         {'kind': 'kick', 'speed': 0.3, 'time': 0.5}, {'kind': 'kick'}
     ]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_unknown_values_are_null(solid):
-    ball = solid(trimesh.creation.icosphere(3, radius=10))
-    (pose,) = roadmap_document(ball, no_drops(find_aspects(ball)), None, {})['poses']
-    assert pose['observed_frequency_percent'] is None
-    assert pose['rocking_barrier_mm'] is None
-    assert pose['csa_stability_index'] is None
 
 
 def leaves(value, name=''):

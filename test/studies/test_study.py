@@ -65,12 +65,6 @@ def test_points_are_added_without_repetition(tmp_path, here):
     assert again.submitted == []
 
 
-@pytest.mark.slow
-def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
-    run_study(spec(drops=500), tmp_path, workers=here())
-    assert table(run_study(spec(), tmp_path, workers=here())) == whole
-
-
 def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
     made = spec(parts=['l_bracket'], drops=40)
     workers = here()

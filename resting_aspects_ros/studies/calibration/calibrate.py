@@ -16,7 +16,6 @@ from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.calibration.counts_file import (
-    CountedPart,
     SurfaceCounts,
     make_surface_counts,
     read_surface_counts,
@@ -116,7 +115,7 @@ def calibrate(
         _check_number('drops', drops, 1, 1_000_000)
     given = given_counts(counts)
     count = points or POINTS_PER_FACTOR * len(given.factors)
-    per_point = [drops or drops_per_point(part) for part in given.parts]
+    per_point = [drops or min(max(each.drops, MIN_DROPS), MAX_DROPS) for each in given.parts]
     total = sum(per_point) * (count + ROUNDS * (count // 2) + REPEATED)
     with (
         given_workers(workers) as pool,
@@ -148,11 +147,6 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
     if isinstance(counts, Mapping):
         return make_surface_counts(counts, Path())
     return read_surface_counts(Path(counts))
-
-
-def drops_per_point(part: CountedPart) -> int:
-    """Return the number of simulated drops of a part at each point, if none is given."""
-    return min(max(part.drops, MIN_DROPS), MAX_DROPS)
 
 
 def _check_number(name: str, value: Any, low: int, high: int) -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.plan import CountsByState, named_action, plan_actions, plan_drops
+from resting_aspects_ros.api.plan import named_action, plan_actions, plan_drops
 from resting_aspects_ros.api.roadmap import roadmap_document
-from resting_aspects_ros.api.runner import TransitionTally
+from resting_aspects_ros.api.runner import StartTally, TransitionTally
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.workers import drop_range
@@ -109,7 +109,7 @@ def test_parts_that_slide_or_are_lost_are_not_counted_as_at_rest(dropped):
     expected[1] = 1
     for each in RestStatus:
         expected[len(aspects) + names[each.name]] += each != RestStatus.SETTLED
-    by_state = CountsByState.none(1, len(aspects))
+    by_state = StartTally(aspects, 1, len(poses))
     by_state.add(poses, ids)
     assert by_state.counts.tolist() == [expected.tolist()]
     tally = TransitionTally(no_actions(aspects), len(poses))

@@ -93,23 +93,22 @@ def test_counts_in_a_single_group_are_warned_of():
 
 
 @pytest.mark.slow
-def test_dropped_parts_have_two_fitted_conditions_and_a_height():
-    found = make_surface_counts({'parts': [BOX]}, Path())
-    assert [f.name for f in found.factors] == ['height', 'restitution', 'friction']
-    known = make_surface_counts({'conditions': {'height': '60 mm'}, 'parts': [BOX]}, Path())
-    assert [f.name for f in known.factors] == ['restitution', 'friction']
-    assert (known.base.height, known.base.spin) == (0.06, 0.0)
-
-
-@pytest.mark.slow
-def test_what_is_known_and_what_is_fitted_can_be_stated():
-    conditions = {'height': 0.1, 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'}
+@pytest.mark.parametrize(
+    ('conditions', 'fitted'),
+    [
+        (None, {'height': (0.02, 0.3), 'restitution': (0.05, 0.95), 'friction': (0.03, 1.0)}),
+        ({'height': '60 mm'}, {'restitution': (0.05, 0.95), 'friction': (0.03, 1.0)}),
+        (
+            {'height': 0.1, 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'},
+            {'friction': (0.1, 0.5), 'spin': (0.0, 20.0)},
+        ),
+    ],
+)
+def test_what_is_not_known_is_fitted(conditions, fitted):
     found = make_surface_counts({'conditions': conditions, 'parts': [BOX]}, Path())
-    assert [(f.name, f.low, f.high) for f in found.factors] == [
-        ('friction', 0.1, 0.5),
-        ('spin', 0.0, 20.0),
-    ]
-    assert found.base.restitution == 0.4
+    assert {f.name: (f.low, f.high) for f in found.factors} == fitted
+    known = {'height': 0.06} if conditions == {'height': '60 mm'} else {}
+    assert all(getattr(found.base, name) == value for name, value in known.items())
 
 
 @pytest.mark.slow

@@ -9,39 +9,31 @@ from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.result import statements
 
-TRUTH = (0.4, 0.6)
-
 
 @pytest.fixture(scope='module')
 def result(agreeing):
     return summarise(agreeing, 1)
 
 
-@pytest.mark.slow
-def test_what_the_counts_do_not_determine_is_said(invented):
-    few = summarise(invented.fit([(9, 10), (5, 10), (3, 10)]), 1)
-    said = ' '.join(statements(few))
-    assert 'These counts do not determine the restitution: ' in said
-    assert 'These counts do not determine the friction: ' in said
-    many = invented.counted(TRUTH, 5000, np.random.default_rng(3))
-    said = ' '.join(statements(summarise(invented.fit(many, discrepancy=False), 1)))
-    assert 'The restitution is ' in said
-    assert 'not determine' not in said
+# Counts of three boxes, and what the result says of them. The second are at the corner of the
+# ranges, with more of the square faces than there; of the third, the shares of the only box are a
+# function of one combination of the conditions.
+FEW = [(9, 10), (5, 10), (3, 10)]
+CORNER = [(4975, 5000), (4850, 5000), (4000, 5000)]
+ONE = [(338, 400), (0, 1), (0, 1)]
 
 
-def test_an_interval_that_its_range_cuts_off_is_said(invented):
-    # The corner of the ranges, and more of the square faces than there.
-    counts = [(4975, 5000), (4850, 5000), (4000, 5000)]
-    said = ' '.join(statements(summarise(invented.fit(counts, discrepancy=False), 1)))
-    assert 'The interval of the restitution ends where its range does' in said
-
-
-def test_conditions_that_trade_off_are_said(invented):
-    """The shares of the flat box are a function of one combination of the conditions."""
-    fit = invented.fit([(338, 400), (0, 1), (0, 1)], discrepancy=False, per_point=4000)
-    assert 'More restitution with less friction fits as well' in ' '.join(
-        statements(summarise(fit, 1))
-    )
+@pytest.mark.parametrize(
+    ('counts', 'expected'),
+    [
+        (FEW, 'These counts do not determine the restitution: '),
+        (CORNER, 'The interval of the restitution ends where its range does'),
+        (ONE, 'More restitution with less friction fits as well'),
+    ],
+)
+def test_what_the_counts_do_not_tell_is_said(invented, counts, expected):
+    fit = invented.fit(counts, discrepancy=counts is FEW, per_point=4000)
+    assert expected in ' '.join(statements(summarise(fit, 1)))
 
 
 def test_counts_that_no_conditions_explain_are_said(result, contradicting):
