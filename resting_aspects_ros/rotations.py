@@ -34,15 +34,7 @@ def composed(first: Array, second: Array) -> Array:
 
     The result is bit for bit that of SciPy's Rotation.
     """
-    a, b, c, w = _unit(first).T
-    x, y, z, v = second
-    product = (
-        w * x + v * a + (b * z - c * y),
-        w * y + v * b + (c * x - a * z),
-        w * z + v * c + (a * y - b * x),
-        w * v - a * x - b * y - c * z,
-    )
-    return _unit(np.stack(product, axis=-1))
+    return _unit(_product(_unit(first), second))
 
 
 def product(first: Array, second: Array) -> Array:
@@ -50,6 +42,10 @@ def product(first: Array, second: Array) -> Array:
 
     Row by row, so that the result of a row does not depend on the number of rows.
     """
+    return canonical(_product(first, second))
+
+
+def _product(first: Array, second: Array) -> Array:
     a, b, c, w = first.T
     x, y, z, v = second.T
     rows = (
@@ -58,7 +54,7 @@ def product(first: Array, second: Array) -> Array:
         w * z + v * c + (a * y - b * x),
         w * v - a * x - b * y - c * z,
     )
-    return canonical(np.stack(rows, axis=-1))
+    return np.stack(rows, axis=-1)
 
 
 def _unit(xyzw: Array) -> Array:

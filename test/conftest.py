@@ -1,9 +1,13 @@
 """Fixtures of all tests, their ROS domain, and their distribution over test workers."""
 
+import os
+
+# Before NumPy is imported: threads of small matrix products would only wait for each other.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 import dataclasses
 import importlib
 import logging
-import os
 import signal
 import time
 from collections import defaultdict

@@ -30,7 +30,6 @@ from resting_aspects_ros.errors import (
 )
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
-from resting_aspects_ros.report.format import number_text
 from resting_aspects_ros.rotations import canonical, orientation_with_down, product, rotate
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
@@ -475,6 +474,8 @@ def pieces_text(pieces: ConvexPieces, what: str) -> str:
 
 
 def _millimetres(length: float) -> str:
+    from resting_aspects_ros.report.format import number_text
+
     return number_text(1000 * length) if length >= ROUNDING else '0'
 
 

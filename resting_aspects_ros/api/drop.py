@@ -39,8 +39,6 @@ from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.part.library import given_part, mesh_file
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import distribution_document
-from resting_aspects_ros.report.drops import contact_rows
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
@@ -131,6 +129,10 @@ class DropResult(Result):
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects drop --json` prints."""
+        # A drop alone does not need the report.
+        from resting_aspects_ros.report.document import distribution_document
+        from resting_aspects_ros.report.drops import contact_rows
+
         fields: dict[str, object] = {
             **self.run.document(),
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
@@ -467,7 +469,8 @@ def make_drops(
     mesh: Path | None = None,
 ) -> DropResult:
     """Make planned drops; see `drop`. With ``check``, repeat them with half the time step."""
-    tally, chunks = planned.tally(), list[RestingPoses]()
+    tally = DropTally(planned.empty, planned.run.drops, planned.stop_at)
+    chunks: list[RestingPoses] = []
     nothing = RestingPoses.none(planned.run.first_drop)
     kept = [lambda poses, _: chunks.append(poses)] if keep_poses else []
     counts = [each.add for each in (planned.contacts, by_state) if each is not None]

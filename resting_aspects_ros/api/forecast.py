@@ -1,8 +1,7 @@
 """Forecast the parts per minute of a feeder: its setup, the fixed cycle, and the controller."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -218,9 +217,8 @@ def forecast(
         raise InvalidValueError(
             'invalid pickable aspects: expected either pickable or pickable_classes'
         )
-    planned = plan_forecasts(
-        part,
-        [(pickable, pickable_classes)],
+    return forecast_each(
+        [(part, [(pickable, pickable_classes)])],
         robot=robot,
         vibrate=vibrate,
         settle=settle,
@@ -237,10 +235,11 @@ def forecast(
         minutes=minutes,
         action=action,
         controller=controller,
+        workers=workers,
+        progress=progress,
+        stopped=stopped,
         **simulation,
-    )
-    with make_runner(workers, progress, stopped) as runner:
-        return planned.make(runner)[0]
+    )[0]
 
 
 # Ids of pickable aspects, or numbers of pickable symmetry classes.
@@ -248,7 +247,7 @@ Pickable = tuple[Sequence[int] | None, Sequence[int] | None]
 
 
 def forecast_each(
-    requests: Sequence[tuple[Part | str | Path, Sequence[Pickable]]],
+    requests: Sequence[tuple[Part | str | Path | ReorientResult, Sequence[Pickable]]],
     *,
     workers: int | Workers | None = None,
     progress: Progress = False,
@@ -262,7 +261,7 @@ def forecast_each(
     """
     planned = [plan_forecasts(part, sets, **options) for part, sets in requests]
     with make_runner(workers, progress, stopped) as runner:
-        return [result for each in planned for result in each.make(runner)]
+        return [result for make in planned for result in make(runner)]
 
 
 def plan_forecasts(
@@ -287,8 +286,11 @@ def plan_forecasts(
     controller: bool = False,
     per_aspect: int = PER_ASPECT,
     **simulation: Any,
-) -> 'PlannedForecasts':
-    """Check and plan the forecasts of a part; see `forecast` for the arguments."""
+) -> Callable[[Runner], list[ForecastResult]]:
+    """Check the forecasts of a part; see `forecast`. Returns what simulates and forecasts them.
+
+    It raises StoppedError if the runner is stopped.
+    """
     named = part.action if isinstance(part, ReorientResult) else named_action(action)
     times = cycle_times(
         named,
@@ -324,6 +326,37 @@ def plan_forecasts(
 
         for each in pickable:
             check_grasps(grasps, placements_of(loaded, aspects), each)
+    _check_divided(loaded, aspects, pickable, controller=controller)
+
+    def make(runner: Runner) -> list[ForecastResult]:
+        known = reorientation
+        result = known if isinstance(known, ReorientResult) else known.make(runner)[0]
+        found = []
+        for ids in pickable:
+            if runner.stopped():
+                raise StoppedError('interrupted; there is no forecast')
+            each = forecast_from(
+                result,
+                ids,
+                cell,
+                times,
+                parts_on_tray=parts_on_tray,
+                max_picks=max_picks,
+                minutes=minutes,
+                grasps=grasps,
+            )
+            if controller:
+                each = dataclasses.replace(each, controlled=forecast_controlled(each))
+            found.append(each)
+        return found
+
+    return make
+
+
+def _check_divided(
+    part: Part, aspects: AspectSet, pickable: Sequence[tuple[int, ...]], *, controller: bool
+) -> None:
+    """Warn of symmetry classes that are pickable in part; InvalidValueError for the controller."""
     divided = dict.fromkeys(text for ids in pickable for text in divided_class_texts(aspects, ids))
     if divided and controller:
         raise InvalidValueError(
@@ -331,46 +364,7 @@ def plan_forecasts(
             'class, which a camera cannot tell apart, for runs in which the controller decides'
         )
     for text in divided:
-        warn(f'{loaded.name}: {text}; pickable classes request whole classes')
-    options = {
-        'parts_on_tray': parts_on_tray,
-        'max_picks': max_picks,
-        'minutes': minutes,
-        'grasps': grasps,
-    }
-    return PlannedForecasts(reorientation, pickable, cell, times, options, controller)
-
-
-@dataclass(frozen=True)
-class PlannedForecasts:
-    """Forecasts of a part that are checked, for one or several sets of pickable aspects.
-
-    reorientation : PlannedReorient or ReorientResult
-        Drops and an action, which can be simulated already.
-    options : mapping
-        Other arguments of `forecast_from`.
-    """
-
-    reorientation: PlannedReorient | ReorientResult
-    pickable: list[tuple[int, ...]]
-    tray: Tray
-    times: CycleTimes
-    options: Mapping[str, Any]
-    controller: bool
-
-    def make(self, runner: Runner) -> list[ForecastResult]:
-        """Simulate, and return the forecasts; raises StoppedError."""
-        known = self.reorientation
-        result = known if isinstance(known, ReorientResult) else known.make(runner)[0]
-        found = []
-        for ids in self.pickable:
-            if runner.stopped():
-                raise StoppedError('interrupted; there is no forecast')
-            each = forecast_from(result, ids, self.tray, self.times, **self.options)
-            if self.controller:
-                each = dataclasses.replace(each, controlled=forecast_controlled(each))
-            found.append(each)
-        return found
+        warn(f'{part.name}: {text}; pickable classes request whole classes')
 
 
 def forecast_from(

@@ -10,7 +10,6 @@ from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.runner import PROGRESS_PERIOD, never
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.format import list_text
 from resting_aspects_ros.simulation.conditions import BULLET, QUANTITIES, Surfaces
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
@@ -54,6 +53,8 @@ def model_range_text(model: ModelRange | None, missing: str = '') -> str:
 
 def covered_text(uncertain: Sequence[str], confidence: float = CONFIDENCE) -> str:
     """Describe what a model range covers if these conditions are uncertain."""
+    from resting_aspects_ros.report.format import list_text
+
     names = [QUANTITIES[name].label for name in uncertain]
     known = 'takes the conditions as exact and covers only'
     covers = f'covers what is uncertain of {list_text(names)}, and' if names else known

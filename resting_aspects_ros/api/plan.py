@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
-from resting_aspects_ros.api.runner import DropTally, TransitionTally
+from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -229,10 +229,6 @@ class PlannedDrops:
     empty: Distribution
     stop_at: float = 0.0
     contacts: ContactCounts | None = None
-
-    def tally(self) -> DropTally:
-        """Return a tally of the run."""
-        return DropTally(self.empty, self.run.drops, self.stop_at)
 
 
 def plan_drops(

@@ -396,23 +396,28 @@ def reorient(
     >>> result.matrix.actions.tolist()
     [30, 30, 30, 30]
     """
-    options: dict[str, Any] = {
-        'precision': precision,
-        'drops': drops,
-        'seed': seed,
-        'interval': interval,
-        'confidence': confidence,
-        'surroundings': surroundings,
-        'engine': engine,
-        **conditions,
-    }
-    planned = plan_reorient(part, [action], per_aspect, surface=surface, **options)
-    with make_runner(workers, progress, stopped) as runner:
-        try:
-            return planned.make(runner, check=check_convergence)[0]
-        except EngineError as error:
-            error.result = error.result[0] if error.result else None
-            raise
+    try:
+        return reorient_each(
+            part,
+            [action],
+            per_aspect,
+            surface=surface,
+            precision=precision,
+            drops=drops,
+            seed=seed,
+            interval=interval,
+            confidence=confidence,
+            surroundings=surroundings,
+            check_convergence=check_convergence,
+            engine=engine,
+            workers=workers,
+            progress=progress,
+            stopped=stopped,
+            **conditions,
+        )[0]
+    except EngineError as error:
+        error.result = error.result[0] if error.result else None
+        raise
 
 
 def reorient_each(
@@ -504,18 +509,38 @@ class PlannedReorient:
         """Make the drops and the actions; with ``check``, repeat these with half the time step."""
         results: list[ReorientResult] = []
         with keep_result(lambda: results):
-            dropped, rests = drop_for_start(runner, self.dropping, self.part)
+            first = make_drops(runner, self.dropping, self.part)
+            dropped = first.distribution  # with which parts that left are replaced
+            if (contacts := self.dropping.contacts) is not None:
+                dropped = dataclasses.replace(dropped, contacts=contacts.counted)
             planned = self.planned
             if planned is None:
                 if runner.stopped():
                     raise StoppedError('interrupted before the first action')
-                planned = [self.plan(action, rests=rests) for action in self.actions]
+                planned = [self.plan(action, rests=first.poses) for action in self.actions]
             for each in planned:
                 convergence = None
+                label = f'{self.part.name}, {each.action.name}'
                 try:
-                    convergence = _act(runner, each, self.part, check=check)
+                    runner.count(each.job, each.run, each.tally, label=label, unit='actions')
+                    if check and not runner.stopped():
+                        convergence = repeat_actions_in_finer_steps(
+                            runner, each.job, each.run, each.tally, label
+                        )
                 finally:
-                    results.append(_result(each, self.part, dropped, convergence))
+                    edge = each.action.action.edge
+                    results.append(
+                        ReorientResult(
+                            each.tally.matrix,
+                            each.action,
+                            each.run,
+                            self.part,
+                            dropped,
+                            each.tally.complete,
+                            convergence,
+                            convex_pieces(self.part) if edge else None,
+                        )
+                    )
         for each in planned:
             if each.tally.complete and each.tally.precision > 0 and not each.tally.precise:
                 warn(
@@ -523,47 +548,3 @@ class PlannedReorient:
                     f'actions of {each.action.name}, the requested maximum'
                 )
         return results
-
-
-def _act(
-    runner: Runner, planned: PlannedActions, part: Part, *, check: bool
-) -> MatrixConvergence | None:
-    """Make planned actions; returns how the matrix changes with half the time step, if asked."""
-    label = f'{part.name}, {planned.action.name}'
-    runner.count(planned.job, planned.run, planned.tally, label=label, unit='actions')
-    if not check or runner.stopped():
-        return None
-    return repeat_actions_in_finer_steps(runner, planned.job, planned.run, planned.tally, label)
-
-
-def _result(
-    planned: PlannedActions,
-    part: Part,
-    dropped: Distribution,
-    convergence: MatrixConvergence | None,
-) -> ReorientResult:
-    return ReorientResult(
-        planned.tally.matrix,
-        planned.action,
-        planned.run,
-        part,
-        dropped,
-        planned.tally.complete,
-        pieces=convex_pieces(part) if planned.action.action.has_edge else None,
-        convergence=convergence,
-    )
-
-
-def drop_for_start(
-    runner: Runner, planned: PlannedDrops, part: Part
-) -> tuple[Distribution, RestingPoses]:
-    """Return the distribution of dropped parts, with which parts that left are replaced.
-
-    Also returns the poses, from which actions in surroundings start.
-    """
-    result = make_drops(runner, planned, part)
-    dropped = result.distribution
-    if planned.contacts is not None:
-        dropped = dataclasses.replace(dropped, contacts=planned.contacts.counted)
-    assert result.poses is not None
-    return dropped, result.poses

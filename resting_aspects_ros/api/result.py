@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.runner import Consumer
 from resting_aspects_ros.errors import InvalidValueError, OutputError
-from resting_aspects_ros.report.document import plain, to_json
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
 
 if TYPE_CHECKING:
@@ -163,6 +162,8 @@ class Result:
 
     def to_json(self, *given: Any) -> str:
         """Return the document as text."""
+        from resting_aspects_ros.report.document import plain, to_json
+
         return to_json({name: plain(value) for name, value in self.document(*given).items()})
 
     def save_json(self, path: str | Path) -> None:

@@ -30,7 +30,6 @@ from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
     Workers,
-    default_workers,
     drop_chunks,
 )
 from resting_aspects_ros.statistics.distribution import (
@@ -43,6 +42,7 @@ from resting_aspects_ros.statistics.distribution import (
 from resting_aspects_ros.statistics.intervals import SIMULTANEOUS, bounds, checkpoints, is_precise
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 from resting_aspects_ros.statistics.transitions import TransitionMatrix, columns_of, no_actions
+from resting_aspects_ros.system import available_cores
 
 # -- Progress -------------------------------------------------------------------------------------
 
@@ -241,7 +241,7 @@ def given_workers(given: int | Workers | None) -> Iterator[Workers]:
     if given is not None and not isinstance(given, int):
         yield given
         return
-    workers = LocalWorkers(default_workers() if given is None else given)
+    workers = LocalWorkers(available_cores() if given is None else given)
     try:
         yield workers
     finally:
@@ -401,14 +401,11 @@ class Convergence:
 
     def text(self) -> str:
         """Return the change and a verdict, in lines of up to 80 columns."""
-        enough = ''
-        if not self.lower <= 0 <= self.upper:
-            verdict = 'not explained by chance'
-        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
-            verdict = f'too few drops to detect {100 * DETECTABLE_SHIFT:g} %'
-            enough = self._enough_text()
-        else:
-            verdict = 'explained by chance'
+        verdict, enough = _verdict(self, 'drops'), ''
+        if verdict.startswith('too few') and self.enough > MAX_DROPS:
+            enough = f'\nMore than the maximum of {MAX_DROPS} drops are needed.'
+        elif verdict.startswith('too few') and self.enough:
+            enough = f'\nAbout {self.enough} drops are needed.'
         return (
             f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), aspect '
             f'{self.aspect} changes most: {100 * self.shift:+.2g} points,\n'
@@ -416,10 +413,14 @@ class Convergence:
             f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
         )
 
-    def _enough_text(self) -> str:
-        if self.enough > MAX_DROPS:
-            return f'\nMore than the maximum of {MAX_DROPS} drops are needed.'
-        return f'\nAbout {self.enough} drops are needed.' if self.enough else ''
+
+def _verdict(found: 'Convergence | MatrixConvergence', unit: str) -> str:
+    """Return whether chance explains a shift, or whether there are too few drops to tell."""
+    if not found.lower <= 0 <= found.upper:
+        return 'not explained by chance'
+    if found.upper - found.lower > 2 * DETECTABLE_SHIFT:
+        return f'too few {unit} to detect {100 * DETECTABLE_SHIFT:g} %'
+    return 'explained by chance'
 
 
 def check_convergence(
@@ -505,17 +506,12 @@ class MatrixConvergence:
 
     def text(self, columns: list[str]) -> str:
         """Return the change and a verdict; ``columns`` are the names of classes and outcomes."""
-        if not self.lower <= 0 <= self.upper:
-            verdict = 'not explained by chance'
-        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
-            verdict = f'too few actions to detect {100 * DETECTABLE_SHIFT:g} %'
-        else:
-            verdict = 'explained by chance'
         return (
             f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), the '
             f'probability from {columns[self.row]} to {columns[self.column]} changes most:\n'
-            f'{100 * self.shift:+.2g} points, {verdict} ({100 * self.confidence:g} % interval '
-            f'{100 * self.lower:+.2g} to {100 * self.upper:+.2g}).'
+            f'{100 * self.shift:+.2g} points, {_verdict(self, "actions")} '
+            f'({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
+            f'{100 * self.upper:+.2g}).'
         )
 
 

@@ -321,24 +321,6 @@ def _angle_to_arc(down: Array, a: Array, b: Array) -> Array:
 # -- Single poses ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class NearestAspect:
-    """The aspect nearest to a pose, which need not be in it.
-
-    angle : float
-        Between the down directions of the pose and of the aspect, rad; 0 anywhere in the sweep of
-        a curved aspect.
-    """
-
-    aspect: Aspect
-    angle: float
-
-    @property
-    def fits(self) -> bool:
-        """Whether the pose is in the aspect, by the rule that counts drops."""
-        return bool(self.angle <= POSE_ANGLE)
-
-
 def unit_orientation(xyzw: npt.ArrayLike) -> Array:
     """Return the quaternion (4,) scaled to length 1 and with w >= 0, to remove rounding errors.
 
@@ -354,11 +336,3 @@ def unit_orientation(xyzw: npt.ArrayLike) -> Array:
             f'of norm 1 within {LENGTH_TOLERANCE:g}'
         )
     return canonical(numbers)
-
-
-def nearest_aspect(aspects: AspectSet, orientation: Array) -> NearestAspect | None:
-    """Return the aspect nearest to a unit quaternion; None if the part has no aspect."""
-    ids, angles = aspects.locate(down_in_part(orientation[None]))
-    if not ids[0]:
-        return None
-    return NearestAspect(aspects[int(ids[0]) - 1], float(angles[0]))

@@ -1,10 +1,12 @@
 """Find the aspects of a part: group the minima of its landscape, number and classify them."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,7 +22,7 @@ from resting_aspects_ros.aspects.aspect_set import (
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.aspects.symmetry import find_symmetry
 from resting_aspects_ros.part.hull import Polyhedron, coplanar_facets
-from resting_aspects_ros.part.mass import triangle_points
+from resting_aspects_ros.part.mass import gauss_number, powers_up_to, surface_points
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import CURVED_STEP, CurvedEdges
 from resting_aspects_ros.rotations import (
@@ -42,8 +44,6 @@ _VANISHING = 0.02
 _SMALL, _FINE_ORDERS = 2e-3, 24
 # Moments above this share of the area select one of several angles.
 _NOISE = 1e-4
-# From this number of triangles on, they are so small that their centroids are enough.
-_MANY_FACES = 50_000
 # With fewer triangles, which can be large, integrals of high order are exact.
 _FEW_FACES = 4000
 
@@ -65,17 +65,16 @@ class SurfaceMoments:
     @cached_property
     def fine_points(self) -> tuple[Array, Array]:
         """Points r (3, m) with weights (m,), for integrals of high order."""
-        number = _FINE_ORDERS // 2 + 1 if len(self.corners) < _FEW_FACES else _number(self.corners)
-        return _surface_points(self.corners, number)
+        few = len(self.corners) < _FEW_FACES
+        number = _FINE_ORDERS // 2 + 1 if few else gauss_number(len(self.corners), _HIGHEST)
+        return _shares_of_area(self.corners, number)
 
 
 def surface_moments(part: Part) -> SurfaceMoments:
     """Return the moments of the surface of a part."""
     corners = ((part.vertices - part.centre_of_mass) / part.hull_radius)[part.faces]
-    points, weight = _surface_points(corners, _number(corners))
-    powers = np.ones((_HIGHEST + 1, *points.shape))
-    for k in range(_HIGHEST):
-        powers[k + 1] = powers[k] * points
+    points, weight = _shares_of_area(corners, gauss_number(len(corners), _HIGHEST))
+    x, y, z = (powers_up_to(each, _HIGHEST) for each in points)
     found: dict[tuple[int, ...], float] = {}
     tensors = []
     for order in range(_HIGHEST + 1):
@@ -83,7 +82,7 @@ def surface_moments(part: Part) -> SurfaceMoments:
         for index in product(range(3), repeat=order):
             a, b, c = (index.count(axis) for axis in range(3))
             if (a, b, c) not in found:
-                found[a, b, c] = float((powers[a, 0] * powers[b, 1] * powers[c, 2]) @ weight)
+                found[a, b, c] = float((x[a] * y[b] * z[c]) @ weight)
             tensor[index] = found[a, b, c]
         tensors.append(tensor)
     return SurfaceMoments(tensors, corners)
@@ -140,17 +139,9 @@ def _selected(angles: Sequence[float], n: int, phase: float) -> list[float]:
     return [a for a, end in zip(nearest, ends, strict=True) if end.imag > ends.imag.max() - 1e-3]
 
 
-def _number(corners: Array) -> int:
-    """Return the number of Gauss points in each direction for moments up to order 6."""
-    return 4 if len(corners) < _MANY_FACES else 1
-
-
-def _surface_points(corners: Array, number: int) -> tuple[Array, Array]:
+def _shares_of_area(corners: Array, number: int) -> tuple[Array, Array]:
     """Return points (3, m) and weights (m,) for integrals over triangles, divided by the area."""
-    sides = corners[:, 1:] - corners[:, :1]
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    barycentric, weights = triangle_points(number)
-    points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
+    points, weights, area = surface_points(corners, number)
     return points, np.outer(weights, area / area.sum()).ravel()
 
 
@@ -328,21 +319,12 @@ _PLANAR = 0.1
 _RING_WIDTH = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class _UnnumberedAspect:
-    """An aspect before it has a number: its minima and their common properties."""
+class _Unnumbered(NamedTuple):
+    """An aspect before its number, barrier and symmetry class are known, and its minima."""
 
-    minima: Indices  # the representative one first, then those of the level
-    drained: Indices
-    level: int
-    ignored: float  # m
-    rest: float  # see JoinedMinima, m
-    height: float
-    share: float
-    sweep: Sweep
-    axis: Array
+    aspect: Aspect
+    joined: JoinedMinima
     middle: Array  # mean of its directions, which does not depend on the mesh
-    rolls: bool = False
 
 
 # The aspects of the parts that still exist.
@@ -368,16 +350,22 @@ def keep_aspects(part: Part, aspects: AspectSet) -> None:
 
 
 def _find_aspects(part: Part, landscape: Landscape) -> AspectSet:
-    joined = join_minima(landscape)
-    unnumbered = _sorted_aspects([_unnumbered(landscape, part, g) for g in joined], part)
-    owner = np.empty(len(landscape.minima), dtype=np.int64)
-    for number, each in enumerate(unnumbered, start=1):
-        owner[each.minima] = owner[each.drained] = number
-    barriers = _barriers(landscape, owner, unnumbered)
     moments = surface_moments(part)
+    joined = join_minima(landscape)
+    found = _sorted_aspects([_unnumbered(landscape, part, g, moments) for g in joined], part)
+    owner = np.empty(len(landscape.minima), dtype=np.int64)
+    for number, each in enumerate(found, start=1):
+        owner[each.joined.minima] = owner[each.joined.drained] = number
+    barriers = _barriers(landscape, owner, [each.joined.rest for each in found])
     aspects = tuple(
-        _aspect(landscape, each, number, barriers[number], moments)
-        for number, each in enumerate(unnumbered, start=1)
+        dataclasses.replace(
+            each.aspect,
+            id=number,
+            symmetry_class=number,
+            min_barrier=barriers[number][0],
+            neighbour=barriers[number][1],
+        )
+        for number, each in enumerate(found, start=1)
     )
     flat = [a.directions for a in aspects if not a.sweep.curved]
     symmetry = find_symmetry(
@@ -390,41 +378,51 @@ def _find_aspects(part: Part, landscape: Landscape) -> AspectSet:
     )
 
 
-def _unnumbered(landscape: Landscape, part: Part, joined: JoinedMinima) -> _UnnumberedAspect:
-    """Return the properties of a group of minima that are one aspect."""
+def _unnumbered(
+    landscape: Landscape, part: Part, joined: JoinedMinima, moments: SurfaceMoments
+) -> _Unnumbered:
+    """Return the aspect of a group of minima."""
     minima = joined.minima
     directions = landscape.directions[minima]
-    own = np.concatenate([minima, joined.drained])
-    share = float(landscape.basin_shares[own].sum())
-    rest = joined.rest * landscape.radius
-    ignored = joined.ignored * landscape.radius
     # A flat side can include a flat of an adjacent fillet, but is much lower. Flats that are
     # separated only by noise are not a curved side.
-    if joined.level == 1:
-        sweep, axis, middle = Sweep.POINT, np.zeros(3), directions[0]
-        order, rolls = np.arange(len(minima)), False
-    else:
+    sweep, axis, middle, rolls = Sweep.POINT, np.zeros(3), directions[0], False
+    links: list[tuple[int, int]] = []
+    if joined.level > 1:
         level = directions[: joined.level]
         feet = _feet(landscape, minima[: joined.level])
         sweep, axis, middle = _sweep(level, feet, joined.step, part.principal_axes)
-        representative = _representative(level, middle, part.principal_axes)
-        others = np.delete(np.arange(len(minima)), representative)
-        order = np.concatenate([[representative], others])
-        rolls = bool(angle_between(level, level[representative]).max() > CURVED_STEP)
-    height = joined.height * landscape.radius
-    return _UnnumberedAspect(
-        minima[order],
-        joined.drained,
-        joined.level,
-        ignored,
-        rest,
-        height,
-        share,
-        sweep,
-        axis,
-        middle,
-        rolls,
+        # The representative one first, then the others of the level.
+        first = _representative(level, middle, part.principal_axes)
+        minima = np.concatenate([minima[[first]], np.delete(minima, first)])
+        directions = landscape.directions[minima]
+        rolls = bool(angle_between(level, directions[0]).max() > CURVED_STEP)
+        links = _links(landscape, minima)
+    orientation = orientation_with_down(directions[0])
+    orientation = turned_about_vertical(orientation, heading(moments, orientation))
+    polygon = _polygon(landscape.hull, int(landscape.minima[minima[0]])) * landscape.radius
+    polygon = rotate(orientation, polygon)[:, :2]
+    own = np.concatenate([joined.minima, joined.drained])
+    aspect = Aspect(
+        id=0,
+        down_in_part=directions[0],
+        com_height=joined.height * landscape.radius,
+        orientation=orientation,
+        support=polygon[ConvexHull(polygon).vertices],  # counter-clockwise
+        basin_share=float(landscape.basin_shares[own].sum()),
+        min_barrier=np.inf,
+        neighbour=0,
+        merged=joined.ignored * landscape.radius,
+        symmetry_class=0,
+        multiplicity=1,
+        rolls=rolls,
+        sweep=sweep,
+        axis=axis,
+        directions=directions,
+        level=joined.level,
+        links=np.array(links, dtype=np.int64).reshape(-1, 2),
     )
+    return _Unnumbered(aspect, joined, middle)
 
 
 def _feet(landscape: Landscape, minima: Indices) -> Array:
@@ -485,28 +483,28 @@ def _representative(directions: Array, middle: Array, frame: Array) -> int:
     return max(range(len(directions)), key=lambda k: tuple(along[k]))
 
 
-def _sorted_aspects(aspects: list[_UnnumberedAspect], part: Part) -> list[_UnnumberedAspect]:
+def _sorted_aspects(aspects: list[_Unnumbered], part: Part) -> list[_Unnumbered]:
     """Return the aspects by centre of mass height, basin, and direction in the intrinsic frame.
 
     The keys are compared in steps, so that noise does not reorder equal aspects. Aspects with
     equal keys are mapped onto each other by a symmetry of the part.
     """
-    keys: list[Callable[[_UnnumberedAspect], float]] = [
-        lambda each: each.height / part.hull_radius,
-        lambda each: -each.share,
+    keys: list[Callable[[_Unnumbered], float]] = [
+        lambda each: each.aspect.com_height / part.hull_radius,
+        lambda each: -each.aspect.basin_share,
         *(lambda each, axis=axis: -float(each.middle @ axis) for axis in part.principal_axes.T),
     ]
-    groups = [list(aspects)]
+    groups = [aspects]
     for key in keys:
         groups = [step for group in groups for step in _grouped(group, key)]
     return [each for group in groups for each in group]
 
 
 def _grouped(
-    aspects: Sequence[_UnnumberedAspect], key: Callable[[_UnnumberedAspect], float]
-) -> list[list[_UnnumberedAspect]]:
+    aspects: list[_Unnumbered], key: Callable[[_Unnumbered], float]
+) -> list[list[_Unnumbered]]:
     """Return the aspects grouped by ascending steps of a key."""
-    groups: list[list[_UnnumberedAspect]] = []
+    groups: list[list[_Unnumbered]] = []
     for each in sorted(aspects, key=key):
         if groups and key(each) - key(groups[-1][0]) <= ORDER_STEP:
             groups[-1].append(each)
@@ -516,17 +514,18 @@ def _grouped(
 
 
 def _barriers(
-    landscape: Landscape, owner: Indices, aspects: Sequence[_UnnumberedAspect]
+    landscape: Landscape, owner: Indices, rests: list[float]
 ) -> dict[int, tuple[float, int]]:
     """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads.
 
-    If several saddles are equally high, it is the neighbour with the lowest number.
+    If several saddles are equally high, it is the neighbour with the lowest number. ``rests`` are
+    those of JoinedMinima.
     """
-    min_rises = dict.fromkeys(range(1, len(aspects) + 1), (np.inf, 0))
+    min_rises = dict.fromkeys(range(1, len(rests) + 1), (np.inf, 0))
     saddles = landscape.saddles
     for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
         for one, other in (pair, pair[::-1]):
-            rise = float(height) - aspects[one - 1].rest
+            rise = float(height) - rests[one - 1] * landscape.radius
             if one == other:
                 continue
             barrier, neighbour = min_rises[int(one)]  # of a lower saddle
@@ -535,40 +534,6 @@ def _barriers(
             elif rise <= barrier + SAME_SADDLE * landscape.radius:
                 min_rises[int(one)] = (barrier, min(neighbour, int(other)))
     return min_rises
-
-
-def _aspect(
-    landscape: Landscape,
-    found: _UnnumberedAspect,
-    number: int,
-    barrier: tuple[float, int],
-    moments: SurfaceMoments,
-) -> Aspect:
-    facet = int(landscape.minima[found.minima[0]])
-    directions = landscape.directions[found.minima]
-    orientation = orientation_with_down(directions[0])
-    orientation = turned_about_vertical(orientation, heading(moments, orientation))
-    polygon = rotate(orientation, _polygon(landscape.hull, facet) * landscape.radius)[:, :2]
-    links = _links(landscape, found.minima) if found.sweep.curved else []
-    return Aspect(
-        id=number,
-        down_in_part=directions[0],
-        com_height=found.height,
-        orientation=orientation,
-        support=polygon[ConvexHull(polygon).vertices],  # counter-clockwise
-        basin_share=found.share,
-        min_barrier=barrier[0],
-        neighbour=barrier[1],
-        merged=found.ignored,
-        symmetry_class=number,
-        multiplicity=1,
-        rolls=found.rolls,
-        sweep=found.sweep,
-        axis=found.axis,
-        directions=directions,
-        level=found.level,
-        links=np.array(links, dtype=np.int64).reshape(-1, 2),
-    )
 
 
 def _links(landscape: Landscape, minima: Indices) -> list[tuple[int, int]]:

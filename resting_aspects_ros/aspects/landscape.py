@@ -47,8 +47,9 @@ class Descent:
         self._edges = np.full((len(around), self._width), -1)
         for point, edges in enumerate(around):
             self._edges[point, : len(edges)] = edges
-        self.onto = self._without_cycles(self._onto())
-        self.rest = self._settle()
+        self.onto = self.rest = self._without_cycles(self._onto())
+        while (self.rest[self.rest] != self.rest).any():
+            self.rest = self.rest[self.rest]
 
     def facets_from(self, directions: Array) -> Indices:
         """Return the stable facets (n,) to which a part rolls from unit vectors (n, 3)."""
@@ -106,19 +107,11 @@ class Descent:
         """Return the facet to which each part rolls over an edge, away from the balance on it."""
         body = self._body
         a, b = np.moveaxis(body.points[body.ends[edge]], 1, 0)
-        top = a + body.feet[edge][:, None] * (b - a)
-        turn = np.cross(top, b - a)
+        turn = np.cross(body.tops(edge), b - a)
         lean = (d * turn).sum(axis=1)
         first, second = body.sides[edge].T
         towards = ((body.normals[second] - body.normals[first]) * turn).sum(axis=1)
         return np.asarray(np.where((lean > 0) == (towards > 0), second, first))
-
-    def _settle(self) -> Indices:
-        """Return the stable facet that follows each facet."""
-        onto = self.onto
-        while (onto[onto] != onto).any():
-            onto = onto[onto]
-        return onto
 
     def _onto(self) -> Indices:
         """Return for each facet the facet that follows; itself if it is stable."""
@@ -325,9 +318,7 @@ class Saddles:
 
     def directions(self, hull: Polyhedron, which: Indices) -> Array:
         """Return unit vectors of gravity (n, 3) in some of the saddles, part frame."""
-        edges = self.edges[which]
-        first, second = np.moveaxis(hull.points[hull.ends[edges]], 1, 0)
-        foot = first + hull.feet[edges][:, None] * (second - first)
+        foot = hull.tops(self.edges[which])
         return np.asarray(foot / np.linalg.norm(foot, axis=1, keepdims=True))
 
 
@@ -394,9 +385,7 @@ class Landscape:
         # From a facet that is unstable only because of the margin, the part rolls over this edge.
         rolled = (onto[one] == other) | (onto[other] == one)
         edges = np.flatnonzero(inside & (hull.margins > 0).all(axis=1) & ~rolled)
-        first, second = np.moveaxis(hull.points[hull.ends[edges]], 1, 0)
-        foot = first + hull.feet[edges][:, None] * (second - first)
-        heights = np.linalg.norm(foot, axis=1)
+        heights = np.linalg.norm(hull.tops(edges), axis=1)
         order = np.argsort(heights, kind='stable')
         edges = edges[order]
         between = self._minimum_of_facet[self._rest[hull.sides[edges]]]

@@ -139,13 +139,7 @@ _FITTED_DIRECTIONS = 5
 _MAIN_SHARE = 0.95
 _NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six')
 # Kinds of regions, in the order in which they are listed.
-_KINDS = {
-    'flat side': 'a flat side',
-    'curved side': 'a curved side',
-    'ring': 'a ring',
-    'edge': 'an edge',
-    'corner': 'a corner',
-}
+_KINDS = ('flat side', 'curved side', 'ring', 'edge', 'corner')
 
 
 def resting_on(part: Part | None, aspect: Aspect) -> str:
@@ -192,7 +186,7 @@ def _support_text(aspect: Aspect) -> str:
 
 
 def _kind(region: ContactRegion, down: Array) -> str:
-    """Return the kind of a region, a key of _KINDS."""
+    """Return the kind of a region, one of _KINDS."""
     on_curve = region.beside @ down > np.cos(CURVED_STEP)
     if region.area:
         like = region.area <= _MAX_AREA_RATIO * region.sizes[on_curve].max(initial=0.0)
@@ -207,8 +201,8 @@ def _kind(region: ContactRegion, down: Array) -> str:
 def _count_text(kinds: Counter[str]) -> str:
     """Return the kinds with their numbers, such as 'an edge and two corners'."""
     texts = [
-        one if n == 1 else f'{_number(n)} {kind}s'
-        for kind, one in _KINDS.items()
+        f'{_number(n)} {kind}s' if n > 1 else f'{"an" if kind == "edge" else "a"} {kind}'
+        for kind in _KINDS
         if (n := kinds[kind])
     ]
     return ', '.join([*texts[:-2], ' and '.join(texts[-2:])])
@@ -279,16 +273,13 @@ def _arc_text(part: Part, aspect: Aspect) -> str:
     return f'{text} (rocks)'
 
 
-def _is_straight(outline: Array) -> bool:
-    size = np.linalg.svd(outline - outline.mean(axis=0), compute_uv=False)
-    return bool(size[1] <= _ROUND * size[0])
-
-
 def _diameter(region: ContactRegion) -> float:
     """Return the diameter of the outline of a region, m; 0 if it is not round."""
-    if len(region.outline) < _MIN_ROUND_CORNERS or _is_straight(region.outline):
+    outline = region.outline
+    size = np.linalg.svd(outline - outline.mean(axis=0), compute_uv=False)
+    if len(outline) < _MIN_ROUND_CORNERS or size[1] <= _ROUND * size[0]:  # straight
         return 0.0
-    corners = region.outline[ConvexHull(region.outline).vertices]
+    corners = outline[ConvexHull(outline).vertices]
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = np.linalg.norm(corners - centre, axis=1)
     round_ = len(corners) >= _MIN_ROUND_CORNERS and np.ptp(radius) <= 2 * _ROUND * radius.max()

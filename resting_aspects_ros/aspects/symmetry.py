@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.part.hull import outward_hull
-from resting_aspects_ros.part.mass import triangle_points
+from resting_aspects_ros.part.mass import surface_points
 from resting_aspects_ros.part.near import TriangleTree, subdivide
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.tessellation import sagittas
@@ -298,7 +298,9 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
     """
     area, second, sixth, mean = 0.0, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for first in range(0, len(triangles), BATCH):
-        points, weights = _quadrature(triangles[first : first + BATCH])
+        # Exact, so that the moments do not depend on the division of a surface into triangles.
+        points, weights, areas = surface_points(triangles[first : first + BATCH], 4)
+        points, weights = points.T, np.outer(weights, areas).ravel()
         square = np.einsum('ij,ij->i', points, points)
         area += float(weights.sum())
         second += (weights[:, None] * points).T @ points
@@ -315,16 +317,6 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
         alone = np.array([gaps[0], gaps.all(), gaps[1]])
         found.append((axes.T, alone))
     return max(found, key=lambda each: each[1].sum())
-
-
-def _quadrature(triangles: Array) -> tuple[Array, Array]:
-    """Return points (n, 3) and weights (n,) that integrate degree 6 over triangles.
-
-    So the moments of a surface do not depend on its division into triangles.
-    """
-    barycentric, weights = triangle_points(4)
-    points = (barycentric @ np.moveaxis(triangles, 1, 0).reshape(3, -1)).reshape(-1, 3)
-    return points, np.outer(weights, np.linalg.norm(_normals(triangles), axis=1)).ravel()
 
 
 def pair_rotations(landmarks: Array) -> Array:
@@ -594,6 +586,8 @@ def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
         while power <= HIGHEST_ORDER and _has_order(match, axis, power, order):
             power *= prime
         n *= power // prime
+        if n > HIGHEST_ORDER:
+            break  # no higher order is told apart
     for multiple in range(HIGHEST_PRODUCT, n, -1):
         if multiple % n == 0 and _generates(match, axis, multiple, order):
             return multiple

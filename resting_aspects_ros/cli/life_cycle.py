@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from resting_aspects_ros.errors import EngineError, LogError, RestingAspectsError, analysis, warn
-from resting_aspects_ros.system import Interruption, catch
+from resting_aspects_ros.system import Interruption, available_cores, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table
@@ -47,17 +47,13 @@ def session(arguments: argparse.Namespace) -> Iterator[Session]:
     """
     with Interruption() as stop:
         # This import is slow because of NumPy.
-        from resting_aspects_ros.simulation.workers import (
-            ClusterWorkers,
-            LocalWorkers,
-            default_workers,
-        )
+        from resting_aspects_ros.simulation.workers import ClusterWorkers, LocalWorkers
 
         workers: Workers
         if arguments.scheduler is not None:
             workers = ClusterWorkers(arguments.scheduler)
         else:
-            count = default_workers() if arguments.workers is None else arguments.workers
+            count = available_cores() if arguments.workers is None else arguments.workers
             workers = LocalWorkers(count)
         try:
             yield Session(workers, stop)

@@ -159,10 +159,10 @@ class LogOutcome:
     @classmethod
     def of(cls, values: Mapping[str, str]) -> LogOutcome | None:
         """Return the outcome in the values of its metadata record; None if they have none."""
-        drops = values.get('drops', '')
-        if 'whole' not in values or not drops.isdecimal():
+        drops, whole = values.get('drops', ''), values.get('whole')
+        if whole not in ('true', 'false') or not drops.isdecimal():
             return None
-        return cls(int(drops), values['whole'] == 'true')
+        return cls(int(drops), whole == 'true')
 
 
 @dataclass

@@ -229,7 +229,6 @@ class McapFile:
         return LoggedMessage(self._schemas.get(channel.schema_id), channel, message)
 
     def _note(self, record: McapRecord) -> None:
-        """Store schemas, channels and metadata."""
         if isinstance(record, Metadata):
             self.metadata[record.name] = record.metadata
         elif isinstance(record, Schema):

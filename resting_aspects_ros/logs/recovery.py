@@ -145,7 +145,6 @@ def _replace_by_copy(file: McapFile, metadata: BagMetadata, records: _Records) -
 
 
 def _copy(file: McapFile, metadata: BagMetadata, writer: Writer) -> None:
-    """Copy the messages and attachments."""
     channels: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}  # 0: a channel without a schema
     for each in _counted(file, metadata):

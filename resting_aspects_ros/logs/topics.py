@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -35,9 +34,6 @@ _UNSPECIFIED = ('unknown', 'system_default', 'best_available')
 
 # RMW_DURATION_INFINITE
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-
-_TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
-_TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -85,16 +81,6 @@ class Topic:
     name: str
     type: str
     qos: Qos
-
-    def __post_init__(self) -> None:
-        if not _TOPIC_NAME.fullmatch(self.name):
-            raise LogError(
-                f'invalid topic name {self.name!r}: expected an absolute name like /resting_poses'
-            )
-        if not _TYPE_NAME.fullmatch(self.type):
-            raise LogError(
-                f'invalid type {self.type!r} of topic {self.name}: expected package/msg/Type'
-            )
 
 
 def qos_profiles(qos: Qos) -> list[dict[str, Any]]:

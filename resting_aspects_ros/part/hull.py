@@ -98,6 +98,11 @@ class Polyhedron:
         """The edges that meet at each corner, unordered."""
         return _gathered(self.ends, len(self.points))
 
+    def tops(self, edges: Indices) -> Array:
+        """Return the feet (n, 3) of the perpendiculars from the origin on some edges (n,), R."""
+        first, second = np.moveaxis(self.points[self.ends[edges]], -2, 0)
+        return np.asarray(first + self.feet[edges][..., None] * (second - first))
+
     def corners(self, facet: int) -> Indices:
         """Return the corners of a facet."""
         return np.unique(self.ends[self.edges_of_facets[facet]])
@@ -181,12 +186,14 @@ def _facets(
 def _edges(triangles: Indices, neighbors: Indices, members: Indices) -> tuple[Indices, Indices]:
     """Return ends and sides of the edges between facets; one edge for each pair of facets."""
     pieces: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for triangle, around in enumerate(neighbors):
+    facets = members.tolist()
+    rows = zip(facets, triangles.tolist(), neighbors.tolist(), strict=True)
+    for one, corners, around in rows:
         for opposite, neighbor in enumerate(around):
-            one, other = int(members[triangle]), int(members[neighbor])
+            other = facets[neighbor]
             if one < other:
-                a, b = np.roll(triangles[triangle], -opposite - 1)[:2].tolist()
-                pieces.setdefault((one, other), []).append((a, b))
+                edge = corners[opposite - 2], corners[opposite - 1]
+                pieces.setdefault((one, other), []).append(edge)
     ends, sides = [], []
     for pair, parts in pieces.items():
         starts, stops = map(set, zip(*parts, strict=True))

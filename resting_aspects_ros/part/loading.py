@@ -1,9 +1,8 @@
 """Load a part from a mesh file, or make it from the bytes of one: weld, unite bodies, compute."""
 
-import dataclasses
 import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,7 +74,7 @@ class SeparateBodiesError(PartError):
         self.bodies = bodies
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Body:
     """A shell that faces outward, with its cavities; lengths are relative to the mesh size."""
 
@@ -248,7 +247,7 @@ def _united(
         warning = (
             f'the mesh has {len(group)} bodies that touch each other and are treated as one part'
         )
-        return dataclasses.replace(surface, warnings=(*surface.warnings, warning))
+        return replace(surface, warnings=(*surface.warnings, warning))
     largest = max(body.volume for body in group)
     mesh = union.to_mesh64()
     points = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3] * size + middle
@@ -266,35 +265,27 @@ def _united(
         f'volume by {100 * change:.2g} %. A body inside another one is a cavity only if it faces '
         'inward'
     )
-    return dataclasses.replace(found, warnings=(*surface.warnings, warning))
+    return replace(found, warnings=(*surface.warnings, warning))
 
 
 # -- From triangles -------------------------------------------------------------------------------
 
 
-def mesh_part(
-    label: str,
-    mesh: Triangles,
-    unit: str | None,
-    chosen: int | str | None,
-    given: GivenMassValues,
-    file: tuple[str, bytes, str],
-) -> Part:
-    """Return the part that is a body of a mesh; raises PartError or InvalidValueError.
+@dataclass(frozen=True, eq=False)
+class _File:
+    """A mesh file with the values that the caller gave; ``label`` names it in errors."""
 
-    Parameters
-    ----------
-    label : str
-        Name of the file in errors.
-    mesh : Triangles
-    unit : str, optional
-        Unit of the mesh; None if it was not given.
-    chosen : int, optional
-        See unite_bodies.
-    given : GivenMassValues
-    file : tuple
-        Name of the part, bytes of the file and its format.
-    """
+    label: str
+    data: bytes
+    mesh_format: str
+    name: str
+    body: int | str | None
+    given: GivenMassValues
+
+
+def _mesh_part(file: _File, mesh: Triangles, unit: str | None, chosen: int | str | None) -> Part:
+    """Return the part that is a body of a mesh; see unite_bodies. The unit is None by default."""
+    label = file.label
     vertices, faces, steps = mesh
     in_unit = unit or DEFAULT_UNIT
     check_size(vertices, in_unit, label)
@@ -302,7 +293,7 @@ def mesh_part(
         surface, body, bodies = unite_bodies(
             closed_surface(vertices, faces), chosen, in_unit, label
         )
-        part = _solid_part(label, surface, unit, given, file)
+        part = _solid_part(file, surface, unit)
     except PartError as error:
         _, coarse = coarseness(vertices, faces, in_unit, steps)
         if coarse:
@@ -316,13 +307,8 @@ def mesh_part(
     return replace(part, body=body, bodies=bodies)
 
 
-def _solid_part(
-    label: str,
-    surface: Surface,
-    unit: str | None,
-    given: GivenMassValues,
-    file: tuple[str, bytes, str],
-) -> Part:
+def _solid_part(file: _File, surface: Surface, unit: str | None) -> Part:
+    label = file.label
     if not len(surface.faces):
         raise PartError(f'{label} has no volume: all its triangles have zero area')
     warnings = [
@@ -333,7 +319,7 @@ def _solid_part(
     corners, triangles, normals = convex_hull(vertices, label)
     hull_vertices, hull_error = simplify_hull(corners, triangles, normals)
     found, defect = mass_properties(
-        label, vertices, surface.faces, hull_vertices, surface.defect, given
+        label, vertices, surface.faces, hull_vertices, surface.defect, file.given
     )
     if defect:
         warnings.append(f'the mesh {defect}; the given mass properties are used')
@@ -345,7 +331,9 @@ def _solid_part(
             f'({hull_error / radius:.1g} R)'
         )
     return Part(
-        *file,
+        file.name,
+        file.data,
+        file.mesh_format,
         unit or DEFAULT_UNIT,
         found.mass,
         found.centre_of_mass,
@@ -405,15 +393,9 @@ def load_part(
         data, left_out = glb_from_step(data, label)
         mesh_format, unit = 'glb', None if unit == 'mm' else unit
         notes = _left_out(label, left_out)
-    part = _part(
-        label,
-        data,
-        mesh_format,
-        valid_name(path.stem) if name is None else name,
-        unit,
-        body,
-        GivenMassValues(density, mass, centre_of_mass, inertia),
-    )
+    name = valid_name(path.stem) if name is None else name
+    given = GivenMassValues(density, mass, centre_of_mass, inertia)
+    part = _part(_File(label, data, mesh_format, name, body, given), unit)
     return replace(part, warnings=(*notes, *part.warnings))
 
 
@@ -472,15 +454,8 @@ def part_from_bytes(
     InvalidValueError
         If an argument is invalid.
     """
-    return _part(
-        f'part {shown(name)}',
-        data,
-        mesh_format,
-        name,
-        unit,
-        body,
-        GivenMassValues(density, mass, centre_of_mass, inertia),
-    )
+    given = GivenMassValues(density, mass, centre_of_mass, inertia)
+    return _part(_File(f'part {shown(name)}', data, mesh_format, name, body, given), unit)
 
 
 def _wrong_format(suffix: str) -> str:
@@ -491,15 +466,8 @@ def _wrong_format(suffix: str) -> str:
     return text
 
 
-def _part(
-    label: str,
-    data: bytes,
-    mesh_format: str,
-    name: str,
-    unit: str | None,
-    chosen_body: int | str | None,
-    given: GivenMassValues,
-) -> Part:
+def _part(file: _File, unit: str | None) -> Part:
+    label, name = file.label, file.name
     if not isinstance(name, str) or not is_valid_name(name):
         raise InvalidValueError(
             f'invalid name {shown(name)} of {label}: expected lower case letters, digits and _, '
@@ -509,20 +477,19 @@ def _part(
         raise InvalidValueError(
             f'invalid unit {shown(unit)} of {label}: expected one of {", ".join(UNITS)}'
         )
-    file = (name, data, mesh_format)
-    if mesh_format not in SCENE_FORMATS:
-        mesh = read_triangles(data, mesh_format, label)
-        return mesh_part(label, mesh, unit, body_number(chosen_body), given, file)
+    if file.mesh_format not in SCENE_FORMATS:
+        mesh = read_triangles(file.data, file.mesh_format, label)
+        return _mesh_part(file, mesh, unit, body_number(file.body))
     # Other files do not need this module.
     from resting_aspects_ros.part.scene_files import read_scene
 
-    scene = read_scene(data, mesh_format, label)
+    scene = read_scene(file.data, file.mesh_format, label)
     if unit not in (None, scene.unit):
         raise InvalidValueError(
             f'invalid unit {shown(unit)} of {label}: expected none, because the file has its own, '
             f'which is {scene.unit}'
         )
-    part = _scene_part(label, scene, chosen_body, given, file)
+    part = _scene_part(file, scene)
     return replace(part, warnings=(*_left_out(label, scene.left_out), *part.warnings))
 
 
@@ -533,14 +500,9 @@ def _left_out(label: str, names: list[str]) -> tuple[str, ...]:
     return (f'{label}: what is not a solid is left out: {one_line(listed(names))}',)
 
 
-def _scene_part(
-    label: str,
-    scene: 'Scene',
-    chosen: int | str | None,
-    given: GivenMassValues,
-    file: tuple[str, bytes, str],
-) -> Part:
+def _scene_part(file: _File, scene: 'Scene') -> Part:
     """Return the part that is a body of a scene, or all its bodies if none is chosen."""
+    label, chosen = file.label, file.body
     several = len(scene.bodies) > 1
     if chosen not in [body.name for body in scene.bodies]:
         chosen = body_number(chosen)
@@ -550,7 +512,7 @@ def _scene_part(
     else:
         number = 0
     try:
-        part = mesh_part(label, scene.triangles(number), scene.unit, chosen, given, file)
+        part = _mesh_part(file, scene.triangles(number), scene.unit, chosen)
     except SeparateBodiesError as error:
         if number:
             name = shown(scene.bodies[number - 1].name)

@@ -91,21 +91,12 @@ def _ratios(moments: Array) -> str:
 
 
 def _floats(value: Any) -> Array | None:
-    """Return the numbers in a value; None if it contains anything else (text, bool, None)."""
-    if isinstance(value, np.ndarray):
-        return value.astype(np.float64) if value.dtype.kind in 'iuf' else None
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        parts = [_floats(part) for part in value]
-        found = [part for part in parts if part is not None]
-        if len(found) < len(parts) or len({part.shape for part in found}) > 1:
-            return None
-        return np.array(found, dtype=np.float64)
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        return None
+    """Return the numbers in a value; None if it is anything else (text, bool, None)."""
     try:
-        return np.array(float(value))
-    except OverflowError:
-        return np.array(np.inf)
+        found = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return None
+    return found.astype(np.float64) if found.dtype.kind in 'iuf' else None
 
 
 # -- Mass properties ------------------------------------------------------------------------------
@@ -140,15 +131,6 @@ class MassProperties:
     centre_of_mass: Array
     inertia: Array
     volume: float  # nan if the mesh encloses no solid
-
-
-@dataclass(frozen=True, eq=False)
-class SolidProperties:
-    """Volume, m^3, centroid (3,), m, and inertia (3, 3) about it at density 1, m^5."""
-
-    volume: float
-    centroid: Array
-    inertia: Array
 
 
 def mass_properties(
@@ -193,7 +175,7 @@ def mass_properties(
         solid = None if defect else solid
     if solid:
         mass = (density or DEFAULT_DENSITY) * solid.volume if mass is None else mass
-        centre = solid.centroid if centre is None else centre
+        centre = solid.centre_of_mass if centre is None else centre
         inertia = solid.inertia * (mass / solid.volume) if inertia is None else inertia
     if mass is None or centre is None or inertia is None:
         raise PartError(
@@ -209,8 +191,8 @@ def mass_properties(
     return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
 
 
-def solid_integrals(vertices: Array, faces: Faces) -> SolidProperties:
-    """Return the volume integrals of the solid inside a closed, outward surface.
+def solid_integrals(vertices: Array, faces: Faces) -> MassProperties:
+    """Return the mass properties of the solid inside a closed, outward surface, at density 1.
 
     The mesh is first moved to the middle of its box and scaled to about 1 (by a power of two,
     which is exact), so that no digits are lost for a tiny part or one far from the origin.
@@ -233,7 +215,8 @@ def solid_integrals(vertices: Array, faces: Faces) -> SolidProperties:
         inertia[0, 1] = inertia[1, 0] = -(xy - volume * (cx * cy))
         inertia[1, 2] = inertia[2, 1] = -(yz - volume * (cy * cz))
         inertia[0, 2] = inertia[2, 0] = -(zx - volume * (cx * cz))
-    return SolidProperties(float(volume * scale**3), centroid * scale + middle, inertia * scale**5)
+    volume = float(volume * scale**3)
+    return MassProperties(volume, centroid * scale + middle, inertia * scale**5, volume)
 
 
 def _integrals(triangles: Array) -> Array:
@@ -261,14 +244,14 @@ def _integrals(triangles: Array) -> Array:
     return np.asarray(products.sum(axis=1) / [6, 24, 24, 24, 60, 60, 60, 120, 120, 120])
 
 
-def _flaw(solid: SolidProperties, vertices: Array, hull_vertices: Array) -> str | None:
+def _flaw(solid: MassProperties, vertices: Array, hull_vertices: Array) -> str | None:
     """Return why no solid can have these properties, as if the mesh intersects itself, or None."""
     if not solid.volume > MIN_VOLUME_SHARE * float(np.ptp(vertices, axis=0).max()) ** 3:
         return 'encloses no volume'
     try:
-        _check_inside(solid.centroid, hull_vertices, 'the mesh')
+        _check_inside(solid.centre_of_mass, hull_vertices, 'the mesh')
         inertia = inertia_matrix(solid.inertia, 'the mesh at density 1')
-        arms = hull_vertices - solid.centroid
+        arms = hull_vertices - solid.centre_of_mass
         _check_possible(inertia, solid.volume, arms, 'the mesh at density 1')
     except InvalidValueError as error:
         return f'intersects itself, so that its mass properties are impossible ({error})'
@@ -306,6 +289,8 @@ def _check_possible(inertia: Array, mass: float, arms: Array, label: str) -> Non
 
 # Number of points of triangles at a time, to limit the memory.
 _CHUNK = 20_000
+# From this number of triangles on, they are so small that their centroids are enough.
+_MANY_FACES = 50_000
 
 
 def triangle_points(number: int) -> tuple[Array, Array]:
@@ -325,7 +310,27 @@ def triangle_points(number: int) -> tuple[Array, Array]:
     return np.stack([1 - u - across, u, across], axis=1), share / share.sum()
 
 
-def _surface_points(vertices: Array, faces: Faces, number: int) -> Iterator[tuple[Array, Array]]:
+def gauss_number(faces: int, degree: int) -> int:
+    """Return the ``number`` of triangle_points for polynomials over a surface of triangles.
+
+    The centroids are enough for many triangles, which are small.
+    """
+    return degree // 2 + 1 if faces < _MANY_FACES else 1
+
+
+def surface_points(corners: Array, number: int) -> tuple[Array, Array, Array]:
+    """Return points (3, p f), weights (p,) and twice the areas (f,) of triangles (f, 3, 3).
+
+    The weights of the points in an integral are the outer product of weights and areas. For
+    ``number`` see triangle_points.
+    """
+    barycentric, weights = triangle_points(number)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
+    return points, weights, np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def _solid_points(vertices: Array, faces: Faces, number: int) -> Iterator[tuple[Array, Array]]:
     """Yield points (3, m) of a surface with weights (m,), for moments of the solid inside.
 
     By the divergence theorem the integral of a homogeneous polynomial f of degree n over the solid
@@ -342,7 +347,7 @@ def _surface_points(vertices: Array, faces: Faces, number: int) -> Iterator[tupl
         yield points, np.outer(cone, weights).ravel()
 
 
-def _powers(values: Array, most: int) -> Array:
+def powers_up_to(values: Array, most: int) -> Array:
     """Return the powers 0 to ``most`` of values (n,), (most + 1, n)."""
     found = np.ones((most + 1, len(values)))
     for k in range(most):
@@ -366,8 +371,6 @@ DEGREE, MAX_ORDER = 8, 24
 DEFINING, NOISE = 1e-3, 3e-6
 # A smaller angle, rad, is rounding: the axes stay as they are, bit for bit.
 ROUNDED_ANGLE = 1e-9
-# From this number of triangles on, they are so small that their centroids are enough.
-_MANY_FACES = 50_000
 
 Powers = tuple[int, int, int]
 
@@ -503,14 +506,14 @@ def _high_powers() -> list[Powers]:
 def _moments(along: Array, faces: Faces, powers: Sequence[Powers]) -> Complex:
     """Return the integrals of (x + i y)^n z^m (x^2 + y^2)^k over a solid, for powers (n, m, k)."""
     degrees = np.array([n + m + 2 * k for n, m, k in powers])
-    number = int(degrees.max()) // 2 + 1 if len(faces) < _MANY_FACES else 1
+    number = gauss_number(len(faces), int(degrees.max()))
     orders, row = np.unique([n for n, _, _ in powers], return_inverse=True)
     others = sorted({(m, k) for _, m, k in powers})
     column = [others.index((m, k)) for _, m, k in powers]
     total = np.zeros((len(orders), len(others)), dtype=np.complex128)
-    for (x, y, z), share in _surface_points(along, faces, number):
-        heights = _powers(z, max(m for m, _ in others))
-        squares = _powers(x**2 + y**2, max(k for _, k in others)) * share
+    for (x, y, z), share in _solid_points(along, faces, number):
+        heights = powers_up_to(z, max(m for m, _ in others))
+        squares = powers_up_to(x**2 + y**2, max(k for _, k in others)) * share
         factors = np.array([heights[m] * squares[k] for m, k in others])
         plane = np.empty((len(orders), len(x)), dtype=np.complex128)
         plane[0] = (x + 1j * y) ** orders[0]
@@ -558,8 +561,8 @@ def higher_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
         Integrals of x^i y^j z^k with the rows i, j, k of POWERS, m^6 and m^7.
     """
     total = np.zeros(len(POWERS))
-    for points, share in _surface_points(vertices @ axes, faces, 3):
-        x, y, z = (_powers(each, 3) for each in points)
+    for points, share in _solid_points(vertices @ axes, faces, 3):
+        x, y, z = (powers_up_to(each, 3) for each in points)
         total += np.array([x[i] * y[j] * z[k] for i, j, k in POWERS.tolist()]) @ share
     return np.asarray(total / (POWERS.sum(axis=1) + 3))
 

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array, Faces
 from resting_aspects_ros.errors import PartError, one_line, shown
@@ -112,8 +111,6 @@ def _last_digit(word: bytes) -> int:
 # -- Files of polygons ----------------------------------------------------------------------------
 
 
-Vertices = npt.NDArray[np.float64]
-
 # Without a handler, Python prints the warnings of trimesh on standard error.
 logging.getLogger('trimesh').addHandler(logging.NullHandler())
 
@@ -130,20 +127,20 @@ _INVALID_OBJ_LINE = re.compile(
 _INVALID_WORD = re.compile(rb'(?<!\S)(?!' + _ANY_NUMBER + rb'(?!\S))\S+')
 
 
-def _read_obj(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_obj(data: bytes, label: str) -> tuple[Array, Faces, Words]:
     """Return the vertices and faces of an OBJ file, and the words of the coordinates."""
     data = _checked_obj(data, label)
     rows = [line.split()[1:] for line in re.findall(rb'^v [^\n]*', data, re.MULTILINE)]
     return *_read_with_trimesh(data, 'obj', label), rows
 
 
-def _read_ply(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_ply(data: bytes, label: str) -> tuple[Array, Faces, Words]:
     """Return the vertices and faces of a PLY file, and the words of the coordinates."""
     data, rows = _checked_ply(data, label)
     return *_read_with_trimesh(data, 'ply', label), rows
 
 
-def _read_off(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_off(data: bytes, label: str) -> tuple[Array, Faces, Words]:
     """Return the vertices and faces of an OFF file, and the words of the coordinates."""
     rows, polygons = _off_rows(data, label)
     vertices = np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3)
@@ -313,7 +310,7 @@ def _shown(match: re.Match[bytes]) -> str:
     return shown(match[0][:200].decode(errors='replace'))
 
 
-def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
+def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Array, Faces]:
     import trimesh  # takes half of the start time of a command; most parts are STL
 
     try:
@@ -370,7 +367,7 @@ class Triangles(NamedTuple):
         Steps in which the file stores the coordinates of each axis.
     """
 
-    vertices: Vertices
+    vertices: Array
     faces: Faces
     steps: Array
 
@@ -401,7 +398,7 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> Triangles:
     return Triangles(vertices, faces, coordinate_steps(vertices, words))
 
 
-def checked_triangles(vertices: Vertices, faces: Faces, label: str) -> tuple[Vertices, Faces]:
+def checked_triangles(vertices: Array, faces: Faces, label: str) -> tuple[Array, Faces]:
     """Return the vertices that are used, all finite, and the faces; raise PartError if invalid."""
     if not len(faces):
         raise PartError(f'{label} has no triangles: expected at least 4, to enclose a volume')
@@ -413,10 +410,16 @@ def checked_triangles(vertices: Vertices, faces: Faces, label: str) -> tuple[Ver
             f'expected 0 to {len(vertices) - 1}'
         )
     vertices, faces = without_unused(vertices, faces)
-    return _finite(vertices, label), faces
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise PartError(
+            f'{label} has {len(bad)} vertices that are not finite, the first one '
+            f'number {bad[0]}: {vertices[bad[0]].tolist()}; all must be finite'
+        )
+    return vertices, faces
 
 
-def without_unused(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
+def without_unused(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     """Return the vertices that are corners of faces, in their order, and the faces of these."""
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
@@ -432,7 +435,7 @@ def check_count(triangles: int, label: str) -> None:
         )
 
 
-def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_stl(data: bytes, label: str) -> tuple[Array, Faces, Words]:
     """Read an STL; a file with the length of a binary STL is one, even if it begins 'solid'."""
     declared = struct.unpack_from('<I', data, 80)[0] if len(data) >= _STL_HEADER else -1
     available = (len(data) - _STL_HEADER) // _STL_TRIANGLE
@@ -461,7 +464,7 @@ def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces, Words]:
     return _read_binary_stl(data, declared, label)
 
 
-def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Array, Faces, Words]:
     check_count(count, label)
     rows = np.frombuffer(data, dtype=_STL_ROW, count=count, offset=_STL_HEADER)
     with np.errstate(invalid='ignore'):  # a signalling NaN becomes a quiet NaN
@@ -469,7 +472,7 @@ def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Vertices, Fac
     return vertices, np.arange(3 * count, dtype=np.int64).reshape(-1, 3), []
 
 
-def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces, Words]:
+def _read_ascii_stl(text: bytes, label: str) -> tuple[Array, Faces, Words]:
     text = text.replace(b'\r\n', b'\n').replace(b'\r', b'\n')
     lines = {
         word: _count_lines(word, text)
@@ -502,16 +505,6 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces, Words]:
 
 def _count_lines(word: bytes, text: bytes) -> int:
     return len(re.findall(rb'^[ \t]*' + word + rb'\b', text, re.IGNORECASE | re.MULTILINE))
-
-
-def _finite(vertices: Vertices, label: str) -> Vertices:
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if len(bad):
-        raise PartError(
-            f'{label} has {len(bad)} vertices that are not finite, the first one '
-            f'number {bad[0]}: {vertices[bad[0]].tolist()}; all must be finite'
-        )
-    return vertices
 
 
 _READERS = {'stl': _read_stl, 'obj': _read_obj, 'ply': _read_ply, 'off': _read_off}

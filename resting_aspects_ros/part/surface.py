@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -126,22 +125,12 @@ INNER_DISTANCE = 1e-3
 RAY_ROTATION = Rotation.from_rotvec((0.7, 1.1, 0.3)).as_matrix()
 
 
-@dataclass(frozen=True, eq=False)
-class FacingCheck:
-    """The triangles (m,) that face the wrong way, with warnings or a defect.
+def _facing(
+    corners: Array, shell: Indices, mended: Flags
+) -> tuple[Flags, Indices, list[str], str | None]:
+    """Return which triangles are of shells that face the wrong way, bodies, warnings, and defect.
 
-    body : (m,) int64
-        The body of each triangle; a body is a shell that faces outward, with its cavities.
-    """
-
-    inward: Flags
-    body: Indices
-    warnings: list[str]
-    defect: str | None = None
-
-
-def check_facing(corners: Array, shell: Indices, mended: Flags) -> FacingCheck:
-    """Return which triangles belong to shells that face the wrong way.
+    The bodies are numbers (m,); a body is a shell that faces outward, with its cavities.
 
     A shell that is not inside another one must face outward. A shell inside another one is a
     cavity if it faces inward. It is treated as a cavity too if the shell around it was inside out,
@@ -165,9 +154,7 @@ def check_facing(corners: Array, shell: Indices, mended: Flags) -> FacingCheck:
     boxed = _boxed(triangles, largest_first)
     if boxed is None:
         none = np.zeros(len(shell), dtype=bool)
-        return FacingCheck(
-            none, shell * 0, [], f'has more than {MAX_DEPTH} bodies inside each other'
-        )
+        return none, shell * 0, [], f'has more than {MAX_DEPTH} bodies inside each other'
     around: dict[int, dict[int, int]] = {}
     for o, inner in boxed.items():
         points = np.array([_inner_point(triangles[s], volumes[s]) for s in inner])
@@ -184,7 +171,7 @@ def check_facing(corners: Array, shell: Indices, mended: Flags) -> FacingCheck:
         if (volumes[s] < 0) != flip[s]:
             # A cavity belongs to the smallest body around it.
             body[s] = [o for o in turns if turns[o] and body[o] == o][-1]
-    return FacingCheck(flip[shell], body[shell], _warnings(flip & ~doubtful))
+    return flip[shell], body[shell], _warnings(flip & ~doubtful), None
 
 
 def _boxed(triangles: list[Array], largest_first: Indices) -> dict[int, list[int]] | None:
@@ -257,8 +244,6 @@ def _turns(points: Array, shell: Array) -> Indices:
 # -- Closed surfaces ------------------------------------------------------------------------------
 
 
-Vertices = npt.NDArray[np.float64]
-
 # Vertices closer than this, as a share of half the size of the part, are welded. STL stores
 # float32 with a relative resolution of 1.2e-7, and text files often have seven digits. So the same
 # corner of two triangles can differ by this much in each coordinate, and a file cannot represent
@@ -273,14 +258,14 @@ MAX_WELD = 1e-3
 class Surface:
     """A welded surface; ``defect`` is the reason why it does not enclose a solid, or None."""
 
-    vertices: Vertices  # (n, 3), in lexicographic order, each used by a triangle
+    vertices: Array  # (n, 3), in lexicographic order, each used by a triangle
     faces: Faces  # (m, 3), outward if there is no defect
     defect: str | None  # a predicate, such as 'is not watertight: ...'
     warnings: tuple[str, ...]
     body: Faces  # (m,) number of the body that each triangle belongs to, 0 if there is a defect
 
 
-def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
+def closed_surface(vertices: Array, faces: Faces) -> Surface:
     """Return the surface with welded vertices, without degenerate triangles, facing outward.
 
     Parameters
@@ -300,10 +285,11 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
     return surface
 
 
-def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
+def _closed(vertices: Array, faces: Faces, tolerance: float) -> Surface:
     warnings: list[str] = []
-    vertices, faces = _weld(vertices, faces, tolerance)
-    every = faces
+    vertices, group = weld_groups(vertices, tolerance)
+    a, b, c = group[faces].T
+    every = faces = group[faces][(a != b) & (b != c) & (c != a)]
     faces, copies = _without_copies(faces)
     edges = triangle_edges(faces)
     defect = _defect(edges)
@@ -338,21 +324,14 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
     body = np.zeros(len(faces), dtype=np.int64)
     if not defect:
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        found = check_facing((vertices - middle)[faces], edges.shells(), mended)
-        faces, defect, body = _flipped(faces, found.inward), found.defect, found.body
-        warnings += found.warnings
+        corners = (vertices - middle)[faces]
+        inward, body, more, defect = _facing(corners, edges.shells(), mended)
+        faces = _flipped(faces, inward)
+        warnings += more
     return Surface(*without_unused(vertices, faces), defect, tuple(warnings), body)
 
 
-def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices, Faces]:
-    """Merge vertices within the tolerance; remove triangles with fewer than three corners left."""
-    vertices, group = weld_groups(vertices, tolerance)
-    faces = group[faces]
-    a, b, c = faces.T
-    return vertices, faces[(a != b) & (b != c) & (c != a)]
-
-
-def weld_groups(vertices: Vertices, tolerance: float) -> tuple[Vertices, Faces]:
+def weld_groups(vertices: Array, tolerance: float) -> tuple[Array, Faces]:
     """Return the vertices that remain if those within the tolerance are merged, and their rows.
 
     Each group is replaced by its lexicographically first vertex, in any order of the file. The
@@ -411,7 +390,7 @@ def _defect(edges: TriangleEdges) -> str | None:
     return f'is not watertight: it has {count} open edges' if count else None
 
 
-def _areas(vertices: Vertices, faces: Faces) -> npt.NDArray[np.float64]:
+def _areas(vertices: Array, faces: Faces) -> Array:
     """Return the areas; those of needles that are nonzero only by rounding are set to zero."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2

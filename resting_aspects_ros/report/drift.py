@@ -1,7 +1,6 @@
 """A drift test in sentences, as tables, as a document and as a figure."""
 
 import textwrap
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +43,7 @@ def drift_sentence(test: DriftTest) -> str:
 
     It also states how many parts at the end were not tested.
     """
-    return ' '.join([_result(test), *_untested(test)])
+    return ' '.join(filter(None, [_result(test), _untested(test)]))
 
 
 def _result(test: DriftTest) -> str:
@@ -55,18 +54,9 @@ def _result(test: DriftTest) -> str:
         sizes = set(np.diff(test.ends).tolist())
         of = f'{test.size} parts' if len(sizes) == 1 else f'about {test.size} parts'
         return f'No drift in {many} of {of}.'
-    interval = Interval(found.difference, found.lower, found.upper)
-    decimals = decimals_of(interval)
-    share, expected = (f'{100 * x:.{decimals}f} %' for x in (found.share, found.expected))
-    difference, low, high = (
-        points(x, decimals)
-        for x in (
-            shown_difference(found.share, found.expected, decimals),
-            found.lower,
-            found.upper,
-        )
-    )
-    seen = f'lass {test.names[found.index]} is seen in {share} instead of {expected}'
+    share, expected, shown, decimals = _percents(found)
+    difference, low, high = (points(x, decimals) for x in (shown, found.lower, found.upper))
+    seen = f'lass {test.names[found.index]} is seen in {share} % instead of {expected} %'
     bounds_text = f'{100 * found.confidence:.10g} % interval {low} to {high}'
     deviation = f'({difference} points, {bounds_text})'
     if found.lower <= 0 <= found.upper:
@@ -75,6 +65,13 @@ def _result(test: DriftTest) -> str:
             f'c{seen} {deviation}.'
         )
     return f'C{seen} {deviation} {_when(test)}.'
+
+
+def _percents(found: Deviation) -> tuple[str, str, float, int]:
+    """Return both shares as texts in percent, the difference that these show, and the decimals."""
+    decimals = decimals_of(Interval(found.difference, found.lower, found.upper))
+    share, expected = (f'{100 * x:.{decimals}f}' for x in (found.share, found.expected))
+    return share, expected, shown_difference(found.share, found.expected, decimals), decimals
 
 
 def _when(test: DriftTest) -> str:
@@ -86,12 +83,12 @@ def _when(test: DriftTest) -> str:
     return f'since part {first}{label}'
 
 
-def _untested(test: DriftTest) -> Iterator[str]:
-    """Yield a sentence about the parts that do not fill a window."""
+def _untested(test: DriftTest) -> str:
+    """Return a sentence about the parts that do not fill a window; '' without any."""
     if test.untested == 1:
-        yield 'The last part is not tested: it does not fill a window.'
-    elif test.untested:
-        yield f'The last {test.untested} parts are not tested: they do not fill a window.'
+        return 'The last part is not tested: it does not fill a window.'
+    parts = f'The last {test.untested} parts are not tested: they do not fill a window.'
+    return parts if test.untested else ''
 
 
 def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
@@ -108,7 +105,14 @@ def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
         f'Without drift, at most {100 * test.level:.3g} % of windows raise an alarm: one in '
         f'{test.size / test.level:.0f} parts.'
     )
-    return ' '.join([_scatter_sentence(test), finds, alarms, *_unclassified(test)])
+    sentences = [_scatter_sentence(test), finds, alarms]
+    if number := test.observed.unclassified:
+        share = share_text(number / (number + test.observed.parts))
+        parts = 'part is' if number == 1 else 'parts are'
+        sentences.append(
+            f'{number} unclassified {parts} not tested: {share} % of the counted parts.'
+        )
+    return ' '.join(sentences)
 
 
 def _scatter_sentence(test: DriftTest) -> str:
@@ -124,46 +128,26 @@ def _scatter_sentence(test: DriftTest) -> str:
     )
 
 
-def _unclassified(test: DriftTest) -> Iterator[str]:
-    """Yield a sentence about the parts in no class."""
-    if number := test.unclassified:
-        share = share_text(number / (number + test.parts))
-        parts = 'part is' if number == 1 else 'parts are'
-        yield f'{number} unclassified {parts} not tested: {share} % of the counted parts.'
-
-
 def window_table(test: DriftTest, title: str) -> Table:
     """Return a table with a row for each window: its parts, p value and largest deviation."""
     labels = ['from'] if test.labels else []
-    headings = (
-        'parts',
-        *labels,
-        'p',
-        'class',
-        'share\n(%)',
-        'simulated\n(%)',
-        'difference\n(points)',
-        '',
-    )
-    table = Table(title, headings)
+    shares = 'share\n(%)', 'simulated\n(%)', 'difference\n(points)', ''
+    table = Table(title, ('parts', *labels, 'p', 'class', *shares))
     alarms = set(test.alarms.tolist())
     count = len(test.windows)
     for k in range(count):
         if count - k > MAX_ROWS and k not in alarms:
             continue
         found = test.deviation_in(range(k, k + 1))
-        interval = Interval(found.difference, found.lower, found.upper)
-        decimals = decimals_of(interval)
+        share, expected, difference, _ = _percents(found)
         table.add_row(
             f'{test.ends[k] + 1} to {test.ends[k + 1]}',
             *([test.labels[k]] if labels else []),
             _p_text(float(test.p_values[k]), test.level),
             test.names[found.index],
-            f'{100 * found.share:.{decimals}f}',
-            f'{100 * found.expected:.{decimals}f}',
-            points_text(
-                shown_difference(found.share, found.expected, decimals), found.lower, found.upper
-            ),
+            share,
+            expected,
+            points_text(difference, found.lower, found.upper),
             'alarm' if k in alarms else '',
         )
     return table
@@ -176,14 +160,13 @@ def _p_text(p_value: float, level: float) -> str:
 
 def live_table(test: DriftTest, live: LiveCounts) -> Table:
     """Return a table with the shares of all classes: simulated, counted, and both together."""
-    confidence = test.confidence
     title = (
         f'Shares of all {live.parts} parts, with the simulation as the prior '
         f'(weight {live.prior_weight:g})'
     )
-    percent = f'{100 * confidence:.10g} %\ninterval'
+    percent = f'{100 * test.confidence:.10g} %\ninterval'
     table = Table(title, ('class', 'counted', 'simulated', 'share', percent))
-    for k, interval in enumerate(live.intervals(confidence)):
+    for k, interval in enumerate(live.intervals(test.confidence)):
         table.add_row(
             test.names[k],
             str(live.observed[k]),
@@ -205,7 +188,7 @@ def drift_fields(test: DriftTest, live: LiveCounts) -> dict[str, object]:
         'confidence': test.confidence,
         'parts': live.parts,
         'untested': test.untested,
-        'unclassified': test.unclassified,
+        'unclassified': test.observed.unclassified,
         'drift': None
         if found is None
         else {
@@ -230,7 +213,7 @@ def drift_fields(test: DriftTest, live: LiveCounts) -> dict[str, object]:
         'classes': [
             {
                 'symmetry_class': live.ids[k],
-                'symmetry_classes': test.groups[k],
+                'symmetry_classes': test.observed.groups[k],
                 'simulated': int(live.simulated[k]),
                 'observed': int(live.observed[k]),
                 'concentration': concentration,
@@ -247,8 +230,8 @@ def drift_fields(test: DriftTest, live: LiveCounts) -> dict[str, object]:
 
 def _deviation_fields(found: Deviation, test: DriftTest) -> dict[str, object]:
     return {
-        'symmetry_class': test.groups[found.index][0],
-        'symmetry_classes': test.groups[found.index],
+        'symmetry_class': test.observed.groups[found.index][0],
+        'symmetry_classes': test.observed.groups[found.index],
         'share': found.share,
         'simulated_share': found.expected,
         'difference': found.difference,
@@ -278,15 +261,19 @@ def drift_figure(test: DriftTest) -> 'Figure':
         top = min(1.15 * max(float(upper[:, k].max()), 0.01), 1.0)
         axes.set(xlim=(0, test.ends[-1]), ylim=(0, top))
         percent_axis(axes, 'y', top)
-        colour = COLOURS[(test.groups[k][0] - 1) % len(COLOURS)]
-        band = {'baseline': lower[:, k], 'fill': True, 'color': colour, 'alpha': BAND}
+        colour = COLOURS[(test.observed.groups[k][0] - 1) % len(COLOURS)]
         expected = test.simulated[k] / test.simulated.sum()
         drawn = {
             'share in a window': axes.stairs(
                 test.windows[:, k] / sizes, test.ends, baseline=None, color=colour, linewidth=1.6
             ),
             f'its {100 * test.confidence:.10g} % interval': axes.stairs(
-                upper[:, k], test.ends, **band
+                upper[:, k],
+                test.ends,
+                baseline=lower[:, k],
+                fill=True,
+                color=colour,
+                alpha=BAND,
             ),
             'share in the simulation': axes.axhline(
                 expected, color=TEXT, linewidth=0.9, linestyle='--'
@@ -297,12 +284,14 @@ def drift_figure(test: DriftTest) -> 'Figure':
             drawn['window with an alarm'] = shade
         axes.set_ylabel(f'class {test.names[k]}', size=8, color=TEXT)
     rows[-1].set_xlabel('number of counted parts', size=8, color=FAINT)
-    place: dict[str, Any] = {'loc': 'lower left', 'bbox_to_anchor': (LEFT, 1 - TOP / height)}
-    style: dict[str, Any] = {
-        'ncols': len(drawn),
-        'fontsize': 8,
-        'labelcolor': FAINT,
-        'frameon': False,
-    }
-    figure.legend(list(drawn.values()), list(drawn), **place, **style)
+    figure.legend(
+        list(drawn.values()),
+        list(drawn),
+        loc='lower left',
+        bbox_to_anchor=(LEFT, 1 - TOP / height),
+        ncols=len(drawn),
+        fontsize=8,
+        labelcolor=FAINT,
+        frameon=False,
+    )
     return figure

@@ -1,6 +1,7 @@
 """Conversions between the types of the suite and ROS messages."""
 
 from array import array
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any
 
@@ -110,7 +111,7 @@ def surroundings_msg(found: Surroundings | None) -> SurroundingsMsg:
         name=found.name,
         names=list(values),
         values=list(values.values()),
-        orientation=[] if q is None else [Quaternion(**dict(zip('xyzw', q, strict=True)))],
+        orientation=[] if q is None else [quaternion_msg(q)],
         **{_MESH_FIELDS[name]: text for name, text in found.shape.texts.items()},
     )
 
@@ -186,11 +187,19 @@ def _column(values: npt.NDArray[Any]) -> 'array[Any]':
     return column
 
 
-def pose_msg(position: list[float], orientation: list[float]) -> Pose:
+def xyz(vector: Array) -> dict[str, float]:
+    """Return the fields of a message for a vector (3,)."""
+    return dict(zip('xyz', vector.tolist(), strict=True))
+
+
+def quaternion_msg(xyzw: Iterable[float]) -> Quaternion:
+    """Return the message for a quaternion (4,)."""
+    return Quaternion(**dict(zip('xyzw', map(float, xyzw), strict=True)))
+
+
+def pose_msg(position: Array, orientation: Array) -> Pose:
     """Return the message for a pose; the orientation is a quaternion xyzw."""
-    x, y, z = position
-    qx, qy, qz, qw = orientation
-    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    return Pose(position=Point(**xyz(position)), orientation=quaternion_msg(orientation))
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
@@ -213,7 +222,6 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
 
 def part_msg(part: Part) -> PartDescription:
     """Return the message that describes a part completely."""
-    x, y, z = part.centre_of_mass.tolist()
     tensor = dict(zip(INERTIA, part.inertia[np.triu_indices(3)].tolist(), strict=True))
     return PartDescription(
         name=part.name,
@@ -222,7 +230,7 @@ def part_msg(part: Part) -> PartDescription:
         format=part.mesh_format,
         mesh=part.mesh_bytes,
         unit=part.unit,
-        inertia=Inertia(m=part.mass, com=Vector3(x=x, y=y, z=z), **tensor),
+        inertia=Inertia(m=part.mass, com=Vector3(**xyz(part.centre_of_mass)), **tensor),
         body=part.body,
     )
 
@@ -332,7 +340,7 @@ def _body_msg(scene: Scene, body: SceneBody) -> SurroundingsBody:
         friction=body.contact.friction,
         restitution=body.contact.restitution,
         rolling_friction=body.contact.rolling_friction,
-        velocity=Vector3(**_xyz(velocity)),
+        velocity=Vector3(**xyz(velocity)),
     )
     if isinstance(body, HalfSpace):
         normal = scene.in_tray(body.normal[None])[0].tolist()
@@ -360,13 +368,9 @@ def _mesh_msg(scene: Scene, body: SceneBody) -> Mesh:
     vertices, triangles = _surface(body)
     vertices = scene.in_tray(vertices)
     return Mesh(
-        vertices=[Point(**_xyz(vertex)) for vertex in vertices],
+        vertices=[Point(**xyz(vertex)) for vertex in vertices],
         triangles=[
             MeshTriangle(vertex_indices=np.array(triangle, dtype=np.uint32))
             for triangle in triangles.tolist()
         ],
     )
-
-
-def _xyz(vector: Array) -> dict[str, float]:
-    return dict(zip('xyz', vector.tolist(), strict=True))

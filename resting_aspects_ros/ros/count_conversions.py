@@ -58,7 +58,7 @@ def totals_from(msg: ObservedCountsMsg, part: str, part_sha256: str) -> Totals:
 
 def observed_from(
     messages: Iterable[tuple[int, bytes]], source: str, ids: Sequence[int]
-) -> tuple[ObservedCounts, CountSessions]:
+) -> ObservedCounts:
     """Return the parts that serialized messages on observed_counts/<part> count.
 
     Each message is a batch with the parts since the last one of its session; messages that are
@@ -82,7 +82,7 @@ def observed_from(
             batches.append(new)
             labels.append(time_label(totals.time or time))
     rows = np.array(batches, dtype=np.int64).reshape(-1, len(ids))
-    return ObservedCounts.of_rows(rows, source, single_groups(ids), labels), sessions
+    return ObservedCounts.of_rows(rows, source, single_groups(ids), labels)
 
 
 def time_label(time: int) -> str:
@@ -139,7 +139,7 @@ def add_drift(message: Posterior, test: DriftTest) -> None:
     message.drift = drifted.stop == len(test.windows)
     message.first_part = int(test.ends[drifted.start]) + 1
     message.last_part = int(test.ends[drifted.stop])
-    message.drift_class = test.groups[found.index][0]
+    message.drift_class = test.observed.groups[found.index][0]
     message.share, message.expected = found.share, found.expected
     message.deviation_lower, message.deviation_upper = found.lower, found.upper
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
+from geometry_msgs.msg import Point32, Polygon, Vector3
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     Aspect,
@@ -29,7 +29,7 @@ from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.aspects.support import CORNER
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.conversions import run_from, run_msg
+from resting_aspects_ros.ros.conversions import quaternion_msg, run_from, run_msg, xyz
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.simulation.actions import (
@@ -39,7 +39,7 @@ from resting_aspects_ros.simulation.actions import (
     NamedAction,
     make_action,
 )
-from resting_aspects_ros.simulation.conditions import quantities_of
+from resting_aspects_ros.simulation.conditions import check_name, quantities_of
 from resting_aspects_ros.simulation.job import RunDescription as Run
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placement, Placements
 from resting_aspects_ros.statistics.intervals import Interval
@@ -93,14 +93,13 @@ def aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> l
 
 
 def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
-    orientation = aspect.orientation.tolist()
     points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
     return {
         **{name: getattr(aspect, name) for name in _ASPECT_FIELDS},
         'sweep': SWEEPS.index(aspect.sweep),
-        'axis': _vector_msg(aspect.axis),
-        'down_in_part': _vector_msg(aspect.down_in_part),
-        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
+        'axis': Vector3(**xyz(aspect.axis)),
+        'down_in_part': Vector3(**xyz(aspect.down_in_part)),
+        'orientation': quaternion_msg(aspect.orientation),
         'support': Polygon(points=points),
     }
 
@@ -129,10 +128,6 @@ def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
     )
 
 
-def _vector_msg(vector: Array) -> Vector3:
-    return Vector3(**dict(zip('xyz', vector.tolist(), strict=True)))
-
-
 def _vector(msg: Vector3) -> Array:
     return np.array([msg.x, msg.y, msg.z])
 
@@ -149,9 +144,7 @@ def contact_msgs(distribution: Distribution) -> list[ContactShare]:
             planes=list(contacts.planes),
             contacts=list(placement.contacts),
             symmetry_class=placement.symmetry_class,
-            orientation=Quaternion(
-                **dict(zip('xyzw', placement.orientation.tolist(), strict=True))
-            ),
+            orientation=quaternion_msg(placement.orientation),
             **share,
         )
         for (placement, _), share in zip(rows, shares, strict=True)
@@ -365,8 +358,6 @@ def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
 # -- Actions and transitions ----------------------------------------------------------------------
 
 
-# Maximum length of the name of an action.
-MAX_NAME = 64
 # Long-run shares with their lower and upper bounds (k,).
 BoundedLongRun = tuple[LongRun, Array, Array]
 
@@ -390,12 +381,7 @@ def action_from(msg: FeederAction) -> NamedAction:
         raise InvalidValueError(
             f'invalid kind of action {shown(msg.kind)}: expected one of {", ".join(KINDS)}'
         )
-    name = msg.name or msg.kind
-    if not name.isidentifier() or len(name) > MAX_NAME:
-        raise InvalidValueError(
-            f'invalid name {shown(name)} of an action: expected up to {MAX_NAME} letters, digits '
-            'and "_", a letter first'
-        )
+    name = check_name('an action', msg.name or msg.kind)
     if len(msg.values) != len(msg.names) or len(set(msg.names)) < len(msg.names):
         raise InvalidValueError(
             f'invalid names {shown(msg.names)} of values of action {name}: expected a different '

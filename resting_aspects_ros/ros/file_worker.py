@@ -1,9 +1,11 @@
 """A process that reads files and computes for a node, so that neither can block or end it."""
 
+import math
 import os
 import resource
 import signal
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -22,12 +24,11 @@ T = TypeVar('T')
 # Limits for one function: processor time, s, and memory in addition to that of the process, bytes.
 MAX_SECONDS = 30.0
 MAX_MEMORY = 2 * 1024**3
-# Maximum processor time for loading Python and its modules, s.
-MAX_START = 120.0
+# A function hangs if it takes so many times its limit; on a busy machine, it waits for a
+# processor.
+MAX_WAIT = 10
 # How often a function is started whose process dies or hangs.
 ATTEMPTS = 3
-# How often the processor time is read, s.
-CHECK_PERIOD = 1.0
 
 
 class FileLimitError(RestingAspectsError):
@@ -43,7 +44,7 @@ class FileWorker:
     Parameters
     ----------
     seconds : float
-        Limit of the processor time of each function, s. A function that sleeps for so long hangs.
+        Limit of the processor time of each function, s.
     memory : int
         Memory that a function may allocate, bytes.
     """
@@ -80,50 +81,23 @@ class FileWorker:
             if self._stopped:
                 break
             try:
-                outcome = self._attempt(function, arguments)
-            except FileLimitError:
-                self._replace()
-                raise
-            except TimeoutError:
+                connection = self._ready()
+                connection.send((function, arguments))
+                if connection.poll(MAX_WAIT * self._seconds):
+                    outcome = connection.recv()
+                    if isinstance(outcome, BaseException):
+                        raise outcome
+                    result: T = outcome
+                    return result
                 failure = f'the worker process hung {ATTEMPTS} times'
             except (EOFError, OSError):
                 failure = f'the worker process died {ATTEMPTS} times'
-            else:
-                if isinstance(outcome, BaseException):
-                    raise outcome
-                result: T = outcome
-                return result
-            self._replace()
+            if self._replace() == -signal.SIGXCPU:
+                seconds = f'{self._seconds:g} s of processor time'
+                raise FileLimitError(f'the limit of {seconds} was exceeded')
         raise FileLimitError(failure)
 
-    def _attempt(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Send the function to the process and return its result or its exception."""
-        connection = self._ready()
-        connection.send((function, arguments))
-        self._receive(connection, MAX_START)  # until its module is imported
-        return self._receive(connection, self._seconds)
-
-    def _receive(self, connection: Connection, seconds: float) -> Any:
-        """Return what the process sends next.
-
-        Raises FileLimitError if it needs more processor time than ``seconds``, and TimeoutError
-        if it sleeps for so long. On a busy machine, it waits for a processor instead.
-        """
-        assert self._process is not None
-        start = used = _activity(self._process)[0]
-        asleep = 0.0
-        while not connection.poll(CHECK_PERIOD):
-            before = used
-            used, sleeps = _activity(self._process)
-            asleep = asleep + CHECK_PERIOD if sleeps and used == before else 0.0
-            if used - start > seconds:
-                raise FileLimitError(f'the limit of {seconds:g} s of processor time was exceeded')
-            if asleep >= seconds:
-                raise TimeoutError
-        return connection.recv()
-
     def _ready(self) -> Connection:
-        """Return the connection to a running process."""
         if self._process is not None and not self._process.is_alive():
             self._replace()  # it was killed between two functions
         if self._connection is not None:
@@ -135,44 +109,41 @@ class FileWorker:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         context = get_context('spawn')
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self._memory), daemon=True)
+        limits = self._seconds, self._memory
+        process = context.Process(target=_serve, args=(theirs, *limits), daemon=True)
         process.start()
         self._process = process
         theirs.close()  # otherwise the end of the process would not be detected
         self._connection = ours
         if self._stopped:  # before the process existed
             raise EOFError
-        self._receive(ours, MAX_START)
         return ours
 
-    def _replace(self) -> None:
-        """End the process; the next function starts a new one."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.join(1.0)
-        if self._connection is not None:
-            self._connection.close()
+    def _replace(self) -> int | None:
+        """End the process, and return its exit code; the next function starts a new one."""
+        process, connection = self._process, self._connection
         self._process = self._connection = None
+        if connection is not None:
+            connection.close()
+        if process is None:
+            return None
+        process.kill()
+        process.join(1.0)
+        return process.exitcode
 
 
-def _activity(process: SpawnProcess) -> tuple[float, bool]:
-    """Return the processor time of a process, s, and whether it sleeps."""
-    fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
-    ticks = int(fields[11]) + int(fields[12])
-    return ticks / os.sysconf('SC_CLK_TCK'), fields[0] == 'S'
-
-
-def _serve(connection: Connection, memory: int) -> None:
+def _serve(connection: Connection, seconds: float, memory: int) -> None:
     """Run the received functions until the node closes the connection; runs in the process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    connection.send(None)
+    _limit(resource.RLIMIT_CORE, 0)
     while True:
         try:
-            function, arguments = connection.recv()
+            function, arguments = connection.recv()  # imports its module
         except EOFError:
             return
-        connection.send(None)
-        _limit_memory(memory)
+        pages = int(Path('/proc/self/statm').read_text().split()[0])
+        _limit(resource.RLIMIT_AS, pages * resource.getpagesize() + memory)
+        _limit(resource.RLIMIT_CPU, math.ceil(time.process_time() + seconds))  # ends the process
         try:
             outcome: Any = function(*arguments)
         except RestingAspectsError as error:
@@ -183,17 +154,15 @@ def _serve(connection: Connection, memory: int) -> None:
             )
         except Exception as error:  # noqa: BLE001 - other functions must still run
             outcome = FileLimitError(f'unexpected error {error!r:.300}')
+        _limit(resource.RLIMIT_CPU, resource.RLIM_INFINITY)
         connection.send(outcome)
 
 
-def _limit_memory(memory: int) -> None:
-    """Limit the memory to a number of bytes above the currently mapped size."""
-    pages = int(Path('/proc/self/statm').read_text().split()[0])
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = pages * resource.getpagesize() + memory
-    if hard != resource.RLIM_INFINITY:
-        limit = min(limit, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+def _limit(kind: int, value: int) -> None:
+    """Set a limit of this process, up to the hard one."""
+    _, hard = resource.getrlimit(kind)
+    bounds = [each for each in (value, hard) if each != resource.RLIM_INFINITY]
+    resource.setrlimit(kind, (min(bounds, default=resource.RLIM_INFINITY), hard))
 
 
 def _end_with_parent() -> None:

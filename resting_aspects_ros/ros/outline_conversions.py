@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Point32, Polygon, Quaternion
+from geometry_msgs.msg import Point, Point32, Polygon
 from resting_aspects_interfaces.msg import (
     Outline,
     PartCandidate,
@@ -15,7 +15,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.outlines import polygon_fields
-from resting_aspects_ros.ros.conversions import pose_msg
+from resting_aspects_ros.ros.conversions import pose_msg, quaternion_msg
 from resting_aspects_ros.vision import outline as part_outline
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.outline import LookAlike
@@ -74,12 +74,11 @@ def outlines_msg(
 
 def _outline_msg(outline: part_outline.Outline, others: Sequence[LookAlike]) -> Outline:
     x, y = outline.centroid.tolist()
-    orientation = dict(zip('xyzw', outline.orientation.tolist(), strict=True))
     family = [polygon_msgs(each) for each in outline.family]
     return Outline(
         **{name: getattr(outline, name) for name in _OUTLINE_FIELDS},
         **polygon_msgs(outline.polygon),
-        orientation=Quaternion(**orientation),
+        orientation=quaternion_msg(outline.orientation),
         centroid=Point(x=x, y=y),
         family=[each['outer'] for each in family],
         family_holes=[hole for each in family for hole in each['holes']],
@@ -113,7 +112,7 @@ def candidate_msg(candidate: Candidate) -> PartCandidate:
 def pose_fields(poses: Sequence[Pose]) -> dict[str, Any]:
     """Return the fields ``poses``, ``pose_aspects`` and ``yaw_known`` for poses of one outline."""
     return {
-        'poses': [pose_msg(each.position.tolist(), each.orientation.tolist()) for each in poses],
+        'poses': [pose_msg(each.position, each.orientation) for each in poses],
         'pose_aspects': [each.aspect for each in poses],
         'yaw_known': all(each.yaw_known for each in poses),
     }

@@ -149,7 +149,6 @@ def _as_declared(parameter: Parameter, value: RosParameter) -> RosParameter:
 
 
 def _help_line(parameter: Parameter) -> str:
-    """Return the description of a parameter with its valid values."""
     allowed = parameter.allowed
     if parameter.bounds is not None:
         allowed = '{:g} to {:g}'.format(*parameter.bounds)

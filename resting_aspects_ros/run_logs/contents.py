@@ -426,7 +426,7 @@ def observed_in_logs(path: Path, part: str, ids: Sequence[int]) -> CountedParts:
             f'invalid counts in {named("log", path)}: expected observed_counts of '
             f'{part or "one part"}, found {shown(", ".join(sorted(parts))) if parts else "none"}'
         )
-    return observed_from(counted, str(path), ids)[0]
+    return observed_from(counted, str(path), ids)
 
 
 def _read(log: Path, kind: Any, data: bytes) -> Any:

@@ -17,7 +17,6 @@ from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import Random, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import (
     DropConditions,
@@ -32,7 +31,6 @@ from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_a
 from resting_aspects_ros.simulation.starts import (
     Action,
     Body,
-    Edge,
     RestStarts,
     States,
     rest_starts,
@@ -127,8 +125,11 @@ class Disturbance(Action):
 
     def max_speed(self, at: RestStarts) -> float:
         """See Action; by the inequality of Cauchy and Schwarz."""
-        moments, levers = _moments_and_levers(at.body)
-        squares = 1 + (at.body.mass * levers**2 / moments).sum(axis=1).max()
+        body = at.body
+        along = body.corners @ body.axes
+        # The distances of the corners from the principal axes.
+        levers = np.sqrt(np.maximum((along**2).sum(axis=1)[:, None] - along**2, 0.0))
+        squares = 1 + (body.mass * levers**2 / body.moments).sum(axis=1).max()
         return math.sqrt(2 * at.gravity * float(self.lift.max()) * squares)
 
     def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
@@ -164,13 +165,6 @@ def disturbance_starts(
         )
     each = [aspect for aspect in aspects for _ in range(lift.shape[1])]
     return rest_starts(part, each, Disturbance(lift.ravel()), conditions)
-
-
-def _moments_and_levers(body: Body) -> tuple[Array, Array]:
-    """Return the principal moments (3,) and the distances (k, 3) of the corners to their axes."""
-    along = body.corners @ body.axes
-    squares = (along**2).sum(axis=1)[:, None] - along**2
-    return body.moments, np.sqrt(np.maximum(squares, 0.0))
 
 
 # -- A jet of air ---------------------------------------------------------------------------------
@@ -510,13 +504,14 @@ BEHIND = 0.05
 class Step(Action):
     """A belt that carries parts over its edge, and a second belt below it.
 
-    Both belts move along the same line; the lower one moves backwards if its speed is negative. It
-    has the friction and the restitution of the conditions. Raises InvalidValueError if a value is
+    The upper belt moves in the direction x and turns down at x = 0, over a roller along y, whose
+    surface moves with it. Below the roller is a vertical wall at x = 0. Velocities are relative to
+    this wall; z = 0 is the lower belt, which moves backwards if its speed is negative, and has the
+    friction and the restitution of the conditions. Raises InvalidValueError if a value is
     out of bounds, or if the edge is larger than the step.
     """
 
     kind: ClassVar[str] = 'step'
-    has_edge: ClassVar[bool] = True
 
     belt_speed: float = quantity(
         'belt speed', 'm/s', 'speed of the upper belt towards the edge', high=100.0, above=True
@@ -562,18 +557,10 @@ class Step(Action):
                 f'{self.step_height:g} m'
             )
 
-    def edge(self, part: Part) -> Edge:
-        """See Action."""
-        pieces = convex_pieces(part).corners
-        return Edge(
-            height=self.step_height,
-            radius=self.edge_radius,
-            belt_speed=self.belt_speed,
-            lower_speed=self.lower_speed,
-            friction_factor=self.friction_factor,
-            restitution_factor=self.restitution_factor,
-            pieces=tuple(corners - part.centre_of_mass for corners in pieces),
-        )
+    @property
+    def edge(self) -> 'Step':
+        """The step itself."""
+        return self
 
     def check(self, name: str, scene: Scene) -> None:
         """See Action: floor and walls must be the same above and below the edge."""
@@ -601,39 +588,38 @@ class Step(Action):
         return max(math.sqrt(along**2 + fall), self.belt_speed)
 
     def applied(self, states: States, row: Indices, at: RestStarts, random: Random) -> States:
-        """Return the states on the upper belt, relative to the wall below the edge; see Edge."""
+        """Return the states on the upper belt, relative to the wall below the edge."""
         del row, random
-        place = _before_edge if at.scene.level else _behind_edge
-        assert at.edge is not None
+        place = self._before_edge if at.scene.level else self._behind_edge
         belt = at.scene.in_tray(self.belt_speed * X[None])
         return dataclasses.replace(
             states,
-            position=place(states, at.edge, at),
+            position=place(states, at),
             velocity=np.tile(belt, (len(states.position), 1)),
         )
 
+    def _before_edge(self, states: States, at: RestStarts) -> Array:
+        """Return positions (n, 3), m, on a level belt, shortly before parts tilt over its edge."""
+        found = np.zeros((len(states.orientation), 3))
+        for row, orientation in zip(found, states.orientation, strict=True):
+            pieces = [rotate(orientation, corners) for corners in at.pieces]
+            distance, depth = _place(pieces, at.body.radius)
+            clear = START_DISTANCE * at.body.radius
+            row[[0, 2]] = -self.edge_radius - distance - clear, self.step_height + depth
+        return found
 
-def _before_edge(states: States, edge: Edge, at: RestStarts) -> Array:
-    """Return positions (n, 3), m, on a level belt, shortly before parts tilt over its edge."""
-    found = np.zeros((len(states.orientation), 3))
-    for row, orientation in zip(found, states.orientation, strict=True):
-        row[[0, 2]] = _place(edge, orientation, at.body.radius)
-    return found
+    def _behind_edge(self, states: States, at: RestStarts) -> Array:
+        """Return positions (n, 3), m, of parts in surroundings that are whole behind the edge."""
+        scene = at.scene
+        front = depth_along(states.orientation, scene.in_tray(X[None])[0], at.body.corners)
+        place = scene.in_scene(states.position)
+        place[:, 0] = -self.edge_radius - BEHIND * at.body.radius - front
+        place[:, 2] += self.step_height
+        return scene.in_tray(place)
 
 
-def _behind_edge(states: States, edge: Edge, at: RestStarts) -> Array:
-    """Return positions (n, 3), m, of parts in surroundings that are as a whole behind the edge."""
-    scene = at.scene
-    front = depth_along(states.orientation, scene.in_tray(X[None])[0], at.body.corners)
-    place = scene.in_scene(states.position)
-    place[:, 0] = -edge.radius - BEHIND * at.body.radius - front
-    place[:, 2] += edge.height
-    return scene.in_tray(place)
-
-
-def _place(edge: Edge, orientation: Array, radius: float) -> tuple[float, float]:
-    """Return x and z of the centre of mass of a part on the belt in an orientation (4,)."""
-    pieces = [rotate(orientation, corners) for corners in edge.pieces]
+def _place(pieces: list[Array], radius: float) -> tuple[float, float]:
+    """Return how far in front of its centre of mass a part needs the belt, and its height, m."""
     depth = -min(float(corners[:, 2].min()) for corners in pieces)
     touching = [c[c[:, 2] < CONTACT * radius - depth, :2] for c in pieces]
     distance, clear = 0.0, START_DISTANCE * radius
@@ -647,7 +633,7 @@ def _place(edge: Edge, orientation: Array, radius: float) -> tuple[float, float]
             else:
                 distance = middle
         distance = supported
-    return -edge.radius - distance - clear, edge.height + depth
+    return distance, depth
 
 
 def _supported(touching: list[Array], distance: float) -> bool:

@@ -1,9 +1,7 @@
 """Drops in Bullet, also those over the edge of a belt, which need two worlds."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +31,7 @@ from resting_aspects_ros.simulation.settling import (
     Settling,
     settling_of,
 )
-from resting_aspects_ros.simulation.starts import States
+from resting_aspects_ros.simulation.starts import RestStarts, States
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 Rows = npt.NDArray[np.int64]
@@ -41,29 +39,24 @@ Codes = npt.NDArray[np.uint8]
 
 # Number of drops that are simulated together, in the same place. All of them are, even if only
 # some are wanted: Bullet sorts the contacts of a part with several bodies in an order that depends
-# on the other parts, so that its motion depends on which there are. A drop takes 4 times as long
-# alone, and 1.6 times as long with 125, because each pair costs time in each step, although the
-# parts do not touch each other.
+# on the other parts. A drop takes 4 times as long alone, and 1.6 times as long with 125.
 GROUP = 25
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
-    """Simulate the drops ``first`` to ``end - 1`` until they end; see engine.drop_range."""
+    """Simulate the drops ``first`` to ``end - 1`` until they end; see workers.drop_range."""
     poses = []
     for low in range(first // GROUP * GROUP, end, GROUP):
         states = initial_states(job, low, min(low + GROUP, MAX_SEED + 1))
-        poses.append(resting_poses(job, low, _settled(job, states).ends))
+        if job.edge is None:
+            ends = World(job).drop(states)
+        else:
+            # The states are relative to the wall below the edge, and the ends to the lower belt.
+            passed, status = over_edge(job, states)
+            # Only the newest world is valid.
+            ends = WallWorld(job).settled(passed, status)
+        poses.append(resting_poses(job, low, ends))
     return RestingPoses.join(poses).between(first, end)
-
-
-def _settled(job: DropJob, states: InitialState) -> Settling:
-    """Simulate drops in the worlds that they need."""
-    if job.edge is None:
-        return World(job).drop(states)
-    # The states are relative to the wall below the edge, and the ends to the lower belt.
-    passed, status = over_edge(job, partial(EdgeWorld, job, across_edge(states)), states)
-    # Only the newest world is valid.
-    return WallWorld(job).settled(passed, status)
 
 
 # -- Over an edge ---------------------------------------------------------------------------------
@@ -87,16 +80,13 @@ CAPSULES = 4
 CAPSULE_LENGTH = 1.0
 SHORT = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH  # their places along y
 # Number of time steps per T for parts that land before they are beyond the edge. Each step takes
-# several times as long as one without the edge. With 1280, shares of L brackets and of t_prisms
-# change by 0.004 at most (n = 500 and 1000, standard error 0.005); with 160, by 0.024 (0.006).
+# several times as long as one without the edge.
 LANDING_STEPS_PER_T = 640
 # Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near
 # it, which saves time.
 DROP = 0.05
 
-# As SOLVER_RESIDUAL, while parts are at the edge, where they have many contacts. With 1e-7, which
-# is a twentieth of the weight per step, a part that lies on both belts leaves them with 0.02 / T
-# less spin; the time is the same.
+# As SOLVER_RESIDUAL, while parts are at the edge, where they have many contacts.
 RESIDUAL = 1e-9
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 # Quarter turns that make the direction x point up or down.
@@ -105,38 +95,29 @@ _X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 # Time, T, for which a part that is about to land has the steps of first impacts, and number of
-# time steps per T later. With 2 T, the shares of 5000 boxes change by 0.0006 at most (standard
-# error 0.002). With 320 later steps in place of 160, as in a drop, those of 5000 boxes and 5000
-# t_prisms change by 0.0046 and 0.0044 (0.002 and 0.001).
+# time steps per T later.
 FINE_TIME = 1.0
 LATER_STEPS_PER_T = 320
 # Extent of the bodies, R: more than parts can drift.
 FAR = 20.0
 
 
-def across_edge(states: InitialState) -> tuple[float, float]:
-    """Return between which places across the edge parts are, R."""
-    return states.position[:, 1].min(), states.position[:, 1].max()
-
-
-def over_edge(
-    job: DropJob, make_world: Callable[[int], 'EdgeWorld'], states: InitialState
-) -> tuple[InitialState, Codes]:
+def over_edge(job: DropJob, states: InitialState) -> tuple[InitialState, Codes]:
     """Move parts over the edge; returns their states, and codes of RestStatus.
 
     The states are then relative to the lower belt and to the wall. The status is SETTLED for a
     part that is beyond the edge, FAILED for one that failed, and UNSETTLED for others.
-    ``make_world`` returns a world with a minimum number of time steps per T.
     """
+    across = states.position[:, 1].min(), states.position[:, 1].max()
     at = InitialState(*(each.copy() for each in (*states.arrays, states.elapsed)))
     status = np.full(len(at.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
     everyone = np.arange(len(status))
     at.position[:, 2] += REST_MARGIN
     # With half of these steps, an upright box leaves the edge with 2 % too much spin, and its
     # shares change by 0.03; with four times as many, its spin changes by 0.2 %.
-    low = make_world(STEPS_PER_T).pass_over(at, status, everyone, landed=False)
+    low = EdgeWorld(job, across, STEPS_PER_T).pass_over(at, status, everyone, landed=False)
     if len(low):
-        make_world(LANDING_STEPS_PER_T).pass_over(at, status, low, landed=True)
+        EdgeWorld(job, across, LANDING_STEPS_PER_T).pass_over(at, status, low, landed=True)
     at.velocity[:, 0] -= job.lower_speed
     return at, status
 
@@ -187,14 +168,15 @@ class EdgeWorld(BeltWorld):
         pybullet.setPhysicsEngineParameter(
             solverResidualThreshold=RESIDUAL, physicsClientId=self._client
         )
-        edge = job.edge
+        edge, starts = job.edge, job.starts
         assert edge is not None
+        assert isinstance(starts, RestStarts)
         self._upper = edge.belt_speed * job.time_unit / job.radius
-        self._radius = max(edge.radius / job.radius, MIN_RADIUS)
-        self._height = edge.height / job.radius
+        self._radius = max(edge.edge_radius / job.radius, MIN_RADIUS)
+        self._height = edge.step_height / job.radius
         # In the body frame, R.
         inverse = job.axes * [-1, -1, -1, 1]
-        pieces = [rotate(inverse, corners) / job.radius for corners in edge.pieces]
+        pieces = [rotate(inverse, corners) / job.radius for corners in starts.pieces]
         self._shape = compound(tuple(pieces), self._client)
         box = -FAR, -self._radius, self._height, self._upper
         self._belt, self._belt_state = self._add_box(*box), _box_state(*box)
@@ -242,7 +224,7 @@ class EdgeWorld(BeltWorld):
         """
         bodies = dict(zip(which.tolist(), self._add(at.select(which)), strict=True))
         moving, early, now = which, [which[:0]], 0.0
-        fall = math.sqrt(2 * self._height / -self._job.down[2])
+        fall = math.sqrt(2 * self._height / -self._job.scene.down[2])
         carried = CARRIED if self._scene.level else CARRIED_IN_SCENE
         limit = TIME_LIMIT + carried / self._upper + fall
         while len(moving):
@@ -280,7 +262,7 @@ class EdgeWorld(BeltWorld):
         small for a bounce.
         """
         shorter = 1 / self._steps_per_t - 1 / steps
-        at.velocity[which] += self._job.down * (shorter / 2)
+        at.velocity[which] += self._job.scene.down * (shorter / 2)
 
     def _advance_renewed(self, steps: int) -> None:
         for _ in range(steps):
@@ -317,8 +299,8 @@ class WallWorld(BeltWorld):
         super().__init__(job)
         edge = job.edge
         assert edge is not None
-        self._speed = job.wall_speed
-        self._top = edge.height / job.radius
+        self._speed = -job.lower_speed
+        self._top = edge.step_height / job.radius
         self._wall = self._add_box(-FAR, 0.0, self._top, self._speed)
 
     def settled(self, states: InitialState, status: Codes) -> Settling:

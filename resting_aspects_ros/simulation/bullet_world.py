@@ -118,16 +118,12 @@ _thread_data = _PerThread()
 
 
 # Simultaneous impacts at several points, such as those of a cylinder's side, need many solver
-# iterations: with a fixed 20, a cylinder came to rest on its ends in 0.37 of the drops, with 320
-# or more in 0.40 (n = 8000). Each body therefore iterates until no speed changes by more than the
-# square root of the residual, R / T, or until the maximum. A few drops in 100 have an impact that
-# reaches the maximum; doubling the maximum does not change any aspect's probability.
+# iterations. Each body iterates until no speed changes by more than the square root of the
+# residual, R / T, or until the maximum; doubling it does not change any aspect's probability.
 SOLVER_RESIDUAL = 1e-10
 MAX_SOLVER_ITERATIONS = 1000
 # As SOLVER_RESIDUAL, on a surface that moves, which a part touches most of the time. With the
-# smaller residual, the action `bowl` takes 2.8 times as long. No class of an L bracket or a box
-# becomes more or less frequent (`bowl` and `flip`, 29,600 pairs of actions from the same states:
-# chi-square 43 with 47 degrees of freedom).
+# smaller residual, the action `bowl` takes 2.8 times as long and has the same shares.
 MOTION_RESIDUAL = 1e-8
 # As SOLVER_RESIDUAL, in surroundings: a part in a groove has twice as many contacts. A smaller
 # residual multiplies the time by up to 10.
@@ -177,7 +173,7 @@ class World:
         self._frame = job.frame_velocity if frame is None else frame
         self._bodies: list[tuple[int, tuple[list[float], ...]]] = []
         self._belts: list[tuple[int, tuple[list[float], ...]]] = []
-        pybullet.setGravity(*job.down.tolist(), physicsClientId=client)
+        pybullet.setGravity(*job.scene.down.tolist(), physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
@@ -408,8 +404,19 @@ class World:
             pybullet.stepSimulation(physicsClientId=self._client)
 
     def _shake(self, made: int, steps: int) -> None:
-        """Step the world and move all its bodies together; see DropJob.surface_states."""
-        *states, last = self._job.surface_states(made, steps)
+        """Step the world and move all its bodies together.
+
+        The velocity is that in the middle of a step, which leads from one position to the next.
+        """
+        job = self._job
+        motion, unit = job.motion, job.time_unit
+        assert motion is not None
+        step = unit / job.steps_per_t
+        times = np.arange(made, made + steps + 1, dtype=np.float64) * step
+        position, orientation = motion.pose(times)
+        velocity, spin = motion.velocity(times + step / 2)
+        scaled = position / job.radius, orientation, velocity * (unit / job.radius), spin * unit
+        *states, last = zip(*(values.tolist() for values in scaled), strict=True)
         for state in states:
             self._move(state)
             pybullet.stepSimulation(physicsClientId=self._client)

@@ -126,7 +126,7 @@ def check_quantities(values: Any) -> None:
 
 
 class Described:
-    """The base of frozen dataclasses with a kind, whose quantities are checked when one is made.
+    """The base of frozen dataclasses whose quantities are checked when one is made.
 
     Flags, keys of files, documents and texts follow from the quantities.
     """
@@ -370,7 +370,7 @@ class DropConditions:
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(Described):
     """Standard deviations of normal errors of given states, for each component in tray axes."""
 
     orientation: float = quantity(
@@ -380,9 +380,6 @@ class Noise:
         'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
     )
     spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)

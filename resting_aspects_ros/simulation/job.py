@@ -3,13 +3,11 @@
 import dataclasses
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros import __version__
@@ -33,11 +31,11 @@ from resting_aspects_ros.simulation.conditions import (
     check_seed,
 )
 from resting_aspects_ros.simulation.scene import Scene, make_scene
-from resting_aspects_ros.simulation.starts import Edge, Starts
+from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.statistics.intervals import check_precision
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.actions import Vibration
+    from resting_aspects_ros.simulation.actions import Step, Vibration
 
 # -- Description ----------------------------------------------------------------------------------
 
@@ -117,16 +115,12 @@ CHUNKS = {KERNEL: 500, CUDA: 200_000, BULLET: 125}
 # Bullet's minimum number of time steps per T. Finer steps change no probability of an L bracket by
 # more than the sampling error.
 STEPS_PER_T = 160
-# The same while the surface moves. A plate that hardly tilts hits a part that lies flat with one
-# corner after the other, which finer steps resolve. In the worst case found (a box with
-# restitution 0.3 on a plate of 25 Hz, 1.5 mm and 0.001 rad), a share of 0.20 with 640 and 1280
-# steps was 0.22 with 320 and 0.25 with 160 steps (standard error 0.01).
+# The same while the surface moves: a plate that hardly tilts hits a part that lies flat with one
+# corner after the other. In the worst case found, a share of 0.20 with 640 steps was 0.22 with
+# these and 0.25 with 160.
 MOTION_STEPS_PER_T = 320
-# The same for the first impacts of parts that fall from an edge. They hit the lower belt with two
-# corners at almost the same time, because they turn about the edge. In the worst case found (a box
-# that falls onto a side, n = 3000), a share of 0.021 with 2560 steps was 0.021 with 1280, 0.037
-# with 640, 0.056 with 320 and 0.085 with 160 steps; the differences to 2560 steps have standard
-# errors of 0.002 to 0.005. Other shares still change by up to 0.007 from 1280 to 2560 steps.
+# The same for the first impacts of parts that fall from an edge: they hit the lower belt with two
+# corners at almost the same time. See docs/explanation/reorientation.md.
 EDGE_STEPS_PER_T = 2560
 # Checks per T of parts that move over an edge; a multiple of it is the number of steps per T.
 EDGE_CHECKS_PER_T = 8
@@ -137,9 +131,6 @@ TRAVEL_PER_STEP = 0.05
 MAX_MOTION_STEPS = 500_000
 # Maximum time, T, in which an upper belt carries a part over its edge by the length R.
 MAX_BELT_TIME = 100.0
-# A part whose centre of mass is further than this, R, from the wall below an edge cannot touch it
-# when it rolls to its minimum: it turns about a point that is less than R away, and reaches R.
-WALL_DISTANCE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +204,7 @@ class DropJob:
                 f'for this part, which is {MAX_MOTION_STEPS} time steps'
             )
 
-    def _check_edge(self, edge: Edge) -> None:
+    def _check_edge(self, edge: 'Step') -> None:
         slowest = self.radius / (MAX_BELT_TIME * self.time_unit)
         if edge.belt_speed < slowest:
             raise InvalidValueError(
@@ -228,25 +219,6 @@ class DropJob:
             )
 
     @property
-    def chunk(self) -> int:
-        """Number of drops that a worker makes at once."""
-        return CHUNKS[self.engine]
-
-    def clear_of_wall(self, x: Array, now: float) -> npt.NDArray[np.bool_]:
-        """Return whether parts (n,) at x, R, cannot touch the wall below an edge when they roll.
-
-        ``now`` is the time after they passed the edge, T. Without an edge there is no wall.
-        """
-        if self.edge is None:
-            return np.ones(len(x), dtype=np.bool_)
-        return np.asarray(x - self.wall_speed * now > WALL_DISTANCE)
-
-    @property
-    def wall_speed(self) -> float:
-        """Speed of the wall below an edge in the frame of the lower belt, R / T; 0 without one."""
-        return -self.lower_speed
-
-    @property
     def lower_speed(self) -> float:
         """Speed of the belt below an edge, R / T; 0 without one."""
         return 0.0 if self.edge is None else self.edge.lower_speed * self.time_unit / self.radius
@@ -257,7 +229,7 @@ class DropJob:
         return None if self.starts is None else self.starts.motion
 
     @property
-    def edge(self) -> Edge | None:
+    def edge(self) -> 'Step | None':
         """Edge that the parts pass before they are on the surface; None without one."""
         return None if self.starts is None else self.starts.edge
 
@@ -265,38 +237,22 @@ class DropJob:
         """Return whether the surface still moves at ``now`` T after the start."""
         return self.motion is not None and now * self.time_unit < self.motion.duration
 
-    def surface_states(self, made: int, steps: int) -> Iterator[tuple[list[float], ...]]:
-        """Yield position, orientation, velocity and spin of the moving surface, in R and T.
-
-        For the beginning of each of the steps after the first ``made`` steps, and for the end of
-        the last. The velocity is that in the middle of a step, which leads from one position to
-        the next.
-        """
-        assert self.motion is not None
-        step = self.time_unit / self.steps_per_t
-        times = np.arange(made, made + steps + 1, dtype=np.float64) * step
-        position, orientation = self.motion.pose(times)
-        velocity, spin = self.motion.velocity(times + step / 2)
-        unit, radius = self.time_unit, self.radius
-        scaled = (position / radius, orientation, velocity * (unit / radius), spin * unit)
-        return zip(*(values.tolist() for values in scaled), strict=True)
-
     @property
     def time_unit(self) -> float:
         """T = sqrt(R / g), s."""
         return math.sqrt(self.radius / self.conditions.gravity)
 
     @property
-    def down(self) -> Array:
-        """(3,) direction of gravity, in the frame of the engine: that of the scene."""
-        return self.scene.down
-
-    @property
     def frame_velocity(self) -> Array:
-        """(3,) velocity of the frame in which surroundings are simulated, R / T, scene frame."""
-        if self.motion is not None:
+        """(3,) velocity of the frame in which Bullet simulates surroundings, R / T, scene frame.
+
+        That of the first body, if the scene is the same everywhere in that direction: friction on
+        bodies at rest is more accurate, and takes less time.
+        """
+        velocity = self.scene.bodies[0].velocity
+        if self.motion is not None or not self.scene.same_along(velocity):
             return np.zeros(3)
-        return self.scene.frame_velocity * (self.time_unit / self.radius)
+        return velocity * (self.time_unit / self.radius)
 
     @property
     def impact_speed(self) -> float:
@@ -435,7 +391,6 @@ def make_job(
     scene = make_scene(conditions, radius)
     if starts is not None and starts.edge is not None:
         scene = scene.with_floor_speed(starts.edge.lower_speed)
-    pieces = () if scene.flat else convex_pieces(part).corners
     job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
@@ -451,7 +406,7 @@ def make_job(
         refinement=refinement,
         starts=starts,
         scene=scene,
-        pieces=tuple((c - part.centre_of_mass) @ part.principal_axes / radius for c in pieces),
+        pieces=() if scene.flat else pieces_of(part),
         engine=_engine(engine, scene, starts),
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
@@ -465,6 +420,13 @@ def make_job(
     if not scene.level:
         _check_belts(job, scene)
     return job
+
+
+def pieces_of(part: Part) -> tuple[Array, ...]:
+    """Return the corners (k, 3) of convex pieces of a part, body axes, R."""
+    axes, radius = part.principal_axes, part.hull_radius
+    pieces = convex_pieces(part).corners
+    return tuple((c - part.centre_of_mass) @ axes / radius for c in pieces)
 
 
 def engine_version(engine: str) -> str:

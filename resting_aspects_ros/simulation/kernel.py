@@ -889,7 +889,7 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
     If the surfaces move, the planes are already those at the end of the step.
     """
     con, planes = work.con, work.planes
-    v = _plus(v, dt, _body(axes, _at2(ground.gravity)))
+    v = _plus(v, dt, _body(axes, _from(ground.gravity, 0)))
     for i in range(count):
         k, pl, h = work.corner[i], work.plane[i], con[i, HEIGHT]
         n, r = _at(work.axes, pl, 0), (body.points[0, k], body.points[1, k], body.points[2, k])
@@ -933,11 +933,6 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
         for j in range(3):
             work.old_roll[i, j] = work.roll[i, j] / dt
     return v, w
-
-
-@jit
-def _at2(a):
-    return a[0], a[1], a[2]
 
 
 @jit
@@ -1065,7 +1060,7 @@ def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, tak
     the slowest of their drops has ended.
     """
     position, velocity, spin, orientation = states
-    moments, gravity = _at2(body.moments), _at2(ground.gravity)
+    moments, gravity = _from(body.moments, 0), _from(ground.gravity, 0)
     inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
     motion, track, gap = ground.motion, work.track, numerics.gap
     mu = ground.planes[0, FRICTION]
@@ -1237,29 +1232,3 @@ def simulate(body, ground, numerics, work, limit, states, ends, codes):
     work.counts[6] = 0
     taken = work.counts[6:]
     simulate_taken(body, ground, numerics, work, limit, states, ends, codes, taken, _take)
-
-
-@njit(**FLAGS, cache=True)
-def collide(body, ground, work, position, velocity, spin, orientation, gap, after):
-    """Find the velocities of parts after one impact.
-
-    See simulate for the states. All corners closer to a plane than ``gap`` take part; ``after``
-    (n, 6) is where velocity and spin are written, which stay as they are if no corner approaches.
-    """
-    moments = _at2(body.moments)
-    inverse = (1 / moments[0], 1 / moments[1], 1 / moments[2])
-    for i in range(len(ground.planes)):
-        for j in range(PLANE):
-            work.planes[i, j] = ground.planes[i, j]
-    for i in range(len(position)):
-        c, v = _at(position, i, 0), _at(velocity, i, 0)
-        axes = _axes((orientation[i, 3], orientation[i, 0], orientation[i, 1], orientation[i, 2]))
-        w = _body(axes, _at(spin, i, 0))
-        spun = _torque_free(moments, inverse, w)
-        slowest = _look(body, ground, work, False, axes, c, v, w, spun, 0.0, gap)[1]
-        if slowest < 0:
-            count = _contacts(body, work, False, True, axes, c, inverse)
-            vb, w = _impact(work, count, True, moments, inverse, _body(axes, v), w)
-            v = _world(axes, vb)
-        _put(after, i, 0, v)
-        _put(after, i, 3, _world(axes, w))

@@ -128,7 +128,7 @@ def ground_of(job: DropJob) -> kernel_data.Ground:
     planes = np.array([_plane(job, space) for space in scene.half_spaces])
     return kernel_data.Ground(
         planes=planes,
-        gravity=job.down,
+        gravity=job.scene.down,
         carriers=scene.velocities() * scale,
         motion=_motion(job),
         level=scene.level,

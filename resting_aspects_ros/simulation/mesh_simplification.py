@@ -1,7 +1,7 @@
 """A mesh surface in shapes that Bullet simulates well: wide flat sides and curved sides."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -118,36 +118,27 @@ FINER = 1.15
 GENTLE = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class CurvedSides:
-    """Triangles (m, 3) of vertices (n, 3), and their maximum distance from the real ones, R."""
-
-    vertices: Array
-    triangles: Indices
-    distance: float
-
-
-def simplified(vertices: Array, triangles: Indices) -> CurvedSides:
+def simplified(vertices: Array, triangles: Indices) -> tuple[Array, float]:
     """Return as few triangles as a search finds within TOLERANCE; the same ones if none are.
 
-    Without fast-simplification, the triangles are the same.
+    Returns their corners (l, 3, 3) and their maximum distance from the given ones, R. Without
+    fast-simplification, the triangles are the same.
 
     Parameters
     ----------
     vertices, triangles : (n, 3) float, R, and (m, 3) int
     """
-    unchanged = CurvedSides(vertices, triangles, 0.0)
-    corners, faces = welded(vertices[triangles])
+    found = vertices[triangles], 0.0
+    corners, faces = welded(found[0])
     try:
         import fast_simplification
     except ImportError:
-        return unchanged
+        return found
     if len(faces) < MIN_TRIANGLES:
-        return unchanged
+        return found
     real = _Surface(corners[faces])
-    found = unchanged
 
-    def tried(number: int) -> CurvedSides | None:
+    def tried(number: int) -> tuple[Array, float] | None:
         points, left = fast_simplification.simplify(
             corners,
             faces.astype(np.int32),
@@ -155,11 +146,10 @@ def simplified(vertices: Array, triangles: Indices) -> CurvedSides:
             agg=AGGRESSIVENESS,
             preserve_border=True,
         )
-        left = np.asarray(left, dtype=np.int64)
-        if not 0 < len(left) < len(found.triangles):
+        if not 0 < len(left) < len(found[0]):
             return None
         distance = real.distance(_Surface(points[left]))
-        return CurvedSides(points, left, distance) if distance <= TOLERANCE else None
+        return (points[left], distance) if distance <= TOLERANCE else None
 
     # The distance does not grow steadily with a smaller number: halve it until it is too large,
     # and search the smallest number between.
@@ -256,23 +246,11 @@ GRID = 1e-5
 NEAR = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class MergedMesh:
-    """A mesh surface as convex prisms and triangles.
-
-    prisms : tuple of (k, 3) float64
-        Corners of the prisms, in the frame and unit of the mesh.
-    vertices, triangles : (n, 3) float and (m, 3) int
-        Triangles that were not merged, or the fewer that replace them.
-    sides : int
-        Number of flat sides that were merged into the prisms.
-    distance : float
-        Maximum distance of these triangles from the real ones, in the unit of the mesh.
-    """
+class MergedMesh(NamedTuple):
+    """A mesh surface as convex prisms and triangles; see MeshBody."""
 
     prisms: tuple[Array, ...]
-    vertices: Array
-    triangles: Indices
+    remaining: Array
     sides: int
     distance: float
 
@@ -300,11 +278,10 @@ def merged_mesh(vertices: Array, triangles: Indices, radius: float) -> MergedMes
             left[covered] = False
             prisms += [prism * radius + origin for prism in found]
             sides += 1
-    curved = simplified((vertices - origin) / radius, triangles[left])
-    if not curved.distance:
-        return MergedMesh(tuple(prisms), vertices, triangles[left], sides, 0.0)
-    moved = curved.vertices * radius + origin
-    return MergedMesh(tuple(prisms), moved, curved.triangles, sides, curved.distance * radius)
+    remaining, distance = simplified((vertices - origin) / radius, triangles[left])
+    if not distance:
+        return MergedMesh(tuple(prisms), vertices[triangles[left]], sides, 0.0)
+    return MergedMesh(tuple(prisms), remaining * radius + origin, sides, distance * radius)
 
 
 def _coplanar(corners: Array) -> Iterator[tuple[int, Indices]]:

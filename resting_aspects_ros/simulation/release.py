@@ -119,7 +119,7 @@ def _started(
 ) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
     states, scene = starts.states(index, random), job.scene
-    of_body = body_from_part(states.orientation, job.axes)
+    of_body = composed(states.orientation, job.axes)
     position = scene.in_scene(states.position) / job.radius
     if scene.level:  # a part that lies on the surface begins where the engine lets it rest
         lowest = depth_of(of_body, job.hull) + (REST_MARGIN if job.engine == BULLET else 0.0)
@@ -146,7 +146,7 @@ def _released(job: DropJob, random: Random, n: int) -> InitialState:
     c, unit = job.conditions, job.time_unit
     of_part, velocity, spin = _thrown(c, random, n)
     velocity, spin = velocity * unit / job.radius, spin * unit
-    of_body = body_from_part(of_part, job.axes)
+    of_body = composed(of_part, job.axes)
     depth = depth_of(of_body, job.hull)
     height = np.full(n, c.height / job.radius)
     clearance = height if c.height_of is HeightOf.LOWEST_POINT else height - depth
@@ -195,11 +195,6 @@ def _in_scene(job: DropJob, random: Random, n: int) -> InitialState:
     return InitialState(position, of_body, velocity, spin * unit, elapsed)
 
 
-def body_from_part(of_part: Array, axes: Array) -> Array:
-    """Return the rotation tray from body, given tray from part and the job's axes."""
-    return composed(of_part, axes)
-
-
 def part_from_body(of_body: Array, axes: Array) -> Array:
     """Return the rotation tray from part, given tray from body and the job's axes."""
     return composed(of_body, axes * [-1, -1, -1, 1])
@@ -221,7 +216,7 @@ def depth_of(xyzw: Array, hull: Array) -> Array:
 TOUCH = 0.005
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Ends:
     """How n drops have ended, in R and T, in the axes of the surroundings.
 
@@ -239,12 +234,6 @@ class Ends:
     minimum: npt.NDArray[np.int64]
     time: Array
     growth: Array
-
-    @property
-    def decided_by(self) -> npt.NDArray[np.uint8]:
-        """(n,) codes of DecidedBy."""
-        by_energy = self.minimum >= 0
-        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
 
 
 def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
@@ -264,7 +253,7 @@ def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
     # In Bullet, a hull rests a margin (0.001 R) above a plane; the pose has the part on it.
     if scene.level:
         centre = ends.position * job.radius
-        depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
+        depth = depth_of(composed(orientation, job.axes), job.hull) * job.radius
         centre[:, 2] = np.where(settled, depth, centre[:, 2])
     else:
         put_down = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
@@ -274,7 +263,7 @@ def resting_poses(job: DropJob, first_drop: int, ends: Ends) -> RestingPoses:
         position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
         orientation=orientation,
         status=ends.status,
-        decided_by=ends.decided_by,
+        decided_by=np.where(decided, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8),
         time_to_rest=ends.time * job.time_unit,
         energy_growth=ends.growth,
     )

@@ -165,16 +165,6 @@ class Scene:
         return rotate(self.tray_from_scene, vectors)
 
     @property
-    def frame_velocity(self) -> Array:
-        """(3,) velocity of the frame in which the scene is simulated, m/s, scene frame.
-
-        That of the first body, if the scene is the same everywhere in that direction. In the
-        engine, friction on bodies at rest is more accurate, and takes less time.
-        """
-        velocity = self.bodies[0].velocity
-        return velocity if self._same_along(velocity) else np.zeros(3)
-
-    @property
     def driven(self) -> bool:
         """Whether a surface moves, which can add energy."""
         return any(body.contact.speed for body in self.bodies)
@@ -185,7 +175,7 @@ class Scene:
         A belt that runs into a wall, or ends, carries no part for ever. Scene frame.
         """
         moving = {tuple(body.velocity.tolist()) for body in self.bodies if body.contact.speed}
-        endless = sorted(v for v in moving if self._same_along(np.array(v)))
+        endless = sorted(v for v in moving if self.same_along(np.array(v)))
         return np.array([(0.0, 0.0, 0.0), *endless])
 
     def with_floor_speed(self, speed: float) -> 'Scene':
@@ -194,7 +184,7 @@ class Scene:
         contact = replace(floor.contact, speed=speed)
         return replace(self, bodies=(replace(floor, contact=contact, along=X), *others))
 
-    def _same_along(self, direction: Array) -> bool:
+    def same_along(self, direction: Array) -> bool:
         """Return whether the scene is the same everywhere along a direction (3,)."""
         return not direction[self.free :].any()
 

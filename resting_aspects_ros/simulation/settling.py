@@ -38,38 +38,30 @@ MAX_DEPTH = 0.5
 # impacts (Kane and Levinson 1985): with restitution 0.8 and friction 0.5 by a fraction of up to
 # 0.05 between checks, with 0.95 and 1 by 0.2. Numerical failures grow without bounds.
 MAX_GROWTH = 0.5
+# A part whose centre of mass is further than this, R, from the wall below an edge cannot touch it
+# when it rolls to its minimum: it turns about a point that is less than R away, and reaches R.
+WALL_DISTANCE = 2.0
 
 
-class Settling:
-    """The drops of one world, from release until each has ended.
-
-    The attributes have one row for each drop.
+class Settling(Ends):
+    """The drops of one world, from release until each has ended; of others, the last check.
 
     moving : (m,) int
         Rows of the drops that have not ended.
-    position, orientation
-        At the last check; see States.
-    status : (n,) uint8
-        Codes of RestStatus.
-    minimum : (n,) int
-        For a drop decided by its energy, the minimum of the landscape to which it will roll;
-        otherwise -1.
-    time : (n,) float
-        From release to the end, T.
-    growth : (n,) float
-        Maximum growth of the energy between two checks, m g R.
     """
 
     def __init__(self, job: DropJob, states: InitialState) -> None:
         n = len(states.elapsed)
+        super().__init__(
+            position=states.position.copy(),
+            orientation=states.orientation.copy(),
+            status=np.full(n, RestStatus.UNSETTLED, dtype=np.uint8),
+            minimum=np.full(n, -1),
+            time=np.zeros(n),
+            growth=np.zeros(n),
+        )
         self._job = job
         self.moving = np.arange(n)
-        self.position = states.position.copy()
-        self.orientation = states.orientation.copy()
-        self.status = np.full(n, RestStatus.UNSETTLED, dtype=np.uint8)
-        self.minimum = np.full(n, -1)
-        self.time = np.zeros(n)
-        self.growth = np.zeros(n)
         self._elapsed = states.elapsed
         motion = job.motion
         self._limit = TIME_LIMIT + (float(states.flight.max()) if job.edge is None else 0.0)
@@ -81,13 +73,6 @@ class Settling:
         self._still = np.zeros(n, dtype=np.int64)  # consecutive checks without motion
         self._energy = self._energies(states)
         self._min_energy = self._energy.copy()  # of all checks
-
-    @property
-    def ends(self) -> Ends:
-        """How the drops have ended."""
-        return Ends(
-            self.position, self.orientation, self.status, self.minimum, self.time, self.growth
-        )
 
     def check(self, now: float, states: States) -> npt.NDArray[np.int64]:
         """Update the moving bodies, ``now`` T after the start; returns the drops that ended.
@@ -102,7 +87,10 @@ class Settling:
         self.status[moving[failed]] = RestStatus.FAILED
         self.time[moving[failed]] = math.nan
         sound, at = moving[~failed], states.select(~failed)
-        still = self._update_still(sound, at)
+        calm = self._calm(sound, at) & (not self._shaken)
+        self.position[sound], self.orientation[sound] = at.position, at.orientation
+        self._still[sound] = np.where(calm, self._still[sound] + 1, 0)
+        still = self._still[sound] * CHECK_INTERVAL >= self._window
         lost = self._left(at.position)
         still &= ~lost
         other = self._other(sound, at, still, lost)
@@ -135,7 +123,10 @@ class Settling:
 
     def _clear(self, states: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) cannot touch the wall below an edge when they roll."""
-        return self._job.clear_of_wall(states.position[:, 0], self._now)
+        if self._job.edge is None:
+            return np.ones(len(states.position), dtype=np.bool_)
+        wall = -self._job.lower_speed * self._now
+        return np.asarray(states.position[:, 0] - wall > WALL_DISTANCE)
 
     def _on_surface(self, position: Array) -> Array:
         """Return positions (n, 3) in the frame of the surface, R."""
@@ -157,7 +148,7 @@ class Settling:
         sound = states.finite
         # For parts that can gain energy from what moves, no growth is counted up to this check.
         gains = np.full(len(sound), self._shaken)
-        gains |= ~self._clear(states) & (self._job.wall_speed != 0)
+        gains |= ~self._clear(states) & (self._job.lower_speed != 0)
         height = self._on_surface(states.position)[:, 2]
         # The penetration of a thin part can bring its centre of mass below the surface. Below
         # this depth, the part has fallen through the surface.
@@ -171,29 +162,17 @@ class Settling:
         sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
         return np.asarray(~sound)
 
-    def _update_still(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
-        """Update positions and orientations; returns which drops were still for the window."""
+    def _calm(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+        """Return which drops did not move since the last check."""
         moved = np.abs(states.position - self.position[which])
         # A part that a wall pushes along is at rest, too.
         pushed = states.position[:, 0] - self.position[which, 0]
-        pushed -= self._job.wall_speed * CHECK_INTERVAL
+        pushed -= -self._job.lower_speed * CHECK_INTERVAL
         moved[:, 0] = np.minimum(moved[:, 0], np.abs(pushed))
         motion = np.maximum(
             moved.max(axis=1), turned_by(states.orientation, self.orientation[which])
         )
-        return self._counted_still(which, states, motion < REST_MOTION)
-
-    def _counted_still(
-        self,
-        which: npt.NDArray[np.int64],
-        states: States,
-        still: npt.NDArray[np.bool_],
-    ) -> npt.NDArray[np.bool_]:
-        self.position[which] = states.position
-        self.orientation[which] = states.orientation
-        still = still & (not self._shaken)
-        self._still[which] = np.where(still, self._still[which] + 1, 0)
-        return np.asarray(self._still[which] * CHECK_INTERVAL >= self._window)
+        return np.asarray(motion < REST_MOTION)
 
     def _decide(self, which: npt.NDArray[np.int64]) -> None:
         """Set the minima of the drops that are decided by their energy."""
@@ -251,10 +230,8 @@ def turned_by(orientation: Array, other: Array) -> Array:
 
 
 # Time, T, for which a part must be still. The last T before the end is the most expensive one,
-# because the part touches several bodies. A quarter of the window of the level plane: of 12,000
-# drops on a slope, in a groove and in a chute with a moving belt, 10 that were still for 0.5 T had
-# turned by more than 0.005 (a quaternion component) after 4 T, three of them by more than 0.05; of
-# those that were still for T, one, by 0.0064.
+# because the part touches several bodies. Of 12,000 drops, 10 that were still for it turned by
+# more than 0.005 (a quaternion component) later.
 WINDOW = 0.5
 # A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does
 # not decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane,
@@ -334,14 +311,14 @@ class SceneSettling(Settling):
         kinetic = (states.velocity**2).sum(axis=1) + (self._job.moments * spin**2).sum(axis=1)
         return np.asarray(kinetic / 2 - states.position @ self._scene.down)
 
-    def _update_still(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
-        """Update the poses; returns which drops did not move with some surface, or at all."""
+    def _calm(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+        """Return which drops did not move, or moved with some surface, since the last check."""
         moved = states.position - self.position[which]
         carried = self._surface_velocities * CHECK_INTERVAL
         distance = np.abs(moved[:, None, :] - carried).max(axis=2).min(axis=1)
         turned = turned_by(states.orientation, self.orientation[which])
         creep = MAX_CREEP if self._scene.driven else REST_MOTION
-        return self._counted_still(which, states, (distance < creep) & (turned < REST_MOTION))
+        return np.asarray((distance < creep) & (turned < REST_MOTION))
 
     def _relative_speed(self, velocity: Array) -> Array:
         """Return the speeds (n,) relative to the surface that moves most nearly alike."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.hull import convex_hull
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import (
     Random,
     angle_between,
@@ -25,40 +26,10 @@ from resting_aspects_ros.simulation.scene import Scene, level_plane
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.actions import Vibration
+    from resting_aspects_ros.simulation.actions import Step, Vibration
 
 
-# -- Starts ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """The end of an upper belt, as a part meets it. SI units.
-
-    The upper belt moves in the direction x and turns down at x = 0, over a roller along y, whose
-    surface moves with it. Below the roller is a vertical wall at x = 0. Velocities are relative to
-    this wall; z = 0 is the lower belt.
-
-    height : float
-        Of the upper belt above the lower one.
-    radius : float
-        Of the roller.
-    belt_speed, lower_speed : float
-        Of the upper and of the lower belt.
-    friction_factor, restitution_factor : float
-        Friction and restitution of the upper belt, its roller and the wall, as multiples of the
-        conditions, which are those of the lower belt.
-    pieces : tuple of (k, 3) float
-        Corners of convex pieces of the part, relative to its centre of mass, in part axes.
-    """
-
-    height: float
-    radius: float
-    belt_speed: float
-    lower_speed: float
-    friction_factor: float
-    restitution_factor: float
-    pieces: tuple[Array, ...]
+# -- States ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,29 +62,6 @@ class States:
     def select(self, which: npt.NDArray[Any]) -> 'States':
         """Return the states of some of the parts."""
         return States(*(each[which] for each in self.arrays))
-
-
-class Starts(Protocol):
-    """Where and how the parts of a run start; determined by the index and the random numbers."""
-
-    @property
-    def rows(self) -> int:
-        """Number of different starts."""
-
-    @property
-    def max_speed(self) -> float:
-        """Speed at which the fastest point of a part can hit the surface first, m/s."""
-
-    @property
-    def motion(self) -> 'Vibration | None':
-        """Motion of the surface, on which the positions then are; None: it stays at rest."""
-
-    @property
-    def edge(self) -> Edge | None:
-        """Edge that the parts pass before they are on the surface; None: there is none."""
-
-    def states(self, index: Indices, random: Random) -> States:
-        """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
 
 
 # -- Given states ---------------------------------------------------------------------------------
@@ -180,10 +128,10 @@ class GivenStates:
 
 
 class GivenStarts:
-    """Given states with noise. Every replicate of a state has its own noise."""
+    """Given states with noise, of which every replicate has its own; see RestStarts."""
 
     motion: 'Vibration | None' = None
-    edge: Edge | None = None
+    edge: 'Step | None' = None
 
     def __init__(self, given: GivenStates, noise: Noise, gravity: float, radius: float) -> None:
         self._states = States(
@@ -200,21 +148,17 @@ class GivenStarts:
         self.max_speed = float((np.sqrt(velocity**2 + fall) + spin * radius).max())
 
     def states(self, index: Indices, random: Random) -> States:
-        """Return the states of some drops; see Starts."""
-        return _with_noise(self._states.select(index % self.rows), self._noise, random)
-
-
-def _with_noise(states: States, noise: Noise, random: Random) -> States:
-    """Return the states with independent errors."""
-    shape = states.position.shape
-    turn = random.standard_normal(shape) * noise.orientation
-    velocity = states.velocity + random.standard_normal(shape) * noise.velocity
-    spin = states.spin + random.standard_normal(shape) * noise.spin
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
-    vector = turn / 2 * np.sinc(angle / 2 / np.pi)
-    orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
-    return States(states.position, orientation, velocity, spin)
+        """Return the states of some drops with independent errors; see RestStarts."""
+        states, noise = self._states.select(index % self.rows), self._noise
+        shape = states.position.shape
+        turn = random.standard_normal(shape) * noise.orientation
+        velocity = states.velocity + random.standard_normal(shape) * noise.velocity
+        spin = states.spin + random.standard_normal(shape) * noise.spin
+        angle = np.linalg.norm(turn, axis=1, keepdims=True)
+        # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
+        vector = turn / 2 * np.sinc(angle / 2 / np.pi)
+        orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
+        return States(states.position, orientation, velocity, spin)
 
 
 # -- Actions on parts at rest ---------------------------------------------------------------------
@@ -227,8 +171,6 @@ class Action(Described):
     comes from the generator that ``applied`` receives.
     """
 
-    # Whether parts fall from an edge, which only Bullet simulates.
-    has_edge: ClassVar[bool] = False
     # Whether it can leave a part untouched, of which the user is warned.
     can_miss: ClassVar[bool] = False
 
@@ -242,9 +184,9 @@ class Action(Described):
         """Motion of the surface after the start; None: it stays at rest."""
         return None
 
-    def edge(self, part: Part) -> Edge | None:
-        """Return the edge that a part passes before it is on the surface; None: there is none."""
-        del part
+    @property
+    def edge(self) -> 'Step | None':
+        """The step from which parts fall, which only Bullet simulates; None: there is none."""
         return None
 
     def check(self, name: str, scene: Scene) -> None:
@@ -290,15 +232,18 @@ class Body:
     compliance: Array
 
 
+# Centres of mass (m, 3) in the tray frame, m, unit quaternions (m, 4), tray from part, and their
+# probabilities (m,).
+Row = tuple[Array, Array, Array]
+
+
 @dataclass(frozen=True, eq=False)
 class RestStarts:
-    """Parts at rest to which an action is applied; implements Starts.
+    """Parts at rest to which an action is applied.
 
-    positions, orientations : tuple of (m, 3) and (m, 4) float
-        For each row the poses in which a part can rest: centre of mass in the tray frame, m, and
-        unit quaternions, tray from part. On a level plane, a part has a uniform yaw in addition.
-    weights : tuple of (m,) float
-        Their probabilities.
+    poses : tuple of Row
+        For each row the poses in which a part can rest. On a level plane, a part has a uniform
+        yaw in addition.
     ids : tuple of int
         The aspect of each row, if each row is one.
     action : Action
@@ -307,28 +252,33 @@ class RestStarts:
         Where the parts rest; at an edge, the upper floor.
     gravity : float
         m/s2.
-    edge : Edge or None
+    pieces : tuple of (k, 3) float
+        At an edge, corners of convex pieces of the part, relative to its centre of mass, in part
+        axes, m.
     """
 
-    positions: tuple[Array, ...]
-    orientations: tuple[Array, ...]
-    weights: tuple[Array, ...]
+    poses: tuple[Row, ...]
     ids: tuple[int, ...]
     action: Action
     body: Body
     scene: Scene
     gravity: float
-    edge: Edge | None
+    pieces: tuple[Array, ...]
 
     @property
     def rows(self) -> int:
         """Number of different starts."""
-        return len(self.positions)
+        return len(self.poses)
 
     @property
     def motion(self) -> 'Vibration | None':
-        """See Starts."""
+        """Motion of the surface, on which the positions then are; None: it stays at rest."""
         return self.action.motion
+
+    @property
+    def edge(self) -> 'Step | None':
+        """Edge that the parts pass before they are on the surface; None: there is none."""
+        return self.action.edge
 
     @property
     def carried(self) -> Array:
@@ -339,26 +289,34 @@ class RestStarts:
 
     @property
     def max_speed(self) -> float:
-        """See Starts."""
+        """Speed at which the fastest point of a part can hit the surface first, m/s."""
         return self.action.max_speed(self) + float(np.linalg.norm(self.carried))
 
     def states(self, index: Indices, random: Random) -> States:
-        """Return the states of some drops; see Starts."""
+        """Return the states of the drops of a chunk, whose indices (n,) are consecutive.
+
+        They follow from the indices and the random numbers.
+        """
         row, n = index % self.rows, len(index)
         share = random.random(n)
         position, orientation = np.empty((n, 3)), np.empty((n, 4))
         for r in np.unique(row).tolist():
             here = row == r
             # The last interval is open, so that rounding in the sum leaves no gap.
-            chosen = np.searchsorted(np.cumsum(self.weights[r])[:-1], share[here], side='right')
-            position[here] = self.positions[r][chosen]
-            orientation[here] = self.orientations[r][chosen]
+            positions, orientations, weights = self.poses[r]
+            chosen = np.searchsorted(np.cumsum(weights)[:-1], share[here], side='right')
+            position[here] = positions[chosen]
+            orientation[here] = orientations[chosen]
         if self.scene.level:
             half_yaw, zero = random.random(n) * np.pi, np.zeros(n)
             yaw = np.stack([zero, zero, np.sin(half_yaw), np.cos(half_yaw)], axis=-1)
             orientation = product(yaw, orientation)
         states = States(position, orientation, np.tile(self.carried, (n, 1)), np.zeros((n, 3)))
         return self.action.applied(states, row, self, random)
+
+
+# Where and how the parts of a run start that are not released.
+Starts = GivenStarts | RestStarts
 
 
 def starts_of(
@@ -427,10 +385,6 @@ def rest_starts(
     return _starts(part, action, level_plane(conditions), conditions, [known[k] for k in ids], ids)
 
 
-# Positions (m, 3), orientations (m, 4) and weights (m,) of a row of RestStarts.
-Row = tuple[Array, Array, Array]
-
-
 def _starts(
     part: Part,
     action: Action,
@@ -439,16 +393,15 @@ def _starts(
     rows: Sequence[Row],
     ids: Sequence[int] = (),
 ) -> RestStarts:
+    pieces = () if action.edge is None else convex_pieces(part).corners
     return RestStarts(
-        positions=tuple(position for position, _, _ in rows),
-        orientations=tuple(orientation for _, orientation, _ in rows),
-        weights=tuple(weights for _, _, weights in rows),
+        poses=tuple(rows),
         ids=tuple(ids),
         action=action,
         body=body_of(part),
         scene=scene,
         gravity=conditions.gravity,
-        edge=action.edge(part),
+        pieces=tuple(corners - part.centre_of_mass for corners in pieces),
     )
 
 

@@ -220,16 +220,12 @@ class Surroundings:
 
     def _region(self, radius: float) -> tuple[Any, Any]:
         low, high = (radius * r for r in self.shape.across)
-        centre = self.shape.centre
+        x, y = self.shape.centre
         found = []
-        for axis, middle, ends in (('x', centre[0], (0.0, 0.0)), ('y', centre[1], (low, high))):
-            given = self.release.get(f'{axis}_min'), self.release.get(f'{axis}_max')
-            if given == (None, None):
-                found.append(np.array([middle + ends[0], middle + ends[1]]))
-            else:
-                first = given[0] if given[0] is not None else given[1]
-                last = given[1] if given[1] is not None else given[0]
-                found.append(np.array([first, last]))
+        for axis, default in (('x', [x]), ('y', [y + low, y + high])):
+            names = f'{axis}_min', f'{axis}_max'
+            ends = [self.release[name] for name in names if name in self.release] or default
+            found.append(np.array([ends[0], ends[-1]]))
         return found[0], found[1]
 
 

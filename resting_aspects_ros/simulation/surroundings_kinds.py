@@ -557,17 +557,7 @@ class MeshSurface(Kind):
 
     def simplified(self, bodies: tuple[SceneBody, ...], radius: float) -> tuple[SceneBody, ...]:
         """See Kind: wide flat sides are prisms, and curved sides have fewer triangles."""
-        (body,) = bodies
-        assert isinstance(body, MeshBody)
-        found = _merged(self, radius)
-        whole = dataclasses.replace(
-            body,
-            prisms=found.prisms,
-            remaining=found.vertices[found.triangles],
-            sides=found.sides,
-            distance=found.distance,
-        )
-        return (whole,)
+        return (dataclasses.replace(bodies[0], **_merged(self, radius)._asdict()),)
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:
         """See Kind: a part that is below the mesh or beside it has left it."""

@@ -19,10 +19,10 @@ from typing import Any, Protocol, TypeVar
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation.conditions import BULLET
-from resting_aspects_ros.simulation.job import DropJob, RunDescription
+from resting_aspects_ros.simulation.job import CHUNKS, DropJob, RunDescription
 from resting_aspects_ros.statistics.intervals import checkpoints
 from resting_aspects_ros.statistics.poses import RestingPoses
-from resting_aspects_ros.system import available_cores, blocked_signals
+from resting_aspects_ros.system import blocked_signals
 
 # -- Chunks ---------------------------------------------------------------------------------------
 
@@ -70,9 +70,9 @@ def chunk_bounds(
 
     They begin at multiples of that number, and at the ``cuts``.
     """
+    size = CHUNKS[job.engine]
     while first < end:
-        ends = [end, (first // job.chunk + 1) * job.chunk, *(cut for cut in cuts if cut > first)]
-        stop = min(ends)
+        stop = min(end, (first // size + 1) * size, *(cut for cut in cuts if cut > first))
         yield first, stop
         first = stop
 
@@ -165,11 +165,6 @@ _ENGINE = 'resting_aspects_ros.simulation.bullet_engine'
 _END_TIMEOUT = 5.0
 
 
-def default_workers() -> int:
-    """Return the number of cores that this process may use."""
-    return available_cores()
-
-
 class LocalWorkers:
     """Threads that make drops in the kernel, or let a process of their own make them in Bullet.
 
@@ -179,8 +174,6 @@ class LocalWorkers:
 
     count : int
         Number of threads, and maximum number of processes.
-    replaced : int
-        Number of processes that died.
 
     Raises
     ------
@@ -192,12 +185,16 @@ class LocalWorkers:
         if not 1 <= count <= MAX_WORKERS:
             raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
         self.count = count
-        self.replaced = 0
         self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
-        self._processes: set[_Process] = set()
-        self._idle: list[_Process] = []
+        self._own = threading.local()  # the process of each thread
+        self._processes: list[_Process] = []
         self._lock = threading.Lock()
         self._stopped = False
+
+    @property
+    def replaced(self) -> int:
+        """Number of processes that died."""
+        return sum(not process.alive for process in self._processes)
 
     def lookahead(self) -> int:
         """Return two chunks per worker: one that is simulated and one that is waiting."""
@@ -212,47 +209,26 @@ class LocalWorkers:
         """End the workers; chunks that were not started are discarded."""
         with self._lock:
             self._stopped = True
-            processes = list(self._processes)
-        for process in processes:
+        for process in self._processes:
             process.kill()
         # No thread waits for a process any more, because its end of the connection is closed.
         self._threads.shutdown(cancel_futures=True)
-        for process in processes:
+        for process in self._processes:
             process.wait()
 
     def _in_process(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        process = self._taken()
-        try:
-            return process.drop(job, first, end)
-        finally:
+        """Simulate a chunk in the process of this thread, which is started if there is none."""
+        process: _Process | None = getattr(self._own, 'process', None)
+        if process is None or not process.alive:
             with self._lock:
-                if process.alive:
-                    self._idle.append(process)
-                else:
-                    self._remove(process)
-
-    def _taken(self) -> '_Process':
-        """Return an idle process, or start one; raises EngineError if that is impossible."""
-        with self._lock:
-            if self._stopped:
-                raise WorkerDiedError('the workers were stopped')
-            while self._idle:
-                process = self._idle.pop()
-                if process.alive:
-                    return process
-                self._remove(process)
-            try:
-                process = _Process()
-            except OSError as error:
-                raise EngineError(f'cannot start a worker process: {error.strerror}') from None
-            self._processes.add(process)
-            return process
-
-    def _remove(self, process: '_Process') -> None:
-        self._processes.discard(process)
-        self.replaced += 1
-        process.kill()
-        process.wait()
+                if self._stopped:
+                    raise WorkerDiedError('the workers were stopped')
+                try:
+                    process = self._own.process = _Process()
+                except OSError as error:
+                    raise EngineError(f'cannot start a worker process: {error.strerror}') from None
+                self._processes.append(process)
+        return process.drop(job, first, end)
 
 
 class _Process:
@@ -262,7 +238,6 @@ class _Process:
         if os.name != 'posix':
             raise EngineError('Bullet runs in processes that need Linux or macOS')
         self._job: DropJob | None = None
-        self._lost = False
         self._connection, theirs = Pipe()
         # The parent handles the signals. A terminal sends them to all of its processes, and a
         # process inherits the signals that its parent blocks.
@@ -283,7 +258,8 @@ class _Process:
             self._job = job
             answer = self._connection.recv()
         except (EOFError, OSError):
-            self._lost = True
+            self.kill()
+            self.wait()
             raise WorkerDiedError('a worker process died') from None
         if isinstance(answer, Exception):
             raise answer
@@ -293,7 +269,7 @@ class _Process:
     @property
     def alive(self) -> bool:
         """Whether the process can simulate another chunk."""
-        return not self._lost and self._process.poll() is None
+        return self._process.poll() is None
 
     def kill(self) -> None:
         """Kill the process, which closes its end of the connection: nothing waits for it."""

@@ -17,12 +17,13 @@ from resting_aspects_ros.statistics.comparison import (
     p_of_window,
     square_and_add,
 )
-from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
+from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     SIMULTANEOUS,
     bounds,
     check_confidence,
+    check_number,
 )
 
 LEVEL = 0.01
@@ -94,12 +95,10 @@ class DriftTest:
         is assumed.
     confidence : float
         Confidence of the intervals of deviations, for all classes together.
-    groups : tuple of tuples of int
-        The symmetry classes of each column, which can be counted together.
+    observed : ObservedCounts
+        All counted parts; the columns of the windows are its groups.
     labels : sequence of str
         Batch or time of the begin of each window; empty if not known.
-    parts, unclassified : int
-        Number of all parts in a class, and of further parts in none, which are not tested.
     """
 
     simulated: Counts
@@ -111,15 +110,13 @@ class DriftTest:
     drifted: range
     scatter: BatchScatter | None
     confidence: float
-    groups: Groups
+    observed: ObservedCounts
     labels: Sequence[str]
-    parts: int
-    unclassified: int
 
     @property
     def names(self) -> list[str]:
         """The names of the columns: '3', or '3+4' for classes that were counted together."""
-        return ['+'.join(map(str, group)) for group in self.groups]
+        return ['+'.join(map(str, group)) for group in self.observed.groups]
 
     @property
     def size(self) -> int:
@@ -129,7 +126,7 @@ class DriftTest:
     @property
     def untested(self) -> int:
         """Number of parts at the end that do not fill a window."""
-        return self.parts - int(self.ends[-1])
+        return self.observed.parts - int(self.ends[-1])
 
     @property
     def alarms(self) -> Counts:
@@ -183,11 +180,6 @@ def find_drift(
     check_level(level)
     check_confidence(confidence)
     simulated = check_simulated(simulated)
-    if len(observed.groups) != len(simulated):
-        raise InvalidValueError(
-            f'invalid number of classes {len(observed.groups)} of the counted parts: expected '
-            f'{len(simulated)}, as in the simulation'
-        )
     check_windows(observed, window)
     counts, ends, labels = observed.windows(window)
     scatter = batch_scatter(observed.windows(UNIT)[0])
@@ -202,10 +194,8 @@ def find_drift(
         drifted_windows(np.flatnonzero(p_values <= level), len(counts)),
         scatter,
         confidence,
-        observed.groups,
+        observed,
         labels,
-        observed.parts,
-        observed.unclassified,
     )
 
 
@@ -287,7 +277,7 @@ def parts_needed(
     counts = check_simulated(simulated)
     check_level(level)
     check_shift(shift)
-    _check_number('power', power, MIN_POWER, MAX_POWER)
+    check_number('power', power, MIN_POWER, MAX_POWER)
     drops = int(counts.sum())
     # Jeffreys' estimate also defines what becomes of the others if only one class was seen.
     expected = np.asarray((counts + 0.5) / (drops + len(counts) / 2), dtype=np.float64)
@@ -335,18 +325,12 @@ def check_windows(observed: ObservedCounts, window: int) -> None:
 
 def check_level(level: float) -> None:
     """Raise InvalidValueError unless the level is within the limits of the test."""
-    _check_number('level', level, MIN_LEVEL, MAX_LEVEL)
+    check_number('level', level, MIN_LEVEL, MAX_LEVEL)
 
 
 def check_shift(shift: float) -> None:
     """Raise InvalidValueError unless the deviation is within the limits of the test."""
-    _check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
-
-
-def _check_number(name: str, value: float, low: float, high: float) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (number and low <= value <= high):
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {low:g} to {high:g}')
+    check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
 
 
 def check_simulated(simulated: Counts) -> Counts:

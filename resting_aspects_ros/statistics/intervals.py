@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.special import betaincinv, ndtri
 
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.errors import InvalidValueError, shown
 
 CONFIDENCE = 0.95
 INTERVAL = 'wilson'
@@ -99,6 +99,13 @@ def check_confidence(confidence: float) -> None:
         )
 
 
+def check_number(name: str, value: float, low: float, high: float) -> None:
+    """Raise InvalidValueError unless a value is a number from ``low`` to ``high``."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and low <= value <= high):
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {low:g} to {high:g}')
+
+
 def _checked(counts: npt.ArrayLike, drops: npt.ArrayLike) -> tuple[Counts, Counts]:
     c = np.asarray(counts, dtype=np.int64)
     n = np.asarray(drops, dtype=np.int64)[..., None]
@@ -167,11 +174,7 @@ def checkpoints(drop_limit: int) -> list[int]:
 
 def check_precision(precision: float) -> None:
     """Raise InvalidValueError unless the precision is within the limits for a run."""
-    number = isinstance(precision, int | float) and not isinstance(precision, bool)
-    if not (number and MIN_PRECISION <= precision <= MAX_PRECISION):
-        raise InvalidValueError(
-            f'invalid precision {precision!r}: expected {MIN_PRECISION} to {MAX_PRECISION}'
-        )
+    check_number('precision', precision, MIN_PRECISION, MAX_PRECISION)
 
 
 def stopping_confidence(confidence: float = CONFIDENCE) -> float:

@@ -1,7 +1,6 @@
 """Several parts: their files, a batch of drops, and the designs of a part side by side."""
 
 import dataclasses
-import hashlib
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -41,7 +40,7 @@ from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
-from resting_aspects_ros.studies.points import Case
+from resting_aspects_ros.studies.points import Case, seed_of
 from resting_aspects_ros.system import parts_folder
 
 if TYPE_CHECKING:
@@ -469,8 +468,7 @@ def part_seed(seed: int, part: Part) -> int:
 
     It depends neither on the other parts nor on their order.
     """
-    text = f'{seed} {part.part_sha256}'.encode('ascii')
-    return int.from_bytes(hashlib.sha256(text).digest()[:8], 'little')
+    return seed_of(f'{seed} {part.part_sha256}')
 
 
 def _folder(name: str, taken: Sequence[str]) -> str:

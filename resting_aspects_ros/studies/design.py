@@ -208,8 +208,17 @@ def read_setting(
 def _conditions(
     surface: str, changes: Mapping[str, float | str], surfaces: Surfaces
 ) -> DropConditions:
+    values = condition_values(changes)
+    if len(values) > len(QUANTITIES) and surface not in ('', *surfaces.names()):
+        # A saved study has all values of a surface whose file need not exist any more.
+        return DropConditions(surface=check_name('a surface', surface), **values)
+    return surfaces.get(surface).changed(**values)
+
+
+def condition_values(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return conditions that are numbers or texts with a unit in SI units; InvalidValueError."""
     values: dict[str, Any] = {}
-    for name, value in changes.items():
+    for name, value in given.items():
         if name == 'height_of':
             values[name] = HeightOf.__members__.get(str(value).upper(), value)
         elif name in QUANTITIES:
@@ -219,10 +228,7 @@ def _conditions(
             raise InvalidValueError(
                 f'invalid condition {shown(name)}: expected one of {", ".join(QUANTITIES)}'
             )
-    if len(values) > len(QUANTITIES) and surface not in ('', *surfaces.names()):
-        # A saved study has all values of a surface whose file need not exist any more.
-        return DropConditions(surface=check_name('a surface', surface), **values)
-    return surfaces.get(surface).changed(**values)
+    return values
 
 
 def _surroundings(given: Any, folder: Path | None) -> Surroundings | None:

@@ -5,7 +5,7 @@ All variances of sampling are subtracted: they are known, because counts are mul
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -30,24 +30,14 @@ WORTH, NOT_WORTH, OPEN = 'worth while', 'not worth while', 'not decided'
 
 
 @dataclass(frozen=True, eq=False)
-class LineCounts:
+class LineCounts(Lines):
     """Counts along b lines of one factor, at l levels.
 
     counts : (b, l, c) int
         Each point has drops.
-    points : (b, l) int
-        Indices of the points of the design.
-    levels, weights : (l,) float
-        Values of the factor from 0 to 1, and their weights in an average.
-    fixed : bool
-        Whether the averages are over these lines alone, and not over all possible ones.
     """
 
     counts: Counts
-    points: Counts
-    levels: Array
-    weights: Array
-    fixed: bool
 
     @classmethod
     def of(cls, table: Counts, lines: Lines) -> 'LineCounts | None':
@@ -63,7 +53,7 @@ class LineCounts:
         points = lines.points[np.ix_(kept, levels)]
         weights = lines.weights[levels] / lines.weights[levels].sum()
         fixed = lines.fixed or kept.sum() == 1
-        return cls(table[points], points, lines.levels[levels], weights, bool(fixed))
+        return cls(points, lines.levels[levels], weights, bool(fixed), table[points])
 
     @property
     def drops(self) -> Counts:
@@ -342,9 +332,7 @@ def _resampled(
         return _variances(line, shares)
     b = len(line.counts)
     chosen = (uniform[:b] * b).astype(np.int64)
-    again = LineCounts(
-        line.counts[chosen], line.points[chosen], line.levels, line.weights, fixed=False
-    )
+    again = replace(line, counts=line.counts[chosen], points=line.points[chosen])
     return _variances(again, again.shares)
 
 

@@ -1,6 +1,7 @@
 """Find the conditions with the most of the wanted aspects, or with the least entropy."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -255,8 +256,9 @@ def optimise(
             simulation.aspects, wanted, wanted_classes, minimise_entropy=minimise_entropy
         )
         with DropProgress(loaded.name, budget, shown=progress) as bar:
-            drops = _Drops(simulation, factors, base, objective, seed, bar, stopped)
-            return _found(drops, budget, confidence)
+            return _Search(
+                simulation, factors, base, objective, budget, confidence, seed, bar, stopped
+            ).found()
 
 
 def _range(given: Any) -> Any:
@@ -266,8 +268,9 @@ def _range(given: Any) -> Any:
     return given
 
 
-class _Drops:
-    """The drops of a part at points of the unit cube.
+@dataclass(eq=False)
+class _Search:
+    """A search for the best conditions: its drops of a part at points of the unit cube.
 
     made : int
         Number of drops that were made.
@@ -275,20 +278,20 @@ class _Drops:
         Impossible points, and why.
     """
 
-    def __init__(
-        self,
-        simulation: Simulation,
-        factors: tuple[Factor, ...],
-        base: Setting,
-        objective: Objective,
-        seed: int,
-        bar: DropProgress,
-        stopped: Callable[[], bool],
-    ) -> None:
-        self.simulation, self.factors, self.base = simulation, factors, base
-        self.objective, self.seed, self.stopped = objective, seed, stopped
-        self.made, self._bar = 0, bar
-        self.skipped: list[tuple[Mapping[str, float], str]] = []
+    simulation: Simulation
+    factors: tuple[Factor, ...]
+    base: Setting
+    objective: Objective
+    budget: int
+    confidence: float
+    seed: int
+    bar: DropProgress
+    stopped: Callable[[], bool]
+    made: int = 0
+    skipped: list[tuple[Mapping[str, float], str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng((self.seed, 5))
 
     def values(self, point: Array) -> dict[str, float]:
         """Return the values of the factors at a point (d,), SI units."""
@@ -309,7 +312,7 @@ class _Drops:
         found = run_tasks(
             [partial(self._outcomes, each, drops, batch) for each in settings],
             self.simulation.workers,
-            lambda done: self._bar.update(before + done),
+            lambda done: self.bar.update(before + done),
             self.stopped,
         )
         self.made += sum(int(each.sum()) for each in found if isinstance(each, np.ndarray))
@@ -324,86 +327,90 @@ class _Drops:
         simulate = simulation.dropped if made.action is None else simulation.dropped_and_acted
         return self.objective.columns(simulate(made, drops, seed, monitor))
 
-
-def _found(drops: _Drops, budget: int, confidence: float) -> OptimiseResult:
-    """Search, compare, follow the factors, and return what is known at the end, or if stopped."""
-    objective, factors, seed = drops.objective, drops.factors, drops.seed
-    start = _within(drops.base, factors)
-    known = search(
-        drops.counts, factors, objective, budget, seed, given=start, stopped=drops.stopped
-    )
-    if len(known) < 2:
-        if drops.stopped():
-            raise StoppedError('interrupted; too few points were simulated for a result')
-        reason = f': {drops.skipped[0][1]}' if drops.skipped else ''
-        raise InvalidValueError(
-            f'invalid ranges: expected at least 2 possible points, not {len(known)}{reason}'
+    def found(self) -> OptimiseResult:
+        """Search, compare, follow the factors; return what is known at the end, or if stopped."""
+        objective, factors, seed = self.objective, self.factors, self.seed
+        start = _within(self.base, factors)
+        known = search(
+            self.counts, factors, objective, self.budget, seed, given=start, stopped=self.stopped
         )
-    rng = np.random.default_rng((seed, 5))
-    found, complete = _compared(drops, known, start, budget, confidence, rng)
-    candidates = tuple(candidate for candidate, _ in found)
-    curves: list[FactorCurve] = []
-    if complete:
-        curves = _curves(drops, candidates[0], budget, confidence, rng)
-    gains, certainty = compared([scores for _, scores in found], confidence)
-    return OptimiseResult(
-        part=drops.simulation.part,
-        aspects=drops.simulation.aspects,
-        objective=objective,
-        factors=factors,
-        curves=tuple(curves),
-        candidates=candidates,
-        start=next((each for each in candidates if each.setting is drops.base), None),
-        gains=tuple(gains) if complete else (),
-        certainty=certainty if complete else np.nan,
-        points=[(drops.values(np.array(point)), counts) for point, counts in known.items()],
-        skipped=tuple(drops.skipped),
-        budget=budget,
-        drops=drops.made,
-        complete=len(curves) == len(factors),
-        confidence=confidence,
-        seed=seed,
-    )
+        if len(known) < 2:
+            if self.stopped():
+                raise StoppedError('interrupted; too few points were simulated for a result')
+            reason = f': {self.skipped[0][1]}' if self.skipped else ''
+            raise InvalidValueError(
+                f'invalid ranges: expected at least 2 possible points, not {len(known)}{reason}'
+            )
+        found, complete = self._compared(known, start)
+        candidates = tuple(candidate for candidate, _ in found)
+        curves = self._curves(candidates[0]) if complete else []
+        gains, certainty = compared([scores for _, scores in found], self.confidence)
+        return OptimiseResult(
+            part=self.simulation.part,
+            aspects=self.simulation.aspects,
+            objective=objective,
+            factors=factors,
+            curves=tuple(curves),
+            candidates=candidates,
+            start=next((each for each in candidates if each.setting is self.base), None),
+            gains=tuple(gains) if complete else (),
+            certainty=certainty if complete else np.nan,
+            points=[(self.values(np.array(point)), counts) for point, counts in known.items()],
+            skipped=tuple(self.skipped),
+            budget=self.budget,
+            drops=self.made,
+            complete=len(curves) == len(factors),
+            confidence=self.confidence,
+            seed=seed,
+        )
 
+    def _compared(
+        self, known: Points, start: Array | None
+    ) -> tuple[list[tuple[Candidate, Array]], bool]:
+        """Return the candidates with draws of their scores, and whether they are by fresh drops.
 
-def _compared(
-    drops: _Drops,
-    known: Points,
-    start: Array | None,
-    budget: int,
-    confidence: float,
-    rng: np.random.Generator,
-) -> tuple[list[tuple[Candidate, Array]], bool]:
-    """Return the candidates with draws of their scores, and whether they are by fresh drops.
+        The best value is first; conditions outside the ranges are last.
+        """
+        # The conditions of the user are one of the points, if they are within the ranges.
+        best = best_points(known, self.objective, self.budget, self.seed)
+        points = [p for p in best if start is None or (p != start).any()]
+        settings: list[Callable[[], Setting]] = [
+            *(partial(self.base.changed, self.values(point)) for point in points),
+            lambda: self.base,
+        ]
+        fresh = self.counts_at(settings, self.budget // 12, 'fresh')
+        complete = not any(each is None for each in fresh)
+        found: list[tuple[Candidate, Array]] = []
+        for point, setting, counts in zip([*points, start], settings, fresh, strict=True):
+            own = counts
+            if not complete:
+                own = None if point is None else known.get(tuple(point.tolist()))
+            if isinstance(own, np.ndarray):
+                made, draws = setting(), self.objective.posterior(own, self.rng, DRAWS)
+                values = {factor.name: made.value(factor.name) for factor in self.factors}
+                candidate = Candidate(made, values, point, own, estimated(draws, self.confidence))
+                found.append((candidate, self.objective.sign * draws))
+        found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
+        return found, complete
 
-    The best value is first; conditions outside the ranges are last.
-    """
-    objective = drops.objective
-    # The conditions of the user are one of the points, if they are within the ranges.
-    points: list[Array | None] = [
-        p
-        for p in best_points(known, objective, budget, drops.seed)
-        if start is None or (p != start).any()
-    ]
-    settings: list[Callable[[], Setting]] = [
-        partial(drops.base.changed, drops.values(point)) for point in points if point is not None
-    ]
-    points.append(start)
-    settings.append(lambda: drops.base)
-    fresh = drops.counts_at(settings, budget // 12, 'fresh')
-    complete = not any(each is None for each in fresh)
-    found: list[tuple[Candidate, Array]] = []
-    for point, setting, counts in zip(points, settings, fresh, strict=True):
-        own = counts
-        if not complete:
-            own = None if point is None else known.get(tuple(point.tolist()))
-        if isinstance(own, np.ndarray):
-            made, draws = setting(), objective.posterior(own, rng, DRAWS)
-            values = {factor.name: made.value(factor.name) for factor in drops.factors}
-            estimate = estimated(draws, confidence)
-            found.append((Candidate(made, values, point, own, estimate), objective.sign * draws))
-    found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
-    return found, complete
+    def _curves(self, best: Candidate) -> list[FactorCurve]:
+        """Make drops along each factor through the best conditions, and return what they show."""
+        point, found = best.point, []
+        assert point is not None
+        for k in range(len(self.factors)):
+            line = line_through(point, k, self.factors)
+            drops = self.budget // 4 // (LEVELS * len(self.factors))
+            counts = self.counts(line, drops, 'curve')
+            if self.stopped():
+                return []
+            made = counts.sum(axis=1) > 0
+            at = np.append(line[made, k], point[k])
+            table = np.vstack([counts[made], best.counts[None]])
+            curve = factor_curve(
+                self.objective, at, table, float(point[k]), self.rng, self.confidence
+            )
+            found.append(curve)
+        return found
 
 
 def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
@@ -425,21 +432,3 @@ def line_through(point: Array, k: int, factors: Sequence[Factor]) -> Array:
     line[:, k] = on_levels(line, factors)[:, k]
     line = np.unique(line, axis=0)
     return line[line[:, k] != point[k]]
-
-
-def _curves(
-    drops: _Drops, best: Candidate, budget: int, confidence: float, rng: np.random.Generator
-) -> list[FactorCurve]:
-    """Make drops along each factor through the best conditions, and return what they show."""
-    point, found = best.point, []
-    assert point is not None
-    for k in range(len(drops.factors)):
-        line = line_through(point, k, drops.factors)
-        counts = drops.counts(line, budget // 4 // (LEVELS * len(drops.factors)), 'curve')
-        if drops.stopped():
-            return []
-        made = counts.sum(axis=1) > 0
-        at = np.append(line[made, k], point[k])
-        table = np.vstack([counts[made], best.counts[None]])
-        found.append(factor_curve(drops.objective, at, table, float(point[k]), rng, confidence))
-    return found

@@ -242,7 +242,7 @@ class OptimiseResult(Result):
         """What simulates the best conditions: Bullet at an edge or a mesh, or the kernel."""
         setting = self.best.setting
         scene = scene_of(self.part, setting.drop_conditions)
-        edge = setting.action is not None and setting.action.action.has_edge
+        edge = setting.action is not None and setting.action.action.edge is not None
         return BULLET if edge or not scene.flat else KERNEL
 
     def over(self, other: Candidate | None) -> Advantage | None:

@@ -173,7 +173,7 @@ class Simulation:
         found[:k] = 0
         for number, (each, count) in enumerate(starts):
             if count:
-                own = _seed(f'{seed} action {number}')
+                own = seed_of(f'{seed} action {number}')
                 done = drops + int(found.sum())
                 found += self.dropped(setting, count, own, half(done), starts=each)
         monitor.update(drops)
@@ -278,10 +278,11 @@ def point_seed(seed: int, part: Part, setting: Setting, purpose: str = '') -> in
     It does not depend on the other points, so that points can be added in any order. The drops
     for another purpose are independent.
     """
-    return _seed(f'{seed} {point_key(part, setting)} {purpose}'.rstrip())
+    return seed_of(f'{seed} {point_key(part, setting)} {purpose}'.rstrip())
 
 
-def _seed(text: str) -> int:
+def seed_of(text: str) -> int:
+    """Return the seed that follows from a text."""
     return int.from_bytes(hashlib.sha256(text.encode('utf-8')).digest()[:8], 'little')
 
 

@@ -25,6 +25,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from resting_aspects_ros.errors import RestingAspectsError, one_line, shown
 from resting_aspects_ros.studio.page import TITLES, templates
+from resting_aspects_ros.system import available_cores
 
 if TYPE_CHECKING:  # these imports are slow
     from resting_aspects_ros.simulation.workers import LocalWorkers
@@ -161,14 +162,14 @@ class Studio:
         """Return the workers of all rooms and what opens parts, made on the first call."""
         with self._lock:
             if self._tools is None:
-                from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
+                from resting_aspects_ros.simulation.workers import LocalWorkers
                 from resting_aspects_ros.studio.opening import Opener
                 from resting_aspects_ros.studio.room import route_warnings
 
                 opener = Opener()
                 opener.prepare()
                 route_warnings()
-                self._tools = LocalWorkers(default_workers()), opener
+                self._tools = LocalWorkers(available_cores()), opener
             return self._tools
 
     async def seat(self, key: Any) -> Seat:

@@ -8,8 +8,9 @@ from typing import Any
 from resting_aspects_ros.errors import InvalidValueError, located, shown
 from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
 from resting_aspects_ros.simulation.conditions import (
+    Described,
     Quantity,
-    check_quantities,
+    made_from,
     quantities_of,
     quantity,
 )
@@ -29,7 +30,7 @@ MAX_TRAPS = 20
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(Described):
     """The wall along which the track conveys the part. Only what is below its top touches it."""
 
     height: float = quantity(
@@ -37,12 +38,9 @@ class Wall:
     )
     friction: float = quantity('friction', '', 'friction of the wall', high=10.0, default=0.2)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
 
 @dataclass(frozen=True)
-class Track:
+class Track(Described):
     """A track with traps, which a part passes one after the other.
 
     speed : float
@@ -62,7 +60,7 @@ class Track:
     traps: tuple[Trap, ...] = ()
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if len(self.traps) > MAX_TRAPS:
             raise InvalidValueError(
                 f'invalid number of traps {len(self.traps)}: expected at most {MAX_TRAPS}'
@@ -74,15 +72,11 @@ class Track:
     def document(self) -> dict[str, Any]:
         """The track as plain values in SI units, as `read_track` reads it."""
         return {
-            **_values(self.surface),
-            'wall': _values(self.wall),
-            **_values(self),
+            **self.surface.numbers,
+            'wall': self.wall.numbers,
+            **self.numbers,
             'traps': [trap.document for trap in self.traps],
         }
-
-
-def _values(given: Any) -> dict[str, Any]:
-    return {name: getattr(given, name) for name in quantities_of(given)}
 
 
 def _check_fits(trap: Trap, surface: Surface) -> None:
@@ -123,27 +117,23 @@ def read_track(document: Any) -> Track:
     if not isinstance(wall, Mapping):
         raise InvalidValueError(f'invalid wall {shown(wall)}: expected a mapping')
     with located('wall'):
-        beside = Wall(**_numbers('wall', Wall, wall))
+        beside = made_from({'wall': Wall}, 'wall', 'wall', _numbers(Wall, wall))
     found = []
     for k, each in enumerate(traps, 1):
         with located(f'trap {k}'):
             found.append(read_trap(_trap_numbers(each)))
-    own = {name: each for name, each in given.items() if name in quantities_of(Track)}
-    rest = {name: each for name, each in given.items() if name not in own}
-    return Track(
-        Surface(**_numbers('track', Surface, rest, quantities_of(Track))),
-        beside,
-        traps=tuple(found),
-        **_numbers('track', Track, own),
-    )
+    names = list(quantities_of(Track))
+    own = _numbers(Track, {name: given.pop(name) for name in names if name in given})
+    names += ['wall', 'traps']
+    surface = made_from({'track': Surface}, 'track', 'track', _numbers(Surface, given), names)
+    return Track(surface, beside, traps=tuple(found), **own)
 
 
 def _trap_numbers(given: Any) -> Any:
     """Return the mapping of a trap with its texts as numbers."""
     if not isinstance(given, Mapping) or given.get('kind') not in KINDS:
         return given
-    known = quantities_of(KINDS[given['kind']])
-    found = {name: _number(str(name), each, known.get(name)) for name, each in given.items()}
+    found = _numbers(KINDS[given['kind']], given)
     points = given.get('points')
     if isinstance(points, list):
         found['points'] = tuple(
@@ -155,19 +145,10 @@ def _trap_numbers(given: Any) -> Any:
     return found
 
 
-def _numbers(
-    what: str, declared: Any, given: Mapping[str, Any], others: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def _numbers(declared: Any, given: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the values of a dataclass with numbers instead of texts with units."""
     known = quantities_of(declared)
-    for name in given:
-        if name not in known:
-            names = ', '.join([*known, *(others or {}), *(['wall', 'traps'] if others else [])])
-            raise InvalidValueError(
-                f'invalid value {shown(name)} of a {what}: expected one of {names}'
-            )
-    if declared is Surface and 'width' not in given:
-        raise InvalidValueError(f'missing width of a {what}')
-    return {name: _number(name, each, known[name]) for name, each in given.items()}
+    return {str(name): _number(str(name), each, known.get(name)) for name, each in given.items()}
 
 
 def _number(name: str, given: Any, expected: Quantity | None) -> Any:

@@ -112,15 +112,16 @@ class Passage:
         """Probability (n,) of each row."""
         return np.array([row.probability for row in self.rows])
 
+    def _shares(self, *, wanted: bool) -> tuple[float, float]:
+        """Return the least and greatest share of the parts that pass in wanted or other rows."""
+        mask = np.array([(row.id in self.wanted) == wanted for row in self.rows])
+        low, high = (float((self.probability * each)[mask].sum()) for each in self.passing)
+        return low, high
+
     @property
     def good(self) -> tuple[float, float]:
         """Least and greatest orienting efficiency: parts that leave in a wanted row."""
-        mask = np.array([row.id in self.wanted for row in self.rows])
-        low, high = self.passing
-        return (
-            float((self.probability * low)[mask].sum()),
-            float((self.probability * high)[mask].sum()),
-        )
+        return self._shares(wanted=True)
 
     @property
     def model_good(self) -> tuple[float, float] | None:
@@ -139,11 +140,9 @@ class Passage:
     @property
     def purity(self) -> tuple[float, float]:
         """Least and greatest share of the parts that pass which are in a wanted row."""
-        mask = np.array([row.id in self.wanted for row in self.rows])
-        low, high = (self.probability * each for each in self.passing)
-        worst = low[mask].sum(), high[~mask].sum()
-        best = high[mask].sum(), low[~mask].sum()
-        return tuple(float(a / (a + b)) if a + b > 0 else 0.0 for a, b in (worst, best))  # type: ignore[return-value]
+        (low, high), (fewest, most) = self.good, self._shares(wanted=False)
+        worst, best = (a / (a + b) if a + b > 0 else 0.0 for a, b in ((low, most), (high, fewest)))
+        return worst, best
 
     @property
     def mean_length(self) -> float:
@@ -171,8 +170,7 @@ class Passage:
     @property
     def other_rows(self) -> tuple[float, float]:
         """Parts per minute that pass in rows that are not wanted, at least and at most."""
-        mask = np.array([row.id not in self.wanted for row in self.rows])
-        low, high = (float((self.probability * each)[mask].sum()) for each in self.passing)
+        low, high = self._shares(wanted=False)
         return self.arrivals * low, self.arrivals * high
 
     @property

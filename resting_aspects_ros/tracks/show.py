@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.figure import FAINT, GRID, TEXT, new_figure
@@ -21,7 +22,6 @@ from resting_aspects_ros.tracks.rate import Passage
 from resting_aspects_ros.tracks.traps import Outcome
 
 if TYPE_CHECKING:
-    import shapely
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -66,14 +66,8 @@ def row_fields(row: Orientation) -> dict[str, Any]:
 
 def outcome_fields(row: int, found: Outcome) -> dict[str, Any]:
     """Return what a trap does to a row; values that do not exist are null."""
-    return {
-        'id': row,
-        'outcome': found.outcome,
-        'critical': plain(found.critical),
-        'margin': plain(found.margin),
-        'limited_by': found.limited_by,
-        'share': found.share,
-    }
+    values: Any = plain(found)
+    return {'id': row, **values}
 
 
 def shown_rows(found: Passage) -> list[int]:
@@ -209,8 +203,8 @@ def range_text(low: float, high: float, unit: str, decimals: int = 1) -> str:
 
 def rows_figure(
     found: Passage,
-    outlines: Sequence['shapely.Geometry'],
-    supported: Sequence['shapely.Geometry'],
+    outlines: Sequence[shapely.Geometry],
+    supported: Sequence[shapely.Geometry],
 ) -> 'Figure':
     """Return each orientation from above, to scale: outline, contact, centre of mass, margin.
 
@@ -262,16 +256,14 @@ def _deciding_margin(found: Passage, k: int) -> float | None:
 def track_figure(
     width: float,
     names: Sequence[str],
-    cuts: Sequence['shapely.Geometry | None'],
-    wanted: 'shapely.Geometry',
+    cuts: Sequence[shapely.Geometry | None],
+    wanted: shapely.Geometry,
 ) -> 'Figure':
     """Return the track from above, to scale, with its traps, and the wanted row before them.
 
     cuts : sequence of shapely geometry or None
         What each trap cuts out of the track, m, from its start; None: nothing.
     """
-    import shapely
-
     figure = new_figure(_WIDTH, 2.8)
     axes = figure.add_subplot()
     left, low, right, high = wanted.bounds
@@ -419,9 +411,7 @@ def _draw_wall(axes: 'Axes', reach: float) -> None:
     axes.plot([-2 * reach, 2 * reach], [0, 0], color=TEXT, linewidth=2.5, solid_capstyle='butt')
 
 
-def _draw_contact(axes: 'Axes', contact: 'shapely.Geometry') -> None:
-    import shapely
-
+def _draw_contact(axes: 'Axes', contact: shapely.Geometry) -> None:
     for piece in shapely.get_parts(contact):
         if piece.geom_type == 'Polygon':
             _fill(axes, piece, CONTACT, 0.55)
@@ -430,18 +420,15 @@ def _draw_contact(axes: 'Axes', contact: 'shapely.Geometry') -> None:
             axes.plot(at[:, 0], at[:, 1], color=CONTACT, linewidth=2.5, marker='.', markersize=4)
 
 
-def _draw_support(axes: 'Axes', region: 'shapely.Geometry') -> None:
+def _draw_support(axes: 'Axes', region: shapely.Geometry) -> None:
     """Draw the border of the region that has to contain the centre of mass."""
-    import shapely
-
     at = shapely.get_coordinates(region)
     if len(at) > 1:
         axes.plot(at[:, 0], at[:, 1], color=SUPPORT, linewidth=1.2, linestyle='--')
 
 
-def _fill(axes: 'Axes', geometry: 'shapely.Geometry', colour: str, alpha: float) -> None:
+def _fill(axes: 'Axes', geometry: shapely.Geometry, colour: str, alpha: float) -> None:
     """Fill polygons with their holes."""
-    import shapely
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

@@ -19,10 +19,9 @@ from scipy.special import ndtri
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.part.pieces import convex_pieces
 from resting_aspects_ros.rotations import composed, rotate, turned_about_vertical
 from resting_aspects_ros.simulation.conditions import BULLET, DropConditions, Noise
-from resting_aspects_ros.simulation.job import DropJob, make_job
+from resting_aspects_ros.simulation.job import DropJob, make_job, pieces_of
 from resting_aspects_ros.simulation.scene import (
     Block,
     HalfSpace,
@@ -269,16 +268,15 @@ def _scene(
     elif isinstance(trap, Wiper):
         end = max(end, surface.width / math.tan(BLADE) + length)
         extra = [_blade(trap, surface.width, still)]
-    elif isinstance(trap, Projection):
-        lead = trap.depth / math.tan(RAMP)
+    elif isinstance(trap, Projection | Riser):
+        rise = trap.depth if isinstance(trap, Projection) else trap.height
+        lead = rise / math.tan(RAMP)
         end = lead + WITHIN * length
-        profile = np.array([[0, 0], [lead, trap.depth], [LONG, trap.depth], [LONG, 0]])
-        extra = [_prism('projection', still, profile, (trap.low, trap.high), (0, 1, 2))]
-    elif isinstance(trap, Riser):
-        lead = trap.height / math.tan(RAMP)
-        end = lead + WITHIN * length
-        profile = np.array([[0, 0], [lead, trap.height], [LONG, trap.height], [LONG, 0]])
-        extra = [_prism('riser', floor, profile, (trap.start, surface.width), (0, 2, 1))]
+        profile = np.array([[0, 0], [lead, rise], [LONG, rise], [LONG, 0]])
+        if isinstance(trap, Projection):
+            extra = [_prism('projection', still, profile, (trap.low, trap.high), (0, 1, 2))]
+        else:
+            extra = [_prism('riser', floor, profile, (trap.start, surface.width), (0, 2, 1))]
     return (
         Scene(
             bodies=(
@@ -368,15 +366,7 @@ def _job(part: Part, conditions: DropConditions, scene: Scene, speed: float) -> 
     rest = GivenStates(np.array([[0.0, 0.0, 2 * part.hull_radius]]), np.array([[0.0, 0, 0, 1]]))
     starts = GivenStarts(rest, Noise(), plane.gravity, part.hull_radius)
     job = make_job(part, plane, 0, starts=starts, engine=BULLET)
-    pieces = convex_pieces(part).corners
-    job = dataclasses.replace(
-        job,
-        starts=None,
-        scene=scene,
-        pieces=tuple(
-            (c - part.centre_of_mass) @ part.principal_axes / part.hull_radius for c in pieces
-        ),
-    )
+    job = dataclasses.replace(job, starts=None, scene=scene, pieces=pieces_of(part))
     finer = math.ceil(speed * job.time_step / TRAVEL)
     return dataclasses.replace(job, refinement=max(finer, 1))
 

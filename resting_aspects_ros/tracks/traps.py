@@ -16,7 +16,7 @@ import shapely
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import (
-    check_quantities,
+    Described,
     described_kind,
     made_from,
     quantities_of,
@@ -70,7 +70,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(Described):
     """What traps are cut into: a track along a wall.
 
     width : float
@@ -91,9 +91,6 @@ class Surface:
     )
     friction: float = quantity('friction', '', 'friction of the track', high=10.0, default=0.3)
 
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
     @property
     def area(self) -> shapely.Geometry:
         """The track without traps, x and y in m."""
@@ -110,15 +107,14 @@ class Arrival:
 
 
 @dataclass(frozen=True)
-class Trap:
+class Trap(Described):
     """Something on a track that some orientations pass; its fields are its dimensions."""
 
-    kind: ClassVar[str]
     # Two dimensions of which the first is the lower one.
     ordered: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         ends = [getattr(self, name) for name in self.ordered]
         if ends and not ends[0] < ends[1]:
             raise InvalidValueError(
@@ -129,8 +125,7 @@ class Trap:
     @property
     def document(self) -> dict[str, Any]:
         """The trap as plain values in SI units, as `read_trap` reads it."""
-        values = {name: getattr(self, name) for name in quantities_of(self)}
-        return {'kind': self.kind, **values}
+        return {'kind': self.kind, **self.numbers}
 
     def outcome(self, arrival: Arrival) -> Outcome:
         """Return what the trap does to an orientation."""
@@ -306,15 +301,10 @@ class Riser(Trap):
 
 
 @dataclass(frozen=True)
-class Slot(Cut):
+class Slot(Canyon):
     """A rectangular hole in the track."""
 
     kind: ClassVar[str] = 'slot'
-    ordered: ClassVar[tuple[str, ...]] = ('start', 'end')
-    start: float = quantity('start', 'm', 'distance of its near side from the wall', high=MAX_SIZE)
-    end: float = quantity(
-        'end', 'm', 'distance of its far side from the wall', high=MAX_SIZE, above=True
-    )
     length: float = quantity('length', 'm', 'length along the track', high=MAX_SIZE, above=True)
 
     def removed(self) -> shapely.Geometry:
@@ -328,11 +318,7 @@ class Slot(Cut):
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """See Cut."""
-        return {
-            'start': (0.0, self.end - SMALLEST),
-            'end': (self.start + SMALLEST, LARGEST),
-            'length': (SMALLEST, LARGEST),
-        }
+        return {**super().ranges, 'length': (SMALLEST, LARGEST)}
 
 
 @dataclass(frozen=True)

@@ -59,9 +59,6 @@ def test_formats_have_the_same_counts(observed, lines):
     assert windows(found) == [[1, 2, 3], [4, 0, 6]]
     assert found.parts == 16
     assert found.totals.tolist() == [5, 2, 9]
-
-
-def test_rows_without_batches_are_one_batch(observed):
     assert windows(observed('class,count', '1,5', '3,2')) == [[5, 0, 2]]
 
 
@@ -158,15 +155,12 @@ def test_past_drift_is_a_window(expected):
 
 def test_default_window_finds_the_shift(expected):
     needed = parts_needed(SIMULATED, 0.1)
+    few = watch_drift(expected, [GOOD, [1, 1, 1, 1, 1]])
+    assert few.test.ends.tolist() == [0, 205]
     result = watch_drift(expected, [GOOD] * 20, shift=0.1)
     assert result.needed == needed * max(result.test.scatter.factor, 1)
     # A batch has 200 parts.
     assert set(np.diff(result.test.ends)) == {200 * -(-needed // 200)}
-
-
-def test_few_parts_are_one_window(expected):
-    result = watch_drift(expected, [GOOD, [1, 1, 1, 1, 1]])
-    assert result.test.ends.tolist() == [0, 205]
 
 
 def test_grouped_classes_are_compared_with_the_sum(expected, tmp_path):
@@ -245,16 +239,6 @@ def test_matrix_of_the_machine_has_its_counts(simulated):
     (theirs,) = intervals([30], 40)
     assert (lower[0, 0], upper[0, 0]) == (theirs.lower, theirs.upper)
     np.testing.assert_array_equal(found.simulated.counts, simulated.by_class().counts)
-
-
-def test_pairs_are_compared_with_the_simulation_by_class(simulated):
-    found = machine_transitions([(1, 1, 0), (1, 2, 40)], simulated)
-    by_class = simulated.by_class()
-    first, second = found.comparisons
-    assert (first.before, first.after, first.trials, first.successes) == (1, 1, 40, 0)
-    assert second.measured.probability == 1
-    assert second.difference == pytest.approx(1 - by_class.transitions[0, 1])
-    assert second.lower <= second.difference <= second.upper
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import cycle_times, forecast, forecast_from
 from resting_aspects_ros.api.forecast_result import (
     counted_apart_texts,
-    divided_class_texts,
     look_alike_texts,
 )
 from resting_aspects_ros.api.plan import named_action
@@ -74,28 +73,18 @@ def test_known_reorientation_is_not_simulated_again(crate, tossed, workers):
 
 
 @pytest.mark.slow
-def test_document_has_all_numbers(tossed):
+def test_document_has_the_numbers_of_the_result(tossed):
     result = forecast_from(tossed, [1, 2], TRAY, TIMES, minutes=30)
     document = json.loads(result.to_json([result]))
     assert document['parts_per_minute'] == result.parts_per_minute
     assert (document['lower'], document['upper']) == (result.lower, result.upper)
     assert (document['prediction_lower'], document['prediction_upper']) == result.prediction
     assert document['best_number'] == document['parts_on_tray'] == result.best_number
-    assert document['limited_by'] == result.limited_by == 'robot'
-    assert document['pickable'] == [1, 2]
-    assert document['minutes'] == 30
-    assert document['action']['name'] == 'toss'
-    assert document['drop']['drops'] == 100
     assert sum(document['time_shares'].values()) == pytest.approx(1)
-    assert document['times']['vibrate'] == 0.6
     robot = document['sensitivity']['robot']
     assert robot['shorter'] > 0 > robot['longer']
-    assert {'number', 'parts_per_minute', 'lower', 'upper', 'empty_cycles', 'free'} == set(
-        document['curve'][0]
-    )
     assert [row['aspects'] for row in document['mix']] == [[1, 2], [3, 4], [5, 6]]
-    assert len(document['alternatives']) == 1
-    assert document['alternatives'][0]['alternatives'] == []
+    assert [each['alternatives'] for each in document['alternatives']] == [[]]
 
 
 @pytest.mark.slow
@@ -107,18 +96,6 @@ def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
     document = json.loads(result.to_json())
     assert document['best_number'] is document['flips_per_part'] is None
     assert document['upper'] > 0
-
-
-@pytest.mark.slow
-def test_report_has_the_sentence_and_a_figure(crate, tossed, tmp_path):
-    first = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=5)
-    other = forecast_from(tossed, [5, 6], TRAY, TIMES, parts_on_tray=5)
-    page = first.report(tmp_path / 'o', [other])
-    text = page.read_text()
-    assert f'{crate.name}, aspects 1 and 2: {first.sentence}.' in text
-    assert f'{crate.name}, aspects 5 and 6: {other.sentence}.' in text
-    assert '<svg' in text
-    assert (tmp_path / 'o' / 'forecast.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_times_of_the_action_are_used_by_default():
@@ -196,20 +173,3 @@ def test_many_classes_with_one_outline_are_one_sentence(solid):
     assert 'classes 1 and 2, which are pickable, and classes 3 to 6, which are not' in text
     (text,) = counted_apart_texts(part, aspects, [[1, 2], [3]])
     assert text.endswith('can be counted together as 1+2+3+4+5+6.')
-
-
-def test_part_of_a_class_is_named(u_bracket):
-    aspects = u_bracket[1]
-    assert divided_class_texts(aspects, [1, 2, 3]) == []
-    (text,) = divided_class_texts(aspects, [1, 2])
-    assert text == (
-        'the aspects 2 and 3 of class 2 look the same: a robot that picks aspect 2 also picks '
-        'aspect 3, which is not requested as pickable'
-    )
-
-
-@pytest.mark.slow
-def test_classes_with_one_outline_can_be_counted_together(u_bracket):
-    (text,) = counted_apart_texts(*u_bracket, [[1], [2], [3], [4]])
-    assert text.endswith('can be counted together as 1+4.')
-    assert counted_apart_texts(*u_bracket, [[1, 4], [2], [3]]) == []

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import OutputError
@@ -29,15 +28,6 @@ def test_box_outlines_are_its_sides(box):
     assert [each.aspects for each in box.outlines] == [(1, 2), (3, 4), (5, 6)]
     assert len(box.aspects) == 6
     assert box.part.name == 'box_10x20x30'
-
-
-@pytest.mark.slow
-def test_part_can_be_a_file(tmp_path):
-    path = tmp_path / 'ball.stl'
-    trimesh.creation.icosphere(3, radius=10).export(path)
-    (only,) = ra.outlines(path).outlines
-    assert only.yaw_symmetry == 0
-    assert only.polygon.area == pytest.approx(np.pi * 1e-4, rel=0.01)
 
 
 def test_folder_is_made_and_files_are_complete(box, tmp_path):

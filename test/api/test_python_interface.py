@@ -13,8 +13,6 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.nodes.aspect_classifier.known import load_log
-from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import drop_range
 
 PACKAGE = Path(ra.__file__).parent
 # Every module of the interface with an example; those of the client need nodes.
@@ -57,16 +55,6 @@ def test_no_ros_is_imported():
         [sys.executable, '-'], input=code, capture_output=True, text=True, check=True
     )
     assert ended.stdout.split() == ['False', 'False']
-
-
-@pytest.mark.slow
-def test_poses_are_those_of_the_engine(part, surfaces, workers):
-    result = ra.drop('tetrahedron', drops=50, seed=5, surface='steel', workers=workers)
-    job = make_job(part('tetrahedron'), surfaces.get('steel'), 5)
-    expected = drop_range(job, 0, 50)
-    assert np.array_equal(result.poses.orientation, expected.orientation)
-    assert np.array_equal(result.poses.position, expected.position)
-    assert (result.complete, result.distribution.drops) == (True, 50)
 
 
 @pytest.mark.slow

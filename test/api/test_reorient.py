@@ -134,12 +134,6 @@ def test_wrong_requests_are_named(tetrahedron, workers, wrong, message):
         ra.reorient(tetrahedron, **{'workers': workers, **wrong})
 
 
-@pytest.mark.parametrize('value', [-0.1, float('nan'), 1e3, 'fast', None, 10**400])
-def test_values_of_a_kick_are_checked(value):
-    with pytest.raises(ra.InvalidValueError, match='invalid speed'):
-        ra.Kick(speed=value)
-
-
 def test_convergence_shows_the_entry_that_moves_most(tapped):
     coarse = tapped.matrix
     counts = 1000 * coarse.counts
@@ -167,12 +161,6 @@ def test_difference_of_the_convex_pieces_from_the_part_is_stated(tetrahedron, wo
     assert 'convex_pieces' not in tapped.document()
 
 
-def test_check_of_the_time_step_repeats_all_actions(tetrahedron, workers):
-    result = ra.reorient(tetrahedron, KICK, 5, drops=10, check_convergence=True, workers=workers)
-    assert result.convergence.actions == 20
-    assert result.convergence.time_step == result.run.time_step / 2
-
-
 # -- Retention ------------------------------------------------------------------------------------
 
 
@@ -185,16 +173,6 @@ def test_no_part_leaves_below_its_barrier(crate, workers):
         assert curve.left[-4:].any()
         assert curve.lift[-1] <= 2 * crate.hull_radius * (1 + 1e-12)
         assert (np.diff(curve.lift) > 0).all()
-
-
-def test_retention_document_has_the_curves(crate, workers):
-    result = ra.retention(crate, 5, max_lift=0.01, workers=workers)
-    document = json.loads(result.to_json())
-    assert [curve['aspect'] for curve in document['curves']] == [1, 2, 3, 4, 5, 6]
-    assert all(curve['lift'][-1] == pytest.approx(0.01) for curve in document['curves'])
-    assert document['disturbances_asked'] == sum(
-        sum(curve['parts']) for curve in document['curves']
-    )
 
 
 def test_impossible_maximum_lift_is_named(crate, workers):
@@ -247,12 +225,6 @@ def test_wanted_classes_have_one_plan_for_their_aspects(crate, workers):
     plan = ra.plan_reorientation(results, [1, 2]).plan
     assert plan.time[2] == plan.time[3]
     assert plan.action[4] == plan.action[5]
-
-
-@pytest.mark.parametrize('wrong', ['tap', 3, None])
-def test_named_action_needs_an_action(wrong):
-    with pytest.raises(ra.InvalidValueError, match='invalid action'):
-        ra.NamedAction('mine', wrong)
 
 
 def test_noise_without_initial_states_is_refused(crate, workers):

@@ -27,10 +27,6 @@ def test_estimate_has_a_result_for_each_method():
     assert result.estimates['stability'].probabilities == pytest.approx(expected)
 
 
-def test_one_method_of_estimate_needs_no_list():
-    assert list(ra.estimate('tetrahedron', 'csa').estimates) == ['csa']
-
-
 @pytest.mark.slow
 def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
     dropped[0].save_json(tmp_path / 'nut.json')

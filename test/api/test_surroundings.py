@@ -10,8 +10,6 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import (
     has_level_floor,
     simulated_shapes,
-    surroundings,
-    surroundings_text,
     warn_of_surroundings,
     with_surroundings,
 )
@@ -86,8 +84,3 @@ def test_wedging_is_named_by_drop_and_reorient(start):
         warnings.simplefilter('error')
         with pytest.raises(RestingAspectsWarning, match='parts can wedge in the groove'):
             start(ra.surroundings('v_groove', opening='28deg'))
-
-
-def test_surroundings_have_their_place_in_words():
-    slope = surroundings('slope', angle='10deg')
-    assert surroundings_text(slope).startswith('on a slope (angle 10 deg')

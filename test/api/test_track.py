@@ -32,6 +32,7 @@ def designed():
     return ra.design_track('l_bracket', 1, drops=200)
 
 
+@pytest.mark.slow
 def test_document_has_what_its_reference_names(simulated):
     document = json.loads(simulated.to_json())
     assert set(document) >= KEYS
@@ -46,6 +47,7 @@ def test_document_has_what_its_reference_names(simulated):
         assert row['model_lower'] <= row['wall_low'] <= row['wall_high'] <= row['model_upper']
 
 
+@pytest.mark.slow
 def test_numbers_of_a_document_follow_from_each_other(simulated):
     document = json.loads(simulated.to_json())
     good = document['orientations'][0]['probability']
@@ -56,6 +58,7 @@ def test_numbers_of_a_document_follow_from_each_other(simulated):
     assert np.add([low, high], returned[::-1]) == pytest.approx([document['arrivals']] * 2)
 
 
+@pytest.mark.slow
 def test_model_range_of_a_row_is_that_of_its_aspects(simulated):
     flat = simulated.rows[0]
     assert flat.yaw.low == 1  # with any friction of the wall
@@ -74,6 +77,7 @@ def test_rows_without_model_range_say_why():
     assert acted.drop.range_text in acted.sentences
 
 
+@pytest.mark.slow
 def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
     document = json.loads(simulated.to_json())
     assert document['simulated']['parts'] == 3
@@ -105,13 +109,6 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
     )
     assert not stopped.complete
     assert stopped.runs is None
-
-
-@pytest.mark.slow
-def test_an_interrupted_design_is_not_complete():
-    stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
-    assert not stopped.complete
-    assert stopped.best.runs is None
 
 
 def test_an_unknown_action_is_refused_before_the_drops():
@@ -148,6 +145,7 @@ def test_a_sensor_passes_what_it_identifies():
     assert [each.share for each in found.passage.outcomes[0]] == [1, 0, 0]
 
 
+@pytest.mark.slow
 def test_csv_has_a_line_for_each_row(simulated, tmp_path):
     simulated.save_csv(tmp_path / 'rows.csv')
     with (tmp_path / 'rows.csv').open(encoding='utf-8') as file:
@@ -170,6 +168,7 @@ def test_page_has_rows_track_and_flow(simulated, tmp_path):
         assert f'{100 * row.probability:.1f} %' in text
 
 
+@pytest.mark.slow
 def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
     assert designed.designs
     assert designed.best.margin == max(each.margin for each in designed.designs)

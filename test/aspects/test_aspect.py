@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from solids import a_turn, box, icosphere, irregular, tetrahedron, turned
 
-from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, AspectSet, Sweep
+from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, Sweep
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import STABLE_MARGIN, Landscape
 from resting_aspects_ros.rotations import (
@@ -145,16 +145,6 @@ def test_orientation_of_each_aspect_is_in_the_aspect(part):
         assert (x * np.roll(y, -1) - y * np.roll(x, -1) != 0).all()
 
 
-@pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
-@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
-def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
-    aspects = find_aspects(part('box_10x20x30'))
-    tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
-    for aspect in aspects:
-        pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
-        assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]
-
-
 def test_classify_agrees_with_exhaustive_search(part):
     aspects = find_aspects(part('l_bracket'))
     poses = random_orientations(np.random.default_rng(2), 20_000)
@@ -173,11 +163,6 @@ def test_classify_accepts_zero_or_one_pose(part):
     np.testing.assert_array_equal(one, before)
 
 
-def test_no_pose_is_classified_without_aspects():
-    nothing = AspectSet('', ())
-    assert nothing.classify(np.array([[0, 0, 0, 1.0]] * 3)).tolist() == [0, 0, 0]
-
-
 def test_aspects_of_the_example_parts(part):
     expected = {'tetrahedron': 4, 'box_10x20x30': 6, 'hex_nut': 6 + 2, 'l_bracket': 5}
     expected['u_bracket'] = 6  # its hull is a box
@@ -187,16 +172,12 @@ def test_aspects_of_the_example_parts(part):
 
 INVARIANT = [
     ('prism', (6, 7.5, 6.5)),
-    ('washer', (64,)),
-    ('icosphere', (2,)),
     ('filleted_box', ((10, 14, 20), 2, 4)),
     ('half_round_bar', (32,)),
     ('d_shaft', (32, 8)),
     ('revolved', ([(10, 0), (0, 20)], 32)),
-    ('ellipsoid', (14, 10, 7, 2)),
     ('binom3', ()),
     ('irregular', (4,)),
-    ('icosphere', (0,)),
     ('blocks', (5,)),
 ]
 
@@ -225,9 +206,6 @@ def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, 
     turn = solids.a_turn(7)
     far = turned(mesh, turn, (1000, -300, 200))
     assert_same(find_aspects(solid(far)), plain, turn)
-    large = turned(mesh, turn).apply_scale(1000)
-    assert_same(find_aspects(solid(large, unit='um')), plain, turn)
-    assert_same(find_aspects(solid(large.apply_scale(1 / 1000), unit='m')), plain, turn, 1000)
     assert_same(find_aspects(solid(turned(mesh, turn), unit='um')), plain, turn, 1e-3)
 
 
@@ -259,8 +237,7 @@ def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
         assert len(aspect.support) == 4
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(2))
 def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid, seed):
     box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(seed))
     found = find_aspects(solid(box)).aspects
@@ -323,9 +300,8 @@ def test_barrier_of_a_very_thin_part(solid):
     assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('n', [16, 48])
-def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid, n):
+def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid):
+    n = 16
     for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:
         expected = 10e-3 * (1 - np.cos(np.pi / n)) if aspect.rolls else 0
         assert aspect.merged == pytest.approx(expected, rel=1e-4, abs=1e-12)

@@ -7,15 +7,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.aspect_set import (
-    POSE_ANGLE,
     AspectSet,
     Sweep,
-    nearest_aspect,
     unit_orientation,
 )
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.rotations import canonical, orientation_with_down, random_orientations
+from resting_aspects_ros.rotations import (
+    canonical,
+    down_in_part,
+    orientation_with_down,
+    random_orientations,
+)
 
 
 def directions(seed, n):
@@ -38,10 +41,9 @@ TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('n', [16, 64])
-def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
-    turn = solids.a_turn(n)
-    aspects = find_aspects(solid(solids.turned(solids.prism(n), turn)))
+def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
+    turn = solids.a_turn(1)
+    aspects = find_aspects(solid(solids.turned(solids.prism(16), turn)))
     (ring,) = (a for a in aspects if a.rolls)
     assert ring.sweep is Sweep.RING
     assert abs(ring.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)  # float32
@@ -82,7 +84,7 @@ def test_the_ends_of_a_cylinder_are_not_in_its_ring(solids, solid):
 
 
 @pytest.mark.parametrize(('name', 'arguments'), [
-    ('icosphere', (1,)), ('icosphere', (3,)), ('uv_sphere', (16,)),
+    ('icosphere', (1,)), ('uv_sphere', (16,)),
 ])  # fmt: skip
 @pytest.mark.quick_cases(1)
 def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, arguments):
@@ -94,8 +96,7 @@ def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, a
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments'), [
-    ('filleted_box', ((10, 14, 20), 1, 2)), ('filleted_box', ((10, 14, 20), 1, 4)),
-    ('rounded_prism', (8, 9, 1.5, 3)), ('rounded_prism', (6, 9, 1.5, 3)),
+    ('filleted_box', ((10, 14, 20), 1, 2)), ('rounded_prism', (6, 9, 1.5, 3)),
 ])  # fmt: skip
 def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, arguments):
     aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
@@ -110,7 +111,7 @@ def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, ar
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('axes', [(10, 10, 5), (14, 10, 7), (10, 10, 9)])
+@pytest.mark.parametrize('axes', [(14, 10, 7), (10, 10, 9)])
 def test_the_poles_of_an_ellipsoid_are_domes(solids, solid, axes):
     aspects = find_aspects(solid(solids.ellipsoid(*axes, 3)))
     assert [a.sweep for a in aspects] == [Sweep.DOME] * 2
@@ -211,25 +212,13 @@ def test_error_for_quaternion_of_another_norm(wrong, norm):
 @pytest.mark.parametrize('degrees', [0.0, 1.0, 2.999, 3.001, 20.0])
 def test_angle_is_the_tilt_for_any_yaw(box, degrees):
     for aspect in box.aspects:
-        nearest = nearest_aspect(box, tilted(aspect, np.radians(degrees), yaw=aspect.id))
-        assert nearest.aspect is aspect
-        assert nearest.angle == pytest.approx(np.radians(degrees), abs=1e-12)
-        assert nearest.fits == (degrees < 3)
+        pose = tilted(aspect, np.radians(degrees), yaw=aspect.id)[None]
+        ids, angles = box.locate(down_in_part(pose))
+        assert ids == [aspect.id]
+        assert angles == pytest.approx(np.radians(degrees), abs=1e-12)
+        assert box.classify(pose) == [aspect.id if degrees < 3 else 0]
 
 
-@pytest.mark.slow
-def test_nearest_aspect_agrees_with_classify(box, part):
-    for aspects in (box, find_aspects(part('cylinder_d20_h20'))):
-        orientation = random_orientations(np.random.default_rng(5), 400)
-        # Half of them as steep as at rest, nearly.
-        steep = [tilted(aspects[k % 3], 2.4 * POSE_ANGLE * k / 400) for k in range(400)]
-        orientation = np.concatenate([orientation, steep])
-        nearest = [nearest_aspect(aspects, xyzw) for xyzw in orientation]
-        ids = [each.aspect.id if each.fits else 0 for each in nearest]
-        assert ids == aspects.classify(orientation).tolist()
-        assert 0 in ids
-        assert {1, 2, 3} <= set(ids)
-
-
-def test_no_nearest_aspect_without_aspects():
-    assert nearest_aspect(AspectSet('', ()), np.array([0, 0, 0, 1.0])) is None
+def test_nothing_is_near_without_aspects():
+    ids, angles = AspectSet('', ()).locate(np.array([[0, 0, -1.0]]))
+    assert (ids.tolist(), angles.tolist()) == ([0], [np.inf])

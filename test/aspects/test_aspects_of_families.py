@@ -10,7 +10,6 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import orientation_with_down
 
 RADIUS = 10.0  # mm
-FAMILIES = {family.__name__: family for family in part_families.FAMILIES}
 
 
 def hull(points):
@@ -34,41 +33,19 @@ def is_clear_of(aspect, direction):
     return bool((aspect.directions @ direction).max() < np.cos(np.radians(3)))
 
 
-def small_shape(family):
-    """One of 20 random shapes, with a known number of aspects and few corners, if any are known.
-
-    Also gives the generator after it.
-    """
-    generators = [np.random.default_rng(seed) for seed in range(20)]
-    shapes = [(family(generator), generator) for generator in generators]
-    return min(shapes, key=lambda each: (each[0].aspects is None, len(each[0].points)))
-
-
-# The symmetry of a ball with a flat takes seconds; some are among the cases below.
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', [
-    pytest.param(name, marks=pytest.mark.slow) if name == 'ball_with_flats' else name
-    for name in FAMILIES
-])  # fmt: skip
-def test_random_parts_have_the_aspects_of_the_landscape(name):
-    shape, generator = small_shape(FAMILIES[name])
-    part, truth = fuzz_aspects.random_part(shape, generator)
-    assert list(fuzz_aspects.differences(shape, part, truth)) == []
-
-
-@pytest.mark.slow
-def test_many_random_parts_have_the_aspects_of_the_landscape():
-    assert list(fuzz_aspects.findings(range(30), 1)) == []
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
-    ('seed', 'number'),
-    [(101, 41), (301, 505), (101, 195), (302, 827), (301, 85), (302, 869)],
-    ids=['11', 'spiral', '14', 'cut_corner', 'simplified', 'simplified_64'],
+    ('seed', 'numbers'),
+    [
+        (101, [41]),
+        # The others were wrong once, too.
+        *[(101, [195]), (301, [85]), (301, [505]), (302, [827]), (302, [869])],
+        (1, range(len(part_families.FAMILIES))),
+    ],
+    ids=['11', '14', 'simplified', 'spiral', 'cut_corner', 'simplified_64', 'one of each family'],
 )
-def test_parts_that_were_wrong_once_are_right(seed, number):
-    assert list(fuzz_aspects.findings([number], seed)) == []
+def test_random_parts_have_the_aspects_of_the_landscape(seed, numbers):
+    assert list(fuzz_aspects.findings(numbers, seed)) == []
 
 
 @pytest.mark.slow
@@ -84,7 +61,7 @@ def test_a_wrong_number_of_aspects_is_found():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('kind', 'n', 'level'),
-    [('ico', 80, 0.98), ('uv', 48, 0.92), ('ico', 80, 0.92), ('uv', 48, 0.99)],
+    [('ico', 80, 0.92), ('uv', 48, 0.99)],
 )
 def test_a_ball_with_a_flat_rests_on_it_and_opposite_to_it(solid, kind, n, level):
     aspects = find_aspects(solid(ball(kind, n, level))).aspects
@@ -129,7 +106,7 @@ def test_the_round_side_between_two_flats_of_a_shaft_is_an_arc(solid):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('level', [0.95, 0.97, 0.99])
+@pytest.mark.parametrize('level', [0.95, 0.99])
 def test_a_shaft_with_a_flat_rocks_on_its_round_side(solid, level):
     aspects = find_aspects(solid(hull(part_families.d_shaft(64, level, 4.0)))).aspects
     assert sorted(a.sweep.name for a in aspects) == ['ARC', 'POINT', 'POINT', 'POINT']

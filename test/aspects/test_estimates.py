@@ -47,7 +47,7 @@ def predicted(shape, method):
     return estimate(shape, method).probabilities
 
 
-SIDES = [(10, 20, 30), (10, 10, 40), (3, 30, 34)]
+SIDES = [(10, 20, 30), (10, 10, 40)]
 
 
 @pytest.mark.quick_cases(1)
@@ -152,8 +152,6 @@ def test_unstable_facet_adds_its_share_to_the_next_side(solids, shape):
     'make',
     [
         lambda solids: solids.box(10, 20, 30),
-        lambda solids: solids.box(7, 7, 25),
-        lambda solids: solids.prism(3, 10.0, 12.0),
         lambda solids: solids.prism(6, 10.0, 8.0),
         lambda solids: solids.extruded([(0, 0), (20, 0), (20, 5), (0, 15)], 12),
     ],
@@ -185,7 +183,7 @@ def test_methods_not_defined_for_a_curved_side(solids, shape):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
+@pytest.mark.parametrize('angle', [0.02, 0.45])
 def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
     """The top of a cube is a ridge of two slopes that are nearly coplanar."""
     rise = 10 * np.tan(np.radians(angle))

@@ -11,7 +11,7 @@ from resting_aspects_ros.system import parts_folder
 from resting_aspects_ros.vision.outline import find_outlines, seen_outline
 
 # Not round, with and without symmetries.
-PARTS = ['l_bracket', 't_prism', 'hex_nut', 'u_bracket', 'tetrahedron', 'box_10x20x30']
+PARTS = ['l_bracket', 't_prism', 'hex_nut', 'tetrahedron']
 
 
 def loaded(mesh):

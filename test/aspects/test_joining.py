@@ -81,10 +81,8 @@ CASES = [
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), CASES)
 def test_aspects_of_various_shapes(solids, solid, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
-    for seed in (None, 1):
-        pose = np.eye(3) if seed is None else solids.a_turn(seed)
-        landscape = Landscape(solid(solids.turned(mesh, pose)))
-        assert len(join_minima(landscape)) == aspects
+    landscape = Landscape(solid(solids.turned(mesh, solids.a_turn(1))))
+    assert len(join_minima(landscape)) == aspects
 
 
 @pytest.mark.parametrize(('name', 'arguments', 'flat'), [

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 import solids
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 from trimesh.creation import (
     box,
@@ -27,13 +24,6 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.symmetry import find_symmetry
 
 NO_LANDMARKS = np.zeros((0, 3))
-turns = st.integers(0, 2**32 - 1).map(
-    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
-)
-few = settings(
-    max_examples=settings.default.max_examples // 10,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 
 def hull(points):
@@ -74,9 +64,9 @@ def gear(teeth, shape):
     return np.array([[r * np.cos(a), r * np.sin(a)] for r, a in corners])
 
 
-def gear_on_a_hub(both=False):
-    hubs = [cylinder(3, 2).apply_translation((0, 0, z)) for z in ((6, -1) if both else (6,))]
-    return trimesh.util.concatenate(plate(gear(20, SPUR), 5), hubs)
+def gear_on_a_hub():
+    hub = cylinder(3, 2).apply_translation((0, 0, 6))
+    return trimesh.util.concatenate(plate(gear(20, SPUR), 5), hub)
 
 
 SPUR = [(0.0, 9.0), (0.3, 9.0), (0.4, 10.0), (0.6, 10.0), (0.7, 9.0)]
@@ -160,32 +150,25 @@ FINITE = {
     'triaxial_ellipsoid': (lambda: solids.ellipsoid(10, 13, 18, 3), 4),
     'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 9.9, 9.8, 3), 4),
     'twisted_prism': (lambda: twisted(0.35), 6),
-    'its_mirror_image': (lambda: twisted(-0.35), 6),
     'irregular': (lambda: solids.irregular(3), 1),
-    'disc_with_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 2), 2), 1),
     'disc_with_small_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 0.2), 0.5), 1),
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
-    'disc_with_three_holes': (lambda: plate(circle(10, 64), 5, around(5, 3, 2)), 6),
     'disc_with_eight_holes': (lambda: plate(circle(10, 90), 5, around(7, 8, 1)), 16),
-    'gear': (lambda: plate(gear(20, SPUR), 5), 40),
     'gear_of_57': (lambda: plate(gear(57, SPUR), 5), 114),
     'gear_on_a_hub': (gear_on_a_hub, 20),
-    'gear_on_a_shaft': (lambda: gear_on_a_hub(both=True), 40),
     'ratchet': (lambda: plate(gear(20, RATCHET), 5), 20),
-    **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 4, 7, 12)},
-    **{f'pyramid_{n}': (lambda n=n: pyramid(n, 3), n) for n in (3, 4)},
+    **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 7)},
+    'pyramid_4': (lambda: pyramid(4, 3), 4),
 }
 AXIAL = {
     'cylinder_16': (lambda: cylinder(10, 20, sections=16), 2),
-    'cylinder_64': (lambda: cylinder(10, 20, sections=64), 2),
     'cylinder_256': (lambda: cylinder(10, 20, sections=256), 2),
     'disc_16': (lambda: cylinder(10, 2, sections=16), 2),
     'pin_16': (lambda: cylinder(1, 20, sections=16), 2),
     'cylinder_of_like_moments': (lambda: cylinder(10, 20 * 0.9, sections=32), 2),
     'cone': (lambda: cone(10, 20, sections=48), 1),
     'frustum': (lambda: solids.revolved([(10, 0), (6, 10)], 16), 1),
-    'washer_48_30': (lambda: plate(circle(10, 48), 2, [circle(5, 30)]), 2),
     'washer_16_20': (lambda: plate(circle(10, 16), 2, [circle(5, 20)]), 2),
     # So fine that the strips beside its top and bottom are rings, flat but for noise.
     'ring_60_400': (lambda: torus(10, 3, major_sections=60, minor_sections=400), 2),
@@ -197,9 +180,7 @@ AXIAL = {
 }
 SPHERES = {
     'icosphere_80': lambda: icosphere(1, 10),
-    'icosphere_320': lambda: icosphere(2, 10),
     'icosphere_1280': lambda: icosphere(3, 10),
-    'uv_sphere_32': lambda: uv_sphere(10, (32, 32)),
     'uv_sphere_20_40': lambda: uv_sphere(10, (20, 40)),
 }
 
@@ -289,11 +270,10 @@ SLENDER = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('turn', [np.eye(3), solids.a_turn(1)], ids=['straight', 'turned'])
 @pytest.mark.parametrize('name', SLENDER)
-def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name, turn):
+def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name):
     make, order, classes = SLENDER[name]
-    aspects = find_aspects(solid(solids.turned(make(), turn)))
+    aspects = find_aspects(solid(solids.turned(make(), solids.a_turn(1))))
     assert found(aspects.symmetry) == ('finite', order)
     assert [a.symmetry_class for a in aspects] == classes
 
@@ -356,13 +336,10 @@ TURNED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', TURNED)
-@given(turn=turns, divided=st.booleans())
-@few
-def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divided):
+def test_group_does_not_depend_on_frame_and_subdivision(solid, name):
     kind, make, order = TURNED[name]
-    mesh = make()
-    moved = solids.turned(mesh.subdivide() if divided else mesh, turn, (30, -50, 7))
-    part = solid(moved)
+    turn = solids.a_turn(len(name))
+    part = solid(solids.turned(make().subdivide(), turn, (30, -50, 7)))
     symmetry = find_aspects(part).symmetry
     assert found(symmetry) == (kind, order)
     if kind == 'axial':
@@ -378,14 +355,6 @@ def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', 6)
     part = solid(plate(uneven(10, 48), 15))
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
-
-
-@pytest.mark.slow
-def test_rotation_of_an_n_gon_has_order_n(solid):
-    rotations = find_symmetry(solid(FINITE['prism_7'][0]()), NO_LANDMARKS).rotations
-    upright = rotations[rotations[:, 2, 2] > 0]
-    angles = np.sort(np.arctan2(upright[:, 1, 0], upright[:, 0, 0]) % (2 * np.pi))
-    np.testing.assert_allclose(angles, 2 * np.pi * np.arange(7) / 7, atol=1e-9)
 
 
 @pytest.mark.quick_cases(2)
@@ -414,16 +383,6 @@ def test_a_mesh_that_is_not_closed_has_the_symmetry_of_its_surface(solid):
     )
     given = {'mass': 0.01, 'centre_of_mass': (0, 0, 0), 'inertia': (5e-7, 0, 0, 5e-7, 0, 6e-7)}
     assert found(find_symmetry(solid(tube, **given), NO_LANDMARKS)) == ('axial', 2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('gap', 'order'), [(1e-3, 8), (1e-2, 4)])
-def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
-    # Of the radius, between where a side is and where a quarter turn brings the others.
-    half = np.array([10.0, 10.0, 20.0])
-    radius = np.linalg.norm(half)
-    part = solid(box(2 * half + [2 * gap * radius, 0, 0]))
-    assert found(find_aspects(part).symmetry) == ('finite', order)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """`compare` on logs, documents and manual counts, and the files of counts."""
 
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -122,7 +123,7 @@ def test_p_value_of_few_drops_is_exact_and_reproducible(tmp_path):
 
 
 def test_last_distribution_of_a_log_is_used(compared, write_json, counted, described, tmp_path):
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         for k, counts in enumerate(([1, 0, 0, 0, 0], [70, 50, 40, 20, 19])):
             message = distribution_msg(counted(counts, 1, 0, 0), described(), Time(sec=k), k == 1)
             log.write(TOPIC, serialize_message(message), k)

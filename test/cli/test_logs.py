@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import importlib
 import json
+from contextlib import closing
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -74,7 +75,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
     )
     named = dataclasses.replace(dropped[0].conditions, surface='x\x1b]0;title\x07\x9b31m\n')
     run_of = dataclasses.replace(dropped[0], conditions=named, **odd)
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         (batch,) = poses_msgs(dropped[1].between(0, 100), run_of, Time(), last=True)
         log.write(POSES, serialize_message(batch), 2)
@@ -108,7 +109,7 @@ def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tm
     counted = count_poses(find_aspects(part('l_bracket')), poses)
     message = distribution_msg(counted, dropped[0], Time(), True)
     message.aspect_numbering += 1
-    with RunLog(tmp_path, 'other') as other:
+    with closing(RunLog(tmp_path, 'other')) as other:
         other.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
         (batch,) = poses_msgs(poses, dropped[0], Time(), last=True)
         other.write(POSES, serialize_message(batch), 2)
@@ -248,7 +249,7 @@ def log_of(tmp_path):
     """Write a closed log that has some drops of a run, like the recorder."""
 
     def log_of(part, run_of, poses, *, last=True, whole=True):
-        with RunLog(tmp_path, 'run') as log:
+        with closing(RunLog(tmp_path, 'run')) as log:
             log.write(PART, serialize_message(part_msg(part)), 1)
             for k, batch in enumerate(poses):
                 is_last = last and k == len(poses) - 1

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+from contextlib import closing
 
 import pytest
 from rclpy.serialization import serialize_message
@@ -24,7 +25,7 @@ def log(tmp_path, part, surfaces):
     )
     poses = drop_range(job, 0, DROPS)
     topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
-    with RunLog(tmp_path, 'log') as log:
+    with closing(RunLog(tmp_path, 'log')) as log:
         for first in range(0, DROPS, BATCH):
             (batch,) = poses_msgs(
                 poses.between(first, first + BATCH), run, time_msg(1), last=False

@@ -5,6 +5,7 @@ import math
 import random
 import shutil
 import subprocess
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -97,7 +98,7 @@ def topic(name):
 @pytest.fixture(scope='module')
 def log(messages, tmp_path_factory):
     """A log that is written as the recorder does it, closed."""
-    with RunLog(tmp_path_factory.mktemp('logs'), 'run') as log:
+    with closing(RunLog(tmp_path_factory.mktemp('logs'), 'run')) as log:
         log.add_metadata('run', RUN)
         log.attach('nut.stl', 'model/stl', MESH, START)
         for name, message, log_time, publish_time in messages:

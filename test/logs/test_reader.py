@@ -5,6 +5,7 @@ import os
 import random
 import struct
 import tracemalloc
+from contextlib import closing
 
 import pytest
 from mcap.writer import Writer
@@ -72,6 +73,13 @@ def test_first_last_count_and_outcome_of_a_closed_log(log):
         assert list(messages(place, NUT.type)) == [data(77)]
 
 
+def test_outcome_that_is_not_readable_is_unknown(log):
+    log.add_metadata('outcome', {'whole': 'tRue', 'drops': '6'})  # a flipped bit
+    log.close()
+    with open_log(log.path) as found:
+        assert found.outcome is None
+
+
 def test_only_requested_chunks_are_read(log):
     log.close()
     content = bytearray(log.path.read_bytes())
@@ -98,7 +106,7 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     installed = writer.load_schema(NUT.type)
     older = dataclasses.replace(installed, type_hash='RIHS01_older')
     monkeypatch.setattr(writer, 'load_schema', lambda _: older)
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         log.write(NUT, data(1), 1)
     with open_log(log.path) as found:
         for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
@@ -190,7 +198,7 @@ def test_span_and_messages_of_selected_topics(log):
 
 def test_first_topics_are_yielded_first_and_once(tmp_path):
     """Only the first of each, at the start; one that is at the start already stays there."""
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         log.write(CUBE, data(1), 100)
         log.write(POSES, data(2), 110)
         log.write(NUT, data(3), 120)
@@ -295,7 +303,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     """200 messages of 100 kB that do not compress; the most is that of a few."""
     size, count = 100_000, 200
     state = bytearray(random.Random(1).randbytes(size))
-    with RunLog(tmp_path, 'run') as log:
+    with closing(RunLog(tmp_path, 'run')) as log:
         for k in range(count):
             state[:8] = struct.pack('<Q', k)
             log.write(POSES, bytes(state), k)

@@ -12,9 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.topics import (
-    PART_TYPE,
     Qos,
-    Topic,
     load_schema,
     qos_profiles,
     recorded_qos,
@@ -166,8 +164,6 @@ def test_unspecified_qos_is_the_default_of_ros():
     [
         (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
         (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
-        (lambda: Topic('parts/nut', PART_TYPE, LATCHED), "invalid topic name 'parts/nut'"),
-        (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
     ],
 )
 def test_invalid_topics_are_rejected(make, expected):

@@ -5,6 +5,7 @@
 
 import re
 import time
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -233,7 +234,7 @@ def write_log(part):
         latched, deep = (Qos(depth, durability='transient_local') for depth in (1, 2000))
         described = Topic('/cell/parts/tetrahedron', PART_TYPE, latched)
         poses = Topic('/cell/resting_poses', POSES_TYPE, deep)
-        with RunLog(folder, 'log') as log:
+        with closing(RunLog(folder, 'log')) as log:
             log.write(described, serialize_message(part_msg(part('tetrahedron'))), 10**18)
             for k, batch in enumerate(batches):
                 log.write(poses, batch, 10**18 + round((k + 1) * gap * 10**9))

@@ -1,7 +1,6 @@
 """The service classify_pose: its implementation, and requests over DDS."""
 
 import math
-import shutil
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.system import parts_folder
 
 BOX = 'box_10x20x30'
 
@@ -31,7 +29,10 @@ def box(part):
     return find_aspects(part(BOX))
 
 
-def asker(suite):
+@pytest.fixture(scope='module')
+def classify(suite):
+    """Return a function that sends a request to the suite."""
+    suite.client.wait(lambda: len(suite.client.parts()) == 4, 'descriptions of the parts')
     client = suite.client.node.create_client(ClassifyPose, 'classify_pose')
 
     def ask(name, orientation):
@@ -39,13 +40,6 @@ def asker(suite):
         return suite.client.call(client, request)
 
     return ask
-
-
-@pytest.fixture(scope='module')
-def classify(suite):
-    """Return a function that sends a request to the suite."""
-    suite.client.wait(lambda: len(suite.client.parts()) == 4, 'descriptions of the parts')
-    return asker(suite)
 
 
 def test_pose_between_aspects(classify, box):
@@ -69,37 +63,3 @@ def test_invalid_request_is_rejected(classify, name, orientation, code, words):
     assert words in found.status.message
     assert math.isnan(found.probability)
     assert math.isnan(found.angle)
-
-
-@pytest.mark.slow
-def test_current_or_last_offered_part_is_used(fresh_suite, part, tmp_path_factory):
-    folder = tmp_path_factory.mktemp('parts')
-    shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
-    constants = {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}}
-    suite = fresh_suite(constants, parts_folder=folder, workers=1)
-    classify = asker(suite)
-    before = suite.client.ask('thing', 20).distribution
-
-    def agrees(distribution):
-        aspect = max(distribution.aspects, key=lambda aspect: aspect.count)
-        found = classify('thing', [getattr(aspect.orientation, axis) for axis in 'xyzw'])
-        return (found.aspect, found.probability) == (aspect.id, aspect.probability)
-
-    assert agrees(before)
-    shutil.copy(parts_folder() / 'tetrahedron.stl', folder / 'thing.stl')
-    suite.client.wait(
-        lambda: suite.client.parts()['thing'].part_sha256 != before.run.part_sha256, 'new mesh'
-    )
-    face = find_aspects(part('tetrahedron')).aspects[2]
-    found = suite.client.wait(
-        lambda: (answer := classify('thing', face.orientation)).aspect == 3 and answer,
-        'its aspect',
-    )
-    assert math.isnan(found.probability)  # no distribution of the current version is known
-    now = suite.client.ask('thing', 20).distribution
-    assert agrees(now)
-
-    suite.nodes['drop_simulator'].end()
-    suite.client.wait(lambda: not suite.client.parts(), 'no part offered')
-    assert agrees(now)
-    assert 'known parts: thing' in classify('other', face.orientation).status.message

@@ -77,16 +77,6 @@ def test_only_known_accepts_any_number_of_drops(client):
         client.get_distribution('u_bracket', drops=8, only_known=True)
 
 
-@pytest.mark.slow
-def test_default_drop_count_and_precision(client):
-    assert client.get_distribution('tetrahedron', seed=53).run.drops == 1000
-    precise = client.get_distribution('tetrahedron', precision=0.06, seed=54)
-    assert (precise.run.precision, precise.drops < precise.run.drops) == (0.06, True)
-    assert max((a.upper - a.lower) / 2 for a in precise.aspects) <= 0.06
-    few = client.get_distribution('tetrahedron', drops=300, precision=0.01, seed=55)
-    assert few.drops == 300
-
-
 def test_client_does_not_touch_rclpy_and_signals(client):
     assert not rclpy.ok()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -280,24 +270,6 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
         return answer.exception() is None and answer.result()
 
     assert 0 < suite.client.wait(known, 'its drops are counted').drops < 2_000_000
-
-
-@pytest.mark.slow
-def test_shared_run_continues_after_one_cancel(suite, spun):
-    with RestingAspectsClient(suite.client.node) as other:
-        received = []
-        mine = spun.get_distribution_async(
-            'tetrahedron', drops=50_000, seed=86, progress=received.append
-        )
-        suite.client.wait(lambda: received, 'progress')
-        joined = []
-        same = other.get_distribution_async(
-            'tetrahedron', drops=50_000, seed=86, progress=joined.append
-        )
-        suite.client.wait(lambda: joined or same.done(), 'progress of the other')
-        mine.cancel()
-        suite.client.wait(same.done, 'the other answer')
-        assert same.result().drops == 50_000
 
 
 # Without a suite, or with one that dies

@@ -1,56 +1,12 @@
 """current_poses: the newest resting poses, as RViz shows them."""
 
-from functools import partial
-
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
 from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPosesPublisher
-from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-
-
-def numbers(pose):
-    """Return position and orientation as seven numbers."""
-    return tuple(getattr(pose.position, k) for k in 'xyz') + tuple(
-        getattr(pose.orientation, k) for k in 'xyzw'
-    )
-
-
-def settled(batches, run_id):
-    """Return the settled poses of a run, in the order of drops."""
-    of_run = sorted((b for b in batches if b.run.run_id == run_id), key=lambda b: b.first_drop)
-    return [
-        (*position, *orientation)
-        for poses in map(poses_from, of_run)
-        for position, orientation, status in zip(
-            poses.position.tolist(), poses.orientation.tolist(), poses.status, strict=True
-        )
-        if status == RestStatus.SETTLED
-    ]
-
-
-def drop_and_wait(client, batches, part, drops):
-    """Drop a part; return the settled poses of the run when all have been received."""
-    run_id = client.ask(part, drops, seed=[drops]).distribution.run.run_id
-    client.wait(lambda: any(b.last and b.run.run_id == run_id for b in batches), 'last batch')
-    return settled(batches, run_id)
-
-
-def shows(shown, expected):
-    return shown and [numbers(pose) for pose in shown[-1].poses] == expected
-
-
-def test_poses_are_the_newest_of_the_newest_run(suite):
-    batches = suite.client.poses()
-    shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
-    for part in ('tetrahedron', 'l_bracket'):
-        expected = drop_and_wait(suite.client, batches, part, 270)[-MAX_SHOWN:]
-        suite.client.wait(partial(shows, shown, expected), f'poses of {part}')
-        assert shown[-1].header.frame_id == 'tray'
-        assert shown[-1].header.stamp in [batch.header.stamp for batch in batches]
 
 
 def batch(first, status):

@@ -34,7 +34,11 @@ PART = 'l_bracket'
 SECOND = 10**9
 # A test may take long on a busy machine; only the test of a stopped camera needs a short time.
 TIMEOUT = 'nodes.feeder_controller.node.IMAGE_TIMEOUT'
-QUICK = {'ros.diagnostics.PERIOD': 0.1}
+QUICK = {
+    'ros.diagnostics.PERIOD': 0.1,
+    'nodes.feeder_controller.node.CHECK_PERIOD': 0.1,
+    'nodes.feeder_controller.model_updates.REQUEST_PERIOD': 0.2,
+}
 PATIENT = {TIMEOUT: 1e6, **QUICK}
 DROPS = [28, 27, 25, 13, 7]
 CHOICES = {'WAIT': 0, 'PICK': 1, 'FLIP': 2, 'SPREAD': 3, 'SUPPLY': 4}
@@ -332,7 +336,7 @@ def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
 @pytest.mark.slow
 def test_camera_that_stops_is_reported_and_may_continue(begin, part, bracket, surfaces):
     times = dict.fromkeys(('robot_time', 'vibrate_time', 'settle_time', 'image_time'), 0.01)
-    cell, process = begin({TIMEOUT: 0.3}, **times)
+    cell, process = begin({TIMEOUT: 0.3, **QUICK}, **times)
     cell.parts.publish(part_msg(part(PART)))
     cell.drops.publish(drops_of(bracket, DROPS, surfaces.get()))
     cell.advice('WAIT', lambda advice: 'If the tray is empty, supply' in advice.reason)

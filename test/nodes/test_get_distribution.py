@@ -220,16 +220,6 @@ def test_latched_distribution_is_not_replaced_by_a_smaller_one(suite, received):
     suite.client.wait(lambda: late[-1].drops == 50, 'distribution of other conditions')
 
 
-def test_each_run_of_an_extended_distribution_has_a_log(suite, received):
-    suite.client.ask(drops=100, seed=[4])
-    second = suite.client.ask(drops=250, seed=[4]).distribution.run
-    ids = list(dict.fromkeys(each.run.run_id for each in received if each.run.seed == 4))
-    assert len(ids) == 2
-    assert ids[1] == second.run_id
-    for run_id in ids:
-        suite.log_of(run_id)
-
-
 def test_known_answer_does_not_wait_for_an_active_run(suite):
     assert suite.client.ask('tetrahedron', 5, seed=[6]).status.code == Status.OK
     long = suite.client.dropping('tetrahedron', 2_000_000, seed=61)
@@ -238,23 +228,6 @@ def test_known_answer_does_not_wait_for_an_active_run(suite):
     assert not long.done
     long.cancel()
     suite.client.wait(lambda: long.done, 'canceled goal')
-
-
-def test_suites_in_two_namespaces_are_independent(suite, fresh_suite):
-    other = fresh_suite()
-    here, there = suite.client.poses(), other.client.poses()
-    run_id = other.client.ask('tetrahedron', 6, seed=[5501]).distribution.run.run_id
-    other.client.wait(lambda: there and there[-1].last, 'batches there')
-    answer = suite.client.ask('tetrahedron', 6, seed=[5501], only_known=True)
-    assert answer.status.code == Status.NOT_AVAILABLE
-    # What is dropped here now comes after anything that could have come from there.
-    mine = suite.client.drop('tetrahedron', 1, seed=56).result.run_id
-    suite.client.wait(lambda: here and here[-1].run.run_id == mine, 'batches here')
-    assert run_id not in {batch.run.run_id for batch in here}
-    assert [batch.run.run_id for batch in there] == [run_id]
-    log = other.log_of(run_id)
-    assert other.logs.samefile(log.parent)
-    assert not list(suite.logs.glob(f'*_{run_id}*'))
 
 
 # -- a restart, which ends the tests of the suite -------------------------------------------------

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from contextlib import closing
 
 import pytest
 from rclpy.serialization import serialize_message
@@ -53,7 +54,7 @@ def write(tmp_path, part, run_of, aspects):
         message = distribution_msg(counted, run, time_msg(1), complete=True)
         if change is not None:
             change(message)
-        with RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c') as log:
+        with closing(RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c')) as log:
             topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
             log.write(topic, serialize_message(part_msg(part(described))), 1)
             for first, end in pieces:

@@ -19,7 +19,7 @@ from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import nanoseconds
-from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, POSES
+from resting_aspects_ros.ros.interface import ALL_LATCHED, POSES
 
 # Drops in three messages.
 DROPS, MESSAGE = 1200, 500
@@ -118,18 +118,6 @@ def test_new_classifier_counts_the_replayed_drops(
     # The recorded ones are published, too.
     client.wait(lambda: last_distribution in received, 'recorded distribution')
     assert 'publishers' not in replayer.output
-
-
-def test_topics_have_the_replayer_namespace_and_recorded_qos(received, replay, log, namespace):
-    client, _ = received
-    replay(log)
-    for name, qos in (('resting_poses', POSES), (DISTRIBUTION, LATCHED), (PART, LATCHED)):
-        topic = f'{namespace}/{name}'
-        client.wait(lambda topic=topic: client.node.count_publishers(topic), topic)
-        (offer,) = client.node.get_publishers_info_by_topic(topic)
-        assert offer.qos_profile.reliability == qos.reliability
-        assert offer.qos_profile.durability == qos.durability
-        # DDS does not report the depth: the test of late subscribers checks it.
 
 
 def test_late_subscriber_receives_latched_topics_after_the_end(

@@ -1,16 +1,10 @@
 """Parameters over their ROS services: their descriptions, and which may change when."""
 
-import shutil
 from importlib import import_module
 
 import pytest
-import yaml
 from rcl_interfaces.msg import ParameterType
 
-from resting_aspects_ros.simulation.conditions import surfaces_file, surroundings_folder
-from resting_aspects_ros.system import config_folder, parts_folder
-
-FILE = config_folder() / 'resting_aspects.yaml'
 TYPES = {
     str: ParameterType.PARAMETER_STRING,
     int: ParameterType.PARAMETER_INTEGER,
@@ -62,58 +56,6 @@ def check_description(reported, parameter):
     assert bounds == ([] if parameter.bounds is None else [parameter.bounds])
     if not isinstance(parameter.default, str):
         assert bounds, 'a number has bounds'
-
-
-@pytest.mark.slow
-def test_nodes_read_their_parameters_from_the_file(
-    start, connect, parameters_of, namespace, tmp_path
-):
-    namespace += '/deep/er'
-    (tmp_path / 'parts').mkdir()
-    shutil.copy(parts_folder() / 'tetrahedron.stl', tmp_path / 'parts')
-    surfaces = surfaces_file().read_text(encoding='utf-8').replace('steel:', 'granite:')
-    (tmp_path / 'surfaces.yaml').write_text(surfaces, encoding='utf-8')
-    shutil.copytree(surroundings_folder(), tmp_path / 'surroundings')
-    changed = {
-        'drop_simulator': {
-            'parts_folder': str(tmp_path / 'parts'),
-            'surfaces_file': str(tmp_path / 'surfaces.yaml'),
-            'surroundings_folder': str(tmp_path / 'surroundings'),
-            'surface': 'granite',
-            'frame_id': 'cell_tray',
-            'workers': 1,
-        },
-        'aspect_classifier': {
-            'surfaces_file': str(tmp_path / 'surfaces.yaml'),
-            'surroundings_folder': str(tmp_path / 'surroundings'),
-            'frame_id': 'cell_tray',
-            'publish_period': 0.5,
-            'log_folder': '',
-            'prior_weight': 50.0,
-            'drift_window': 30,
-            'drift_level': 0.02,
-        },
-        'drop_recorder': {'log_folder': str(tmp_path / 'logs')},
-    }
-    document = yaml.safe_load(FILE.read_text(encoding='utf-8'))
-    for node, values in changed.items():
-        given = document[f'/**/{node}']['ros__parameters']
-        assert given.keys() == values.keys()
-        assert all(given[name] != value for name, value in values.items())
-        given.update(values)
-    (tmp_path / 'changed.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
-    file = ('--params-file', tmp_path / 'changed.yaml')
-    nodes = [start(node, namespace, arguments=file) for node in SUITE]
-    client = connect(namespace)
-    for node, values in changed.items():
-        reported = parameters_of(client, node)
-        assert {name: reported.get(name) for name in values} == values
-    assert 'ready: 1 part, 1 worker' in nodes[0].output
-    found = client.ask(drops=3).distribution
-    assert (found.run.conditions.surface, found.header.frame_id) == ('granite', 'cell_tray')
-    received = client.poses()
-    client.wait(lambda: received, 'poses')
-    assert received[0].header.frame_id == 'cell_tray'
 
 
 NO_SURFACE = "invalid surface '{}': expected one of rubber_mat, steel, thrown"

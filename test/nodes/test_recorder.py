@@ -3,10 +3,10 @@
 import csv
 import resource
 
-import numpy as np
 import pytest
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
+from wire import plain
 
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
@@ -29,21 +29,6 @@ def read(path):
             message = reader.deserialize(data, connection.msgtype)
             found.setdefault(connection.topic, []).append(message)
     return found
-
-
-def plain(message):
-    """A message of rclpy or of rosbags as plain data that can be compared."""
-    if hasattr(message, 'get_fields_and_field_types'):
-        names = message.get_fields_and_field_types()
-        return {name: plain(getattr(message, name)) for name in names}
-    if hasattr(message, '__msgtype__'):
-        names = [name for name in vars(message) if name != '__msgtype__']
-        return {name: plain(getattr(message, name)) for name in names if not name.isupper()}
-    if isinstance(message, bytes | np.ndarray) or hasattr(message, 'typecode'):
-        return np.asarray(bytearray(message) if isinstance(message, bytes) else message).tolist()
-    if isinstance(message, list | tuple):
-        return [plain(entry) for entry in message]
-    return message
 
 
 @pytest.fixture(scope='module')
@@ -103,20 +88,17 @@ def test_log_contains_every_published_message(suite, folder, received, way):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('canceled', [False, True])
-def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path, canceled):
-    """The run has a precision and custom conditions; a cancel may end it early."""
+def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path):
+    """The run has a precision and custom conditions; a cancel ends it early."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
     drop = suite.client.dropping(
-        precision=0.005 if canceled else 0.1,
+        precision=0.005,
         drops=0,
         seed=2**64 - 1,
         conditions=[conditions_msg(conditions)],
     )
-    if canceled:
-        suite.client.wait(lambda: drop.feedback, 'first feedback')
-        drop.cancel()
-    suite.client.finished(drop)
+    suite.client.wait(lambda: drop.feedback, 'first feedback')
+    suite.client.canceled(drop)
     folder = suite.log_of(drop.result.run_id)
     assert main(['drop', '--from-log', str(folder), '--poses', str(tmp_path / 'again.csv')]) == 0
     logged = [
@@ -172,7 +154,9 @@ def record(surfaces, tmp_path):
         )  # fmt: skip
         log = RunRecorder(tmp_path, run)
         if recorded:
-            log.write_poses(TOPIC, bytes(100), 1, 1, 0, recorded)
+            # A log has no times before the epoch, but a stamp can be before it.
+            log.write_poses(TOPIC, bytes(100), 1, -5, 0, recorded)
+            assert not log.error
         return log
 
     return record

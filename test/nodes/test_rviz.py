@@ -4,11 +4,18 @@ from pathlib import Path
 
 import pytest
 import yaml
+from geometry_msgs.msg import PoseArray
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.nodes.aspect_classifier.publishers import BODIES, NAMES
-from resting_aspects_ros.ros.interface import FRAME, LATCHED, MARKERS, SURROUNDINGS_MARKERS
+from resting_aspects_ros.ros.interface import (
+    CURRENT_POSES,
+    FRAME,
+    LATCHED,
+    MARKERS,
+    SURROUNDINGS_MARKERS,
+)
 
 FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'
 # The types that these displays of rviz_default_plugins subscribe to.
@@ -59,8 +66,11 @@ def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
 def test_frame_and_namespaces_match_the_messages(suite, manager, displays):
     assert manager['Global Options']['Fixed Frame'] == FRAME
     received = suite.client.listen(MarkerArray, MARKERS, LATCHED)
+    poses = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
     suite.client.ask('tetrahedron', 20)
-    suite.client.wait(lambda: received, 'markers')
+    suite.client.wait(lambda: received and poses, 'markers and poses')
+    assert poses[-1].header.frame_id == FRAME
+    assert poses[-1].poses
     assert {marker.header.frame_id for marker in received[-1].markers} == {FRAME}
     shown = {marker.ns for marker in received[-1].markers if marker.ns}
     assert set(displays[MARKERS]['Namespaces']) == shown

@@ -11,7 +11,7 @@ from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.part.loading import part_from_bytes
 
 COARSE = 'are stored in steps of'
-PLACES = (1e4, 1e5, 3e5, 1e6)
+PLACES = (1e4, 3e5)
 WASHERS = {
     'thin': lambda: trimesh.creation.annulus(5, 10, 2, sections=64),
     'thick': lambda: trimesh.creation.annulus(15, 40, 20, sections=48),
@@ -99,12 +99,11 @@ def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
 @pytest.mark.parametrize('file', DOUBLE)
 @pytest.mark.parametrize(('washer', 'tilted'), [('thin', False), ('thick', True)])
 def test_fine_coordinates_are_right_at_any_place(file, washer, tilted):
-    for distance in PLACES:
-        data, mesh_format = DOUBLE[file](placed(WASHERS[washer](), distance, tilted=tilted))
-        part = part_from_bytes(data, mesh_format, 'washer', unit='mm')
-        assert part.warnings == ()
-        assert len(find_aspects(part)) == 3
-        assert part.volume == pytest.approx(WASHERS[washer]().volume * 1e-9, rel=1e-6)
+    data, mesh_format = DOUBLE[file](placed(WASHERS[washer](), 1e6, tilted=tilted))
+    part = part_from_bytes(data, mesh_format, 'washer', unit='mm')
+    assert part.warnings == ()
+    assert len(find_aspects(part)) == 3
+    assert part.volume == pytest.approx(WASHERS[washer]().volume * 1e-9, rel=1e-6)
 
 
 @pytest.mark.parametrize(('scale', 'unit'), [(1e-3, 'm'), (1.0, 'mm'), (1e3, 'um')])

@@ -73,14 +73,13 @@ def scaled(mesh):
         ('random_sphere', (60,), 60, 3 * 60 - 6, 2 * 60 - 4),
     ],
 )
-@pytest.mark.parametrize('seed', [0, 1])
-def test_corners_edges_and_facets_of_a_hull(solids, name, arguments, corners, edges, facets, seed):
-    mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(seed))
+def test_corners_edges_and_facets_of_a_hull(solids, name, arguments, corners, edges, facets):
+    mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(1))
     body = polyhedron(scaled(mesh)[0])
     assert (len(body.points), len(body.ends), len(body.normals)) == (corners, edges, facets)
 
 
-@pytest.mark.parametrize('seed', range(10))
+@pytest.mark.parametrize('seed', range(3))
 def test_random_hulls_satisfy_eulers_formula(solids, seed):
     body = polyhedron(scaled(solids.irregular(seed, 60))[0])
     assert len(body.points) - len(body.ends) + len(body.normals) == 2

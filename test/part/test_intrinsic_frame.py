@@ -17,7 +17,6 @@ from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.mass import (
     POWERS,
     higher_moments,
-    intrinsic_signs,
     symmetric_top_axes,
 )
 from resting_aspects_ros.part.part import Part
@@ -52,17 +51,6 @@ def s_profile() -> trimesh.Trimesh:
     """Symmetric about its centre, so that all its third moments are zero."""
     outline = [(0, 0), (20, 0), (20, 5), (5, 5), (5, 20), (-15, 20), (-15, 15), (0, 15)]
     return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 7)
-
-
-def moments(**powers: float) -> np.ndarray:
-    """Moments that are zero, except these; x2y=1 is the moment of x^2 y."""
-    found = np.zeros(len(POWERS))
-    for name, value in powers.items():
-        factors = name.replace('x', ' x').replace('y', ' y').replace('z', ' z').split()
-        wanted = {factor[0]: int(factor[1:] or 1) for factor in factors}
-        row = [wanted.get(axis, 0) for axis in 'xyz']
-        found[POWERS.tolist().index(row)] = value
-    return found
 
 
 def test_moments_of_a_tetrahedron():
@@ -128,24 +116,6 @@ def test_frame_does_not_depend_on_the_mesh():
     np.testing.assert_allclose(
         part_of(fine).principal_axes, part_of(coarse).principal_axes, atol=ANGLE
     )
-
-
-def test_signs_maximize_the_moments():
-    assert intrinsic_signs(moments(x3=-1, y3=1, z3=1)).tolist() == [-1, 1, -1]
-    assert intrinsic_signs(moments(y3=-1)).tolist() == [1, -1, -1]
-    # A tetrahedron's only moment is xyz, which is the same for all four: the first is taken.
-    assert intrinsic_signs(moments(xyz=-1)).tolist() == [1, 1, 1]
-    assert intrinsic_signs(moments(xy3=-1)).tolist() == [1, -1, -1]
-    assert intrinsic_signs(moments(xyz2=1)).tolist() == [1, 1, 1]
-    assert intrinsic_signs(moments(yz3=-1)).tolist() == [-1, 1, -1]
-    assert intrinsic_signs(moments(x3=1, yz3=-1)).tolist() == [1, 1, 1]
-
-
-def test_float32_noise_does_not_determine_signs():
-    noise = moments(x3=-1e-7, y3=-1e-7, z3=-1e-7, x2y=1)
-    assert intrinsic_signs(noise).tolist() == [1, 1, 1]
-    # x2y is the first one that counts, and is negative.
-    assert intrinsic_signs(-noise).tolist() == [1, -1, -1]
 
 
 def test_frame_of_a_given_inertia_has_its_axes_and_the_signs_of_the_solid():

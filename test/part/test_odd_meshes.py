@@ -87,7 +87,7 @@ def test_volume_integrals_equal_those_of_trimesh(seed):
     expected = trimesh.triangles.mass_properties(triangles)
     found = solid_integrals(vertices, np.asarray(mesh.faces))
     assert found.volume == expected.volume * scale**3
-    np.testing.assert_array_equal(found.centroid, expected.center_mass * scale + middle)
+    np.testing.assert_array_equal(found.centre_of_mass, expected.center_mass * scale + middle)
     np.testing.assert_array_equal(found.inertia, expected.inertia * scale**5)
 
 
@@ -122,13 +122,12 @@ def seconds(text, mesh_format):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize('kind', ADVERSARIAL)
-def test_text_of_two_megabytes_is_checked_in_linear_time(kind):
-    """Ten times the text may take a hundred times as long at most; quadratic ones took hours."""
+def test_long_text_is_checked_in_linear_time(kind):
+    """Ten times the text may take a hundred times as long at most; quadratic ones took minutes."""
     line, piece = ADVERSARIAL[kind]
     for mesh_format, head in (('obj', ''), ('ply', PLY), ('stl', 'solid\n')):
-        texts = [head + line.format(piece * (n // len(piece))) for n in (200_000, 2_000_000)]
+        texts = [head + line.format(piece * (n // len(piece))) for n in (20_000, 200_000)]
         few, many = (seconds(text, mesh_format) for text in texts)
         assert many < 100 * max(few, 0.05)
 

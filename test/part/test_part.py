@@ -183,26 +183,6 @@ def test_an_inertia_rounded_as_in_a_data_sheet_is_accepted():
     assert plate.principal_moments[2] > plate.principal_moments[:2].sum()
 
 
-def test_part_is_the_same_after_a_message():
-    """What a message carries: bytes, format, name, unit, mass, centre of mass, six of inertia."""
-    mesh = l_bracket()
-    mesh.vertices = rotation(3).apply(mesh.vertices)
-    sent = part_from_bytes(stl(mesh), 'stl', 'l', unit='cm', density=7850)
-    got = part_from_bytes(
-        sent.mesh_bytes,
-        sent.mesh_format,
-        sent.name,
-        unit=sent.unit,
-        mass=sent.mass,
-        centre_of_mass=tuple(sent.centre_of_mass.tolist()),
-        inertia=sent.inertia[np.triu_indices(3)],
-    )
-    assert got.part_sha256 == sent.part_sha256
-    for name in ('centre_of_mass', 'inertia', 'hull_vertices', 'principal_axes', 'vertices'):
-        np.testing.assert_array_equal(getattr(got, name), getattr(sent, name), err_msg=name)
-    assert (got.mass, got.hull_radius, got.warnings) == (sent.mass, sent.hull_radius, ())
-
-
 def test_negative_zero_becomes_zero():
     centre, inertia = np.array([0.0, 10, 15]) * 1e-3, np.array([2e-4, 0, 0, 1e-4, 0, 1.5e-4])
     given = {'mass': 1, 'centre_of_mass': centre, 'inertia': inertia}

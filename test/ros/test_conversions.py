@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from scipy.stats import binomtest
+from wire import over_the_wire
 
 from resting_aspects_ros.api.conditions import surroundings
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
@@ -83,10 +83,6 @@ POSES = Poses(
     time_to_rest=np.array([0.7, 1.9, math.nan, 0.3, 2.0]),
     energy_growth=np.array([0.0, 0.02, 0.4, 0.01, 0.03]),
 )
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 def assert_same_fields(one, other):

@@ -35,6 +35,7 @@ def own_process(monkeypatch):
     monkeypatch.setattr(FileWorker, '_call', CALL)
     monkeypatch.setattr(file_worker, 'get_context', lambda _: FORKSERVER)
     monkeypatch.setattr(file_worker, 'ATTEMPTS', ATTEMPTS)
+    monkeypatch.setattr(file_worker, 'MAX_WAIT', 1000)
 
 
 @pytest.fixture(scope='module')
@@ -167,7 +168,7 @@ def test_next_function_runs_after_too_much_processor_time(make_worker, run):
 
 @pytest.mark.slow
 def test_next_function_runs_after_one_that_hangs(make_worker, run, tmp_path, monkeypatch):
-    monkeypatch.setattr(file_worker, 'CHECK_PERIOD', 0.1)
+    monkeypatch.setattr(file_worker, 'MAX_WAIT', 1)
     worker = make_worker(seconds=0.5)
     assert run(worker, operator.add, 2, 3) == 5
     os.mkfifo(tmp_path / 'pipe')

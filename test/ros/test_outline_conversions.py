@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import Outline
 from resting_aspects_interfaces.srv import IdentifyPart
+from wire import over_the_wire
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
@@ -23,10 +23,6 @@ from resting_aspects_ros.vision.identification import observed_polygon
 
 # Rounding of a coordinate to 32 bits, for parts of some cm, m.
 ROUNDING = 1e-8
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 def corners(polygon):

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from geometry_msgs.msg import Quaternion
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Surroundings
+from wire import over_the_wire
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import without_drops
@@ -28,10 +29,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import KINDS
 from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 RADIUS = 0.02
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 def run_in(found, surfaces):

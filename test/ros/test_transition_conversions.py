@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import FeederAction
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
+from wire import over_the_wire
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.reorient import ReorientResult
@@ -27,10 +28,6 @@ from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
 ACTION = NamedAction('own_tap', Kick(speed=0.31, spin=11.0), 0.7)
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 @pytest.fixture(scope='module')

@@ -45,13 +45,13 @@ def test_bounds_are_inclusive_and_enforced(name):
             dataclasses.replace(PLAIN, **{name: value})
 
 
-@names
 @pytest.mark.parametrize(
-    'value', [math.nan, math.inf, -math.inf, -1, 10**5000, True, '0.5', None, [0.5], 1j], ids=shown
+    'value', [math.nan, math.inf, -1, 10**5000, True, '0.5', None, [0.5], 1j], ids=shown
 )
-def test_invalid_numbers_are_rejected(name, value):
-    with pytest.raises(InvalidValueError, match=f'^invalid {name} '):
-        dataclasses.replace(PLAIN, **{name: value})
+def test_invalid_numbers_are_rejected(value):
+    for name in QUANTITIES:
+        with pytest.raises(InvalidValueError, match=f'^invalid {name} '):
+            dataclasses.replace(PLAIN, **{name: value})
 
 
 @pytest.mark.parametrize('value', [1, HeightOf.CENTRE_OF_MASS])

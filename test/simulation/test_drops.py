@@ -47,8 +47,10 @@ def hull_in_tray(part, poses):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
-@pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
+@pytest.mark.parametrize(
+    ('shape', 'faces', 'engine', 'n'),
+    [('tetrahedron', 4, KERNEL, 5000), ('cube', 6, KERNEL, 5000), ('tetrahedron', 4, BULLET, 250)],
+)
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
     body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
     found = count_poses(find_aspects(body), drop(body, n, engine=engine))
@@ -62,7 +64,7 @@ def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 20_000), (BULLET, 250)])
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
 def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
     shape = part('l_bracket')
     found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
@@ -96,7 +98,7 @@ def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
 
 @pytest.mark.slow
 def test_yaw_at_rest_is_uniform(drop, part):
-    poses = drop(part('l_bracket'), 20_000)
+    poses = drop(part('l_bracket'), 5000)
     # The horizontal direction of an axis of the part that is not vertical, in any aspect.
     axis = rotate(poses.orientation, np.array([1.0, 1.0, 1.0]))
     heading = np.arctan2(axis[:, 1], axis[:, 0])
@@ -116,24 +118,29 @@ def test_origin_of_part_frame_changes_only_the_position(part, mat, engine):
     )
 
 
-def scaled(shape, solid, factor):
-    """The part with all lengths multiplied."""
-    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 40)])
-def test_scaled_part_and_height_give_scaled_poses(part, solid, mat, engine, n):
+def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engine, n):
     # Four is a power of two: the numbers are the same to the last bit. Of another factor they
     # would be the same but for rounding, and the drops alike only on average.
     shape = part('l_bracket')
-    small, large = scaled(shape, solid, 1), scaled(shape, solid, 4)
-    a = drop_range(make_job(small, mat, 1, engine=engine), 0, n)
-    higher = mat.changed(height=4 * mat.height)
-    b = drop_range(make_job(large, higher, 1, engine=engine), 0, n)
+    weak = mat.changed(height=4 * mat.height, gravity=mat.gravity / 4)
+    a, b = (
+        drop_range(
+            make_job(
+                solid(trimesh.Trimesh(1e3 * factor * shape.vertices, shape.faces, process=False)),
+                conditions,
+                1,
+                engine=engine,
+            ),
+            0,
+            n,
+        )
+        for factor, conditions in ((1, mat), (4, weak))
+    )
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.position, a.position * 4)
-    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
+    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 4)  # T = sqrt(R / g)
 
 
 def paired(ids, others):
@@ -154,7 +161,7 @@ def paired(ids, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'cylinder_d20_h20'])
+@pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
 def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
     shape, n = part(name), 5000
     fine = make_job(shape, mat, 1, refinement=4)
@@ -170,20 +177,13 @@ def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
 def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
     # Samples of 250 tell differences of 0.13; `make validate` compares larger ones.
     shape = part(name)
+    aspects, job = find_aspects(shape), make_job(shape, surfaces.get(surface), 1)
+    bullet = dataclasses.replace(job, engine=BULLET)
     counts = []
-    for engine, n in ((KERNEL, 4000), (BULLET, 250)):
-        job = make_job(shape, surfaces.get(surface), 1, engine=engine)
-        counts.append(count_poses(find_aspects(shape), drop_range(job, 0, n)).counts)
+    for each, n in ((job, 4000), (bullet, 250)):
+        counts.append(count_poses(aspects, drop_range(each, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
     assert chi2_contingency(counts).pvalue > LEVEL
-
-
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 1000), (BULLET, 20)])
-def test_gravity_changes_only_the_time(part, mat, engine, n):
-    shape, weak = part('t_prism'), mat.changed(gravity=mat.gravity / 4)
-    a, b = (drop_range(make_job(shape, c, 1, engine=engine), 0, n) for c in (mat, weak))
-    np.testing.assert_array_equal(b.orientation, a.orientation)
-    np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
 
 
 # -- Truth from symmetry --------------------------------------------------------------------------
@@ -236,11 +236,11 @@ def random_solid(seed):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', 'cylinder_d20_h20', *range(4)])
+@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', *range(4)])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
-    n = 4000
+    n = 1500
     shape = part(which) if which in EXAMPLES else solid(random_solid(which))
     aspects = find_aspects(shape)
     counts = nearest_counts(aspects, drop_range(make_job(shape, mat, 1), 0, n))
@@ -262,10 +262,12 @@ def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
     points = np.random.default_rng(7).normal(size=(3000, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
     shape = solid(trimesh.convex.convex_hull(points))
-    poses = drop_range(make_job(shape, surfaces.get(), 1), 0, 200)
-    assert (poses.status == RestStatus.SETTLED).all()
-    lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
-    assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
+    job = make_job(shape, surfaces.get(), 1)
+    for engine, n in ((KERNEL, 100), (BULLET, 1)):
+        poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
+        assert (poses.status == RestStatus.SETTLED).all()
+        lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
+        assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
 
 
 @pytest.mark.parametrize('which', range(4))
@@ -279,16 +281,8 @@ def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
 
 ON_SURFACES = [
     *((name, 'rubber_mat') for name in EXAMPLES),
-    *((name, surface) for name in ('l_bracket', 'hex_nut') for surface in ('steel', 'thrown')),
+    *(('l_bracket', surface) for surface in ('steel', 'thrown')),
 ]
-
-
-@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
-def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
-    poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
-    assert (poses.energy_growth >= 0).all()
-    # Heights are as accurate as the distance at which corners touch.
-    assert poses.energy_growth.max() < kernel_data.GAP
 
 
 # -- The decision of the aspect -------------------------------------------------------------------
@@ -297,11 +291,11 @@ def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
 @pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
 def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
-    # The same drops, bit for bit, run on. A rule that is wrong once in 200 drops would pass once
+    # The same drops, bit for bit, run on. A rule that is wrong once in 100 drops would pass once
     # in 150 times; `make validate` makes more.
     shape, conditions = part(name), surfaces.get(surface)
     # Those that roll run on for long.
-    n = 200 if name in ('cylinder_d20_h20', 'washer') else 1000
+    n = 200 if name in ('cylinder_d20_h20', 'washer') else 500
     decided, still = (
         drop_range(make_job(shape, conditions, 1, until_still=wait), 0, n)
         for wait in (False, True)
@@ -309,6 +303,9 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
     assert (still.status == RestStatus.SETTLED).all()
+    # No impact adds energy. Heights are as accurate as the distance at which corners touch.
+    assert decided.energy_growth.min() >= 0
+    assert decided.energy_growth.max() < kernel_data.GAP
     unit = math.sqrt(shape.hull_radius / conditions.gravity)
     later = still.time_to_rest - decided.time_to_rest
     assert (later > -kernel.QUIET * unit).all()
@@ -323,7 +320,7 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
 
 @pytest.mark.slow
 def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
-    shape, n = part('l_bracket'), 100
+    shape, n = part('l_bracket'), 50
     decided = drop(shape, n, engine=BULLET)
     job = make_job(shape, mat, 1, until_still=True, engine=BULLET)
     still = drop_range(job, 0, n)
@@ -341,7 +338,7 @@ def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, ma
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
 
 # Of many lengths: vectorised arithmetic may round by the length of its arrays.
-RANGES = [(0, 1), (0, 2), (3, 6), (10, 17), (20, 36), (37, 93), (124, 125), (124, 145)]
+RANGES = [(0, 1), (3, 6), (20, 36), (124, 145)]
 
 
 @pytest.mark.slow
@@ -354,12 +351,11 @@ def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, 
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
 
 
-@pytest.mark.parametrize('name', ['l_bracket', 'washer'])
-def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_same_poses, name):
+def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_same_poses):
     """Also of different parts and conditions, each with its own arrays."""
     jobs = [
         make_job(part(each), surfaces.get(surface), 3)
-        for each in (name, 'box_10x20x30')
+        for each in ('l_bracket', 'box_10x20x30')
         for surface in ('rubber_mat', 'steel')
     ]
     whole = [drop_range(job, 0, 600) for job in jobs]
@@ -403,80 +399,48 @@ def test_maximum_seed_and_index_are_supported(part, mat, engine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 8)])
-def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part, engine, n):
+def test_a_roller_in_bullet_needs_rolling_friction_to_come_to_rest(mat, part):
+    shape = part('cylinder_d20_h20')
     rough, smooth = (
         drop_range(
-            make_job(
-                part('cylinder_d20_h20'),
-                mat.changed(rolling_friction=f),
-                1,
-                until_still=True,
-                engine=engine,
-            ),
+            make_job(shape, mat.changed(rolling_friction=f), 1, until_still=True, engine=BULLET),
             0,
-            n,
+            4,
         )
         for f in (0.05, 0.005)
     )
-    assert (rough.status == RestStatus.SETTLED).mean() > 0.98
+    assert (rough.status == RestStatus.SETTLED).all()
     assert np.median(rough.time_to_rest) < np.median(smooth.time_to_rest)
 
 
 # Bars and sheets as slender and as thin as parts are.
 THIN = [
-    (lambda: trimesh.creation.box((1, 1, 60)), {}),
-    (lambda: trimesh.creation.box((1, 1, 200)), {}),
-    (lambda: trimesh.creation.cylinder(1.5, 80, sections=6), {}),
-    (lambda: trimesh.creation.cylinder(0.5, 60, sections=32), {}),
-    (lambda: trimesh.creation.cylinder(10, 0.1, sections=64), {}),
-    (lambda: trimesh.creation.box((20, 10, 0.1)), {'restitution': 0.0, 'height': 0.5}),
+    (trimesh.creation.box((1, 1, 200)), {}),
+    (trimesh.creation.cylinder(0.5, 60, sections=32), {}),
+    (trimesh.creation.cylinder(10, 0.1, sections=64), {}),
+    (trimesh.creation.box((20, 10, 0.1)), {'restitution': 0.0, 'height': 0.5}),
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 20)])
-@pytest.mark.parametrize(('make', 'changes'), THIN)
-def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes, engine, n):
-    shape = solid(make())
-    poses = drop_range(make_job(shape, mat.changed(**changes), 1, engine=engine), 0, n)
-    assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
-
-
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
-@pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
-def test_very_small_and_very_large_parts_rest_in_an_aspect(
-    part, solid, mat, scale, height, engine, n
-):
-    # 1.4 mm and 0.6 m in radius: Bullet's own margins are 1 and 20 mm.
-    shape = scaled(part('l_bracket'), solid, scale)
-    poses = drop_range(make_job(shape, mat.changed(height=height), 1, engine=engine), 0, n)
-    assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
+@pytest.mark.parametrize(('mesh', 'changes'), THIN)
+def test_slender_and_thin_parts_rest_on_a_side(solid, mat, mesh, changes):
+    shape = solid(mesh)
+    aspects, job = find_aspects(shape), make_job(shape, mat.changed(**changes), 1)
+    for engine, n in ((KERNEL, 100), (BULLET, 4)):
+        poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
+        assert count_poses(aspects, poses).counts.sum() > 0.99 * n
 
 
 @pytest.mark.slow
-def test_hull_with_many_vertices_is_supported(solid, mat):
-    ball = solid(trimesh.creation.icosphere(5, 10.0))
-    assert len(ball.hull_vertices) == 3000  # of 10242
-    for engine, n in ((KERNEL, 50), (BULLET, 1)):
-        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
-        poses = drop_range(job, 0, n)
-        assert (poses.status == RestStatus.SETTLED).all()
-        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
-        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('engine', [KERNEL, pytest.param(BULLET, marks=pytest.mark.slow)])
-def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat, engine):
-    ball = solid(trimesh.creation.icosphere(4, 10.0))
-    job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
+def test_memory_of_bullet_does_not_grow_with_the_number_of_chunks(solid, mat):
+    ball = solid(trimesh.creation.icosphere(3, 10.0))
+    job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=BULLET)
 
     def drop(chunks):
         for chunk in chunks:
             # A worker reads the job of each run anew; Bullet must not read its corners again.
-            read = pickle.loads(pickle.dumps(job)) if engine == BULLET else job
-            drop_range(read, chunk * GROUP, chunk * GROUP + 1)
+            drop_range(pickle.loads(pickle.dumps(job)), chunk * GROUP, chunk * GROUP + 1)
         gc.collect()
         return tracemalloc.get_traced_memory()[0]
 
@@ -486,5 +450,5 @@ def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat, engine):
         after = drop(range(2, 6))
     finally:
         tracemalloc.stop()
-    # PyBullet's binding keeps what it reads corners from: 4 x 2562 x 3 numbers, 0.7 MB.
+    # PyBullet's binding keeps what it reads corners from: 4 x 642 x 3 numbers, 0.2 MB.
     assert after - before < 50_000

@@ -106,16 +106,6 @@ def test_excessive_energy_growth_fails_a_drop(looks, growth, status):
 
 
 @pytest.mark.slow
-def test_energy_growth_accumulates_over_checks(looks):
-    # A quarter of the energy more at each of three looks.
-    job, once = looks([1.15])
-    _, thrice = looks([1.15, 1.3, 1.45])
-    assert once.status[0] == RestStatus.SETTLED
-    assert thrice.status[0] == RestStatus.FAILED
-    assert thrice.energy_growth[0] < settling.MAX_GROWTH / job.radius
-
-
-@pytest.mark.slow
 def test_energy_growth_of_falls_and_impacts_in_bullet_is_small(drop, part):
     # Bodies that fall for 3 T and more; a coarse step would show as growth.
     fall = drop(part('hex_nut'), 50, engine=BULLET, spin=20.0)

@@ -57,16 +57,15 @@ def on_one_corner(hull, normal, generator):
             return turn, corners[first]
 
 
-@pytest.mark.quick_cases(4)
-@pytest.mark.parametrize('name', ['t_prism', 'u_bracket'])
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('where', WORLDS)
-def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where, name):
+def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where):
     surroundings, step, make, normal, place = WORLDS[where]
     generator = np.random.RandomState(3)
     for _ in range(3):
-        job = job_of(part(name), mat, surroundings, step)
+        job = job_of(part('u_bracket'), mat, surroundings, step)
         world = make(job, ALONG, STEPS_PER_T) if make is EdgeWorld else make(job)
-        top = job.edge.height / job.radius if make is EdgeWorld else 0.0
+        top = job.edge.step_height / job.radius if make is EdgeWorld else 0.0
         turn, corner = on_one_corner(job.hull, normal, generator)
         spin = generator.normal(size=3) * 0.3
         velocity = generator.normal(size=3) * 0.2 - 1.5 * normal

@@ -46,13 +46,6 @@ def test_speed_and_spin_have_the_declared_deviations(part, mat):
     assert np.abs(together).max() < 4.5 / math.sqrt(n)
 
 
-def test_zero_speed_and_spin_release_at_rest(part, mat):
-    states = initial_states(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 0, 250)
-    assert not states.velocity.any()
-    assert not states.spin.any()
-    assert not states.elapsed.any()
-
-
 @pytest.mark.parametrize('height_of', HeightOf)
 def test_height_refers_to_the_selected_point(part, mat, height_of):
     shape = part('l_bracket')

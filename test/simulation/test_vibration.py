@@ -16,7 +16,6 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation import settling
 from resting_aspects_ros.simulation.actions import (
     MAX_ACCELERATION,
     RAMP_PERIODS,
@@ -27,7 +26,7 @@ from resting_aspects_ros.simulation.actions import (
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, actions_file
 from resting_aspects_ros.simulation.job import make_job, plan_run
 from resting_aspects_ros.simulation.release import initial_states
-from resting_aspects_ros.simulation.starts import Action, States, rest_starts
+from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
@@ -203,7 +202,7 @@ def test_block_hops_if_the_plate_accelerates_by_more_than_g(part, mat, ratio):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('amplitude', 'phase'), [(0.3, 1.0), (0.9, 0.0), (0.9, 2.5), (1.5, 1.0)])
+@pytest.mark.parametrize(('amplitude', 'phase'), [(0.9, 2.5), (1.5, 1.0)])
 def test_plate_conveys_a_block_as_far_as_a_point_mass(solid, mat, amplitude, phase):
     """With vertical accelerations below and above g, and a horizontal one above friction."""
     frequency, friction, n = 25.0, 0.3, 8
@@ -331,57 +330,6 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     assert tally.matrix.actions.tolist() == [n / 5] * 5
 
 
-# -- While the plate moves in Bullet --------------------------------------------------------------
-
-
-@pytest.fixture
-def resting(part, mat):
-    """The ends of four parts on a plate, and their states at rest before any check."""
-    job = vibration_job(part('l_bracket'), mat, STRONG, aspects=1, engine=BULLET)
-    start = initial_states(job, 0, 4)
-    states = States(start.position, start.orientation, start.velocity, start.spin)
-    return job, settling.Settling(job, start), states
-
-
-def test_moving_plate_only_loses_or_fails_parts(resting):
-    job, ends, states = resting
-    states.position[0, 2] = math.nan
-    states.position[1, 2] = -0.6
-    states.position[2, 0] = STRONG.plate_size / job.radius
-    states.velocity[3] = 1e3
-    assert sorted(ends.check(1.0, states)) == [0, 1, 2]
-    assert ends.status[:3].tolist() == [RestStatus.FAILED, RestStatus.FAILED, RestStatus.LOST]
-    assert ends.time[2] == 1.0
-    assert ends.moving.tolist() == [3]
-    assert ends.growth[3] == 0
-
-
-def test_decisions_begin_with_the_first_check_after_the_motion(resting):
-    job, ends, states = resting
-    end = STRONG.duration / job.time_unit
-    states.velocity[0] = 10.0
-    for now in (0.5, 1.0, end - 0.1, end + 0.1):
-        assert len(ends.check(now, states)) == 0
-    states.velocity[0] = 0.0
-    assert sorted(ends.check(end + 0.6, states)) == [0, 1, 2, 3]
-    assert (ends.status == RestStatus.SETTLED).all()
-    assert (ends.growth <= 0).all()
-
-
-def test_height_above_a_tilted_plate_decides_about_falling_through(part, mat):
-    # A plate of 2 m that tilts by 0.1 rad: its edge moves by 4 R.
-    plate = Vibration(1.0, 12.0, 2.0, rocking_y=0.1)
-    job = vibration_job(part('l_bracket'), mat, plate, aspects=1, engine=BULLET)
-    start = initial_states(job, 0, 2)
-    ends = settling.Settling(job, start)
-    at, turned = plate.pose(np.array([5.25]))
-    place = np.array([[0.9, 0.0, 0.01], [0.9, 0.0, -0.02]])
-    position = (rotate(turned, place) + at) / job.radius
-    assert position[0, 2] < -settling.MAX_DEPTH
-    states = States(position, start.orientation, start.velocity, start.spin)
-    assert ends.check(5.25 / job.time_unit, states).tolist() == [1]
-
-
 # -- Time steps and values ------------------------------------------------------------------------
 
 
@@ -434,7 +382,6 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
         vibration_job(shape, mat.changed(gravity=1e-5), wild)
 
 
-@pytest.mark.slow
 def test_shipped_vibrations_fit_the_example_parts(part, mat):
     known = Actions.read(actions_file())
     shipped = [known.get(name) for name in known.names()]
@@ -443,5 +390,4 @@ def test_shipped_vibrations_fit_the_example_parts(part, mat):
     for each in vibrations:
         assert each.source
         assert each.time > each.action.duration
-        for name in ('l_bracket', 'hex_nut'):
-            assert vibration_job(part(name), mat, each.action).in_motion(0.0)
+        assert vibration_job(part('l_bracket'), mat, each.action).in_motion(0.0)

@@ -215,18 +215,6 @@ def test_each_of_24_poses_of_a_block_is_counted_by_its_pair_of_sides(block):
     assert sorted(np.bincount(classes)[1:].tolist()) == [4] * 6
 
 
-def test_counts_do_not_depend_on_the_order_or_the_chunks(block):
-    group = Rotation.create_group('O')
-    draws = np.random.default_rng(1).integers(0, len(group), 200)
-    whole = add(no_counts(block), touching(block, group[draws]))
-    pieces = no_counts(block)
-    for k in range(0, 200, 37):
-        add(pieces, touching(block, group[draws[::-1][k : k + 37]], first=k))
-    assert table(whole) == table(pieces)
-    assert whole.drops == pieces.drops == 200
-    assert sum(table(whole).values()) == 200
-
-
 def test_first_drops_keep_the_order_of_their_placements(block):
     group = Rotation.create_group('O') * Rotation.from_euler('z', 20, degrees=True)
     draws = np.random.default_rng(2).integers(0, len(group), 60)

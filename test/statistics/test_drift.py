@@ -56,7 +56,7 @@ def batches(rng, shares, number, size, deviation=0.0):
     ],
 )
 def test_power_is_reached_with_the_stated_number_of_parts(shares, drops, level, drifted):
-    repetitions, rng = 400, np.random.default_rng(6)
+    repetitions, rng = 200, np.random.default_rng(6)
     parts = parts_needed(np.round(drops * np.array(shares)).astype(np.int64), 0.05, level)
     drifted = np.array(drifted) / sum(drifted)
     alarms = 0
@@ -72,7 +72,7 @@ def test_power_is_reached_with_the_stated_number_of_parts(shares, drops, level, 
 @pytest.mark.parametrize('deviation', [0.0, 0.08])
 def test_power_is_reached_if_batches_scatter(deviation):
     # With a variance that is larger by a factor, that many times as many parts are needed.
-    rng, repetitions, level = np.random.default_rng(7), 400, 0.05
+    rng, repetitions, level = np.random.default_rng(7), 200, 0.05
     factor = 1 + (UNIT - 1) * deviation**2 / np.mean(TWO * (1 - TWO))
     parts = factor * parts_needed(np.array([7000, 3000]), 0.1, level)
     last, alarms = round(parts / UNIT), 0
@@ -184,7 +184,6 @@ def test_of_two_classes_the_first_is_named():
 @pytest.mark.parametrize(
     ('rows', 'simulated', 'options', 'message'),
     [
-        ([[1, 2]], [1, 2, 3], {}, 'number of classes 2 of the counted parts: expected 3'),
         ([[5]], [10], {}, 'expected those of two or more classes'),
         ([[1, 2]], [3], {}, 'expected those of two or more classes'),
         ([[5, 5]], [0, 0], {}, 'not all 0'),
@@ -200,12 +199,10 @@ def test_wrong_arguments_are_named(rows, simulated, options, message):
         found_in(*rows, simulated=np.array(simulated), **{'window': 1, **options})
 
 
-@pytest.mark.parametrize('shift', [0, -0.1, MAX_SHIFT + 0.01, float('nan')])
-def test_wrong_shift_is_refused(shift):
-    with pytest.raises(InvalidValueError, match='invalid shift'):
-        parts_needed(SIMULATED, shift)
-
-
-def test_wrong_power_is_refused():
-    with pytest.raises(InvalidValueError, match='invalid power 1: expected'):
-        parts_needed(SIMULATED, power=1)
+@pytest.mark.parametrize(
+    'wrong', [{'shift': 0}, {'shift': MAX_SHIFT + 0.01}, {'shift': float('nan')}, {'power': 1}]
+)
+def test_shift_and_power_outside_their_limits_are_refused(wrong):
+    (name,) = wrong
+    with pytest.raises(InvalidValueError, match=f'invalid {name} .*: expected'):
+        parts_needed(SIMULATED, **wrong)

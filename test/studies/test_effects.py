@@ -1,7 +1,5 @@
 """Effects of known functions: Sobol indices, largest changes and findings, with few errors."""
 
-import re
-
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -139,7 +137,7 @@ def test_mean_curve_is_within_its_interval(factors):
 )
 def test_largest_change_is_within_its_bounds(share, size):
     """The bounds allow for the choice of the largest one of many changes."""
-    runs, inside = 200, 0
+    runs, inside = 100, 0
     for seed in range(runs):
         change = mean_change(line_counts(share, FACTORS, 8, 200, seed)[0], 0.9)
         inside += change.lower <= size <= change.upper
@@ -149,7 +147,7 @@ def test_largest_change_is_within_its_bounds(share, size):
 
 def test_fresh_drops_find_the_largest_change_without_bias():
     """Without an effect, the largest of many lines is lucky; fresh drops there are not."""
-    runs, drops, lucky, fresh, above = 100, 400, [], [], 0
+    runs, drops, lucky, fresh, above = 50, 400, [], [], 0
     for seed in range(runs):
         rng = np.random.default_rng(seed)
         line = line_counts(lambda u: np.full(len(u), 0.3), FACTORS, 16, drops, seed)[0]
@@ -164,19 +162,6 @@ def test_fresh_drops_find_the_largest_change_without_bias():
     assert np.mean(lucky) > 0.08
     assert abs(np.mean(fresh)) < 4 * error
     assert above <= binom.ppf(0.999, runs, 0.05)
-
-
-def test_candidates_are_the_lines_with_the_largest_change():
-    """Where the second factor is large, the first one moves the share by up to 40 points."""
-
-    def corner(u):
-        return 0.3 + 0.4 * u[:, 0] * (u[:, 1] > 0.8)
-
-    design = make_design('curves', FACTORS, 16, 3)
-    line = counted(design, corner, 400, 1)[0]
-    for candidate in largest_candidates(line)[:3]:
-        assert design.points[candidate.points[0], 1] > 0.8
-        assert candidate.levels[1] - candidate.levels[0] > 0.5
 
 
 @pytest.fixture(scope='module')
@@ -228,9 +213,6 @@ def test_verdicts_have_few_errors(cylinder, monkeypatch):
 def test_change_near_the_tolerance_is_not_decided(cylinder):
     _, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.2, drops=50)
     assert found['restitution'].verdict == OPEN
-    # The change is nearly the tolerance, so that no practical number of drops would decide.
-    text = found['restitution'].text
-    assert re.search(r'(about \d+|more than 100) times as many drops would decide', text)
 
 
 def test_part_with_one_class_has_no_effects():

@@ -43,11 +43,10 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', [1, 2, 3])
-def test_best_has_the_best_value_of_the_compared_conditions(here, seed):
+def test_best_has_the_best_value_of_the_compared_conditions(here):
     # No conditions are better than others for a tetrahedron, so that the fresh drops decide.
     found = ra.optimise(
-        'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], height=0.02, seed=seed,
+        'tetrahedron', {'height': '10mm:30mm'}, wanted=[1], height=0.02,
         workers=here(), budget=2000,
     )  # fmt: skip
     values = [each.estimate.value for each in found.candidates]
@@ -91,7 +90,6 @@ def test_result_does_not_depend_on_the_workers(found, here):
 @pytest.mark.parametrize(
     ('surroundings', 'action', 'engine'),
     [
-        (None, None, 'kernel'),
         ('wall', 'tap', 'kernel'),
         ('pocket', None, 'bullet'),
         (None, 'step_down', 'bullet'),
@@ -106,16 +104,6 @@ def test_document_names_the_engine(found, surroundings, action, engine):
     best = dataclasses.replace(found.best, setting=setting)
     result = dataclasses.replace(found, candidates=(best, *found.candidates[1:]))
     assert json.loads(result.to_json())['engine'] == engine
-
-
-def test_notes_name_materials_and_fresh_drops(found):
-    text = ' '.join(found.notes)
-    assert 'Friction is a property of the materials' in text
-    assert 'eight is a property' not in text
-    assert '320 fresh drops' in text
-    # All aspects of a tetrahedron are the same, so that no difference can be shown.
-    assert 'no effect that can be shown' in text
-    assert 'No difference is shown between the best conditions and yours' in text
 
 
 @pytest.mark.slow

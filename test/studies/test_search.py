@@ -10,7 +10,6 @@ from resting_aspects_ros.studies.objective import Objective, compared, estimated
 from resting_aspects_ros.studies.optimise import (
     best_points,
     check_budget,
-    final_drops,
     line_through,
     search,
 )
@@ -52,8 +51,7 @@ def searched(drop, factors, total=200_000, seed=1, levels=0, **given):
     return points, best_points(points, SHARE, total, seed)
 
 
-@pytest.mark.quick_cases(7)
-@pytest.mark.parametrize('factors', [1, 2, 3, 4])
+@pytest.mark.parametrize('factors', [1, 2, 4])
 @pytest.mark.parametrize(('share', 'most', 'loss'), [(peak, 0.7, 0.02), (slope, 0.6, 0.03)])
 def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
     found = [searched(problem(share, k), factors, seed=k)[1][0] for k in range(4)]
@@ -72,11 +70,6 @@ def test_second_point_differs_by_a_fifth_of_a_range():
     assert np.abs(second - best).max() >= 0.2
     # The second factor has no effect, so that another value of it is as good.
     assert hill(second[None])[0] > 0.66
-
-
-def test_bound_is_a_point_of_the_search():
-    points, _ = searched(problem(slope), 1)
-    assert points[1.0,].sum() >= final_drops(200_000)
 
 
 def test_impossible_points_are_avoided():
@@ -144,21 +137,6 @@ def test_bound_is_reported_if_it_is_best(share, best, bound):
     assert curve_of(share, best, drops=20_000).bound == bound
 
 
-def test_certainty_of_the_best_is_that_of_their_posteriors():
-    rng = np.random.default_rng(1)
-
-    def draws(wanted):
-        return SHARE.posterior(np.array([wanted, 100 - wanted]), rng, 20_000)
-
-    # Of k equal conditions, each is the best with a probability of 1 / k.
-    for k in (2, 3):
-        gains, found = compared([draws(50) for _ in range(k)], 0.95)
-        assert abs(found - 1 / k) < 5 * np.sqrt(0.25 / 20_000)
-        assert [abs(each.certainty - 0.5) < 0.02 for each in gains] == [True] * (k - 1)
-    assert compared([draws(90), draws(50)], 0.95)[1] > 0.999
-    assert compared([draws(10), draws(50)], 0.95)[1] < 0.001
-
-
 def comparison(share, seed, points, drops, confidence=0.95):
     """Return the order of points by fresh drops, the gains of the first and its certainty."""
     rng = np.random.default_rng(seed)
@@ -171,7 +149,7 @@ def comparison(share, seed, points, drops, confidence=0.95):
 
 def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():
     """The threshold of OptimiseResult.winner, 1 - 0.05 / k, for three equal conditions."""
-    runs, points = 300, np.full((3, 1), 0.5)
+    runs, points = 150, np.full((3, 1), 0.5)
     won = sum(
         comparison(lambda u: np.full(len(u), 0.4), seed, points, 1000)[2] >= 1 - 0.05 / 3
         for seed in range(runs)

@@ -1,6 +1,5 @@
 """Studies: resumed, extended, repeated bit for bit, and refused where they do not fit."""
 
-import csv
 import errno
 import json
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputError
+from resting_aspects_ros.errors import InvalidValueError, OutputError
 from resting_aspects_ros.studies.effects import FRESH_DROPS
 from resting_aspects_ros.studies.points import STORE, PointStore
 from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec, run_study
@@ -36,19 +35,6 @@ def simulated(workers, drops=630):
 @pytest.fixture(scope='module')
 def whole(here):
     return table(run_study(spec(), None, workers=here()))
-
-
-@pytest.mark.slow
-def test_study_that_was_broken_off_continues(tmp_path, here, whole):
-    with pytest.raises(EngineError):
-        run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
-    lines = (tmp_path / STORE).read_text().splitlines()
-    assert len(lines) == 3  # versions and two points
-    workers = here()
-    result = run_study(spec(), tmp_path, workers=workers)
-    assert result.complete
-    assert table(result) == whole
-    assert simulated(workers) == 2
 
 
 @pytest.mark.slow
@@ -238,12 +224,3 @@ def test_invalid_value_names_the_file(tmp_path):
     path.write_text('parts: tetrahedron\nvary: {friction: "0.1:0.5"}\npoints: 0\n')
     with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid (number of )?points'):
         read_spec(path)
-
-
-def test_tables_have_a_row_for_each_point_and_class(tmp_path, here):
-    result = run_study(spec(vary={'friction': '0.2:0.5:2'}, drops=10), None, workers=here())
-    with result.save_tables(tmp_path).open(newline='') as file:
-        rows = list(csv.DictReader(file))
-    assert [row['friction'] for row in rows] == ['0.2', '0.2', '0.5', '0.5']
-    assert sum(int(row['count']) for row in rows) == 20
-    assert float(rows[0]['probability']) == next(result.rows)['probability']

@@ -1,6 +1,7 @@
 """Traps against closed forms; rates; designs, whose traps are checked again."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,21 +120,24 @@ def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     assert square.outcome(Arrival(row, LEVEL, part)).outcome != 'pass'
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
-    'trap',
+    ('name', 'trap'),
     [
-        Scallop(0.015, 0.01),
-        CutOut(points=((0, 0), (0.01, 0), (0.004, 0.03))),
-        CutOut(points=((0, 0), (0.2, 0), (0.2, 0.0005), (0.01, 0.0005), (0.004, 0.03))),
+        ('t_prism', CutOut(points=((0, 0), (0.01, 0), (0.004, 0.03)))),
+        ('l_bracket', Scallop(0.015, 0.01)),
+        (
+            'l_bracket',
+            CutOut(points=((0, 0), (0.2, 0), (0.2, 0.0005), (0.01, 0.0005), (0.004, 0.03))),
+        ),
     ],
-    ids=['round', 'oblique', 'long'],
+    ids=['oblique', 'round', 'long'],
 )
-@pytest.mark.parametrize('name', ['l_bracket', 't_prism'])
 def test_places_between_events_do_not_change_a_critical_value(
     part, rows_of, monkeypatch, name, trap
 ):
     shape = part(name)
-    arrivals = [(shape, row) for row in rows_of(shape)[:2]]
+    arrivals = [(shape, rows_of(shape)[0])]
     found = [critical(trap, each) for each in arrivals]
     monkeypatch.setattr(support, 'STEP', 5e-5)
     finer = [critical(trap, each) for each in arrivals]
@@ -174,17 +178,6 @@ def test_parts_that_an_air_jet_reaches_but_cannot_move_pass(part, rows_of):
         assert (high == 1).all()
 
 
-def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of):
-    shape = part('l_bracket')
-    pair = [row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011]
-    assert {row.aspects for row in pair} == {(1,), (2,)}
-    symmetric = [critical(Gap(0.01), (shape, row)) for row in pair]
-    assert symmetric[0] == pytest.approx(symmetric[1], abs=1e-5)
-    triangle = CutOut(0.75, points=((0.0, 0.0), (0.04, 0.0), (0.04, 0.04)))
-    found = outcomes(pair, triangle, LEVEL, shape)
-    assert [each.outcome == 'pass' for each in found].count(True) == 1
-
-
 def test_rejections_of_edge_contacts_are_not_known(part, rows_of):
     shape = part('l_bracket')
     rows = [row for row in rows_of(shape) if row.aspects == (4,)]
@@ -216,7 +209,7 @@ def test_a_tolerance_makes_a_margin_a_probability():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'most'),
-    [('hex_nut', 3), ('u_bracket', 1), pytest.param('l_bracket', 4, marks=pytest.mark.slow)],
+    [('hex_nut', 3), ('u_bracket', 1)],
 )
 def test_designs_pass_only_the_wanted_orientation(name, most, part, rows_of):
     shape = part(name)
@@ -258,18 +251,15 @@ def test_a_track_is_read_with_units_and_written_in_si():
             'roll': '5deg',
             'wall': {'height': '30mm', 'friction': 0.2},
             'speed': '50mm/s',
-            'traps': [{'kind': 'wiper', 'height': '12.7mm'}, {'kind': 'gap', 'length': 0.012}],
+            'traps': [
+                {'kind': 'wiper', 'height': '12.7mm'},
+                {'kind': 'air_jet', 'height': 0.005, 'force': '100mN'},
+            ],
         }
     )
     assert track.surface.width == pytest.approx(0.04)
-    assert track.traps[0] == Wiper(0.0127)
+    assert track.traps == (Wiper(0.0127), AirJet(0.005, 0.1))
     assert read_track(track.document) == track
-
-
-def test_force_of_an_air_jet_can_have_a_unit():
-    jet = {'kind': 'air_jet', 'height': '5mm', 'force': '100mN'}
-    track = read_track({'width': '40mm', 'traps': [jet]})
-    assert track.traps[0].force == pytest.approx(0.1)
 
 
 @pytest.mark.slow
@@ -335,10 +325,11 @@ def test_mirror_images_count_as_wanted_only_if_they_are(part, rows_of):
     rows = rows_of(shape)
     track = Track(Surface(width=0.067, roll=math.radians(5)))
     one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
+    found = design_traps(pass_traps(shape, rows, track, (one.id,)))
+    assert {*found.alike} == {one.id, other.id}
+    best = found.designs[0].passage
     for wanted, pure in (((one.id,), 0.5), ((one.id, other.id), 1.0)):
-        found = design_traps(pass_traps(shape, rows, track, wanted))
-        assert {*found.alike} == {one.id, other.id}
-        assert found.designs[0].passage.purity == pytest.approx((pure, pure))
+        assert replace(best, wanted=wanted).purity == pytest.approx((pure, pure))
 
 
 @pytest.mark.slow

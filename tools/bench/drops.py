@@ -20,9 +20,9 @@ from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
     Workers,
-    default_workers,
     submit_drops,
 )
+from resting_aspects_ros.system import available_cores
 
 # All cases take turns in each round, so that other load on the machine affects all of them.
 ROUNDS = 3
@@ -66,7 +66,7 @@ def suite(workers: Workers, job: DropJob, first: int, drops: int) -> None:
 
 def drops(dropper: Dropper) -> Iterator[str]:
     """Time drops with all workers and with one thread, and in other programs."""
-    many, one, count = dropper.workers, LocalWorkers(1), default_workers()
+    many, one, count = dropper.workers, LocalWorkers(1), available_cores()
     part = example_part()
     plain, bullet = job_of(part), job_of(part, engine=BULLET)
     cases = [

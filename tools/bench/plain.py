@@ -56,7 +56,7 @@ def plain_loop(job: DropJob, first: int, drops: int) -> Trial:
 def _body(job: DropJob, client: int) -> int:
     """Return the body of the part, in a world with the planes of the job."""
     step = 1 / job.steps_per_t
-    pybullet.setGravity(*job.down.tolist(), physicsClientId=client)
+    pybullet.setGravity(*job.scene.down.tolist(), physicsClientId=client)
     pybullet.setPhysicsEngineParameter(
         fixedTimeStep=step,
         numSubSteps=0,

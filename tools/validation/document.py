@@ -13,7 +13,8 @@ from rich.console import Console
 
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import engine_version
-from resting_aspects_ros.simulation.workers import LocalWorkers, default_workers
+from resting_aspects_ros.simulation.workers import LocalWorkers
+from resting_aspects_ros.system import available_cores
 from validation.dropper import SEED, Dropper
 
 Section = Callable[[Dropper], Iterator[str]]
@@ -31,7 +32,7 @@ def write_sections(document: Path, heading: str, sections: Mapping[str, Section]
     for name in names:
         if name not in sections:
             raise SystemExit(f'invalid section {name}: expected one of {", ".join(sections)}')
-    workers = LocalWorkers(default_workers())
+    workers = LocalWorkers(available_cores())
     console = Console()
     try:
         dropper = Dropper(workers)
@@ -77,7 +78,7 @@ def _written() -> str:
     packages = ', '.join(f'{name} {version(name)}' for name in ('numpy', 'scipy', 'numba'))
     return (
         f'*{today}: kernel {engine_version(KERNEL)}, Bullet {engine_version(BULLET)}, {packages}, '
-        f'Python {platform.python_version()}, {default_workers()} cores of {_processor()}, '
+        f'Python {platform.python_version()}, {available_cores()} cores of {_processor()}, '
         f'load average {os.getloadavg()[0]:.1f}, seed {SEED}.*'
     )
 

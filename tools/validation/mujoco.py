@@ -11,7 +11,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import default_workers
+from resting_aspects_ros.system import available_cores
 from validation.dropper import SEED, Dropper
 from validation.engines import counted, difference
 from validation.mujoco_drops import ball_after_impact, mujoco_loop
@@ -65,7 +65,7 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
         job = make_job(part, dropper.surfaces.get(surface), SEED, engine=KERNEL)
         kernel = counted(dropper, job, part, 10 * DROPS)[:, : -len(OUTSIDE)]
         finer = dataclasses.replace(job, seed=SEED + 1, engine=BULLET, refinement=FINER)
-        trial = mujoco_loop(default_workers(), finer, 0, DROPS)
+        trial = mujoco_loop(available_cores(), finer, 0, DROPS)
         cells = difference(kernel, _by_class(aspects, trial.down))
         yield f'| {name} | {surface} | {cells} | {DROPS - len(trial.down)} |'
     yield ''

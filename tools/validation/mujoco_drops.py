@@ -76,7 +76,7 @@ def _model(mujoco: Any, job: DropJob) -> Any:
     a step is faster without. Because of their priority, the values of a plane are those of the
     pair.
     """
-    planes, period = '', PENETRATION_TIME / job.refinement
+    planes, period, down = '', PENETRATION_TIME / job.refinement, job.scene.down
     for normal, offset, friction, restitution in contacts_of(job):
         planes += (
             f'<geom type="plane" size="0 0 1" zaxis="{_numbers(normal)}" '
@@ -85,7 +85,7 @@ def _model(mujoco: Any, job: DropJob) -> Any:
     return mujoco.MjModel.from_xml_string(f"""
         <mujoco>
           <compiler inertiafromgeom="false"/>
-          <option timestep="{1 / job.steps_per_t}" gravity="{_numbers(job.down)}" cone="elliptic"/>
+          <option timestep="{1 / job.steps_per_t}" gravity="{_numbers(down)}" cone="elliptic"/>
           <asset><mesh name="hull" vertex="{_numbers(job.hull)}"/></asset>
           <worldbody>
             {planes}

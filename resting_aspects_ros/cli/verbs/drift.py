@@ -185,4 +185,4 @@ def _show(result: DriftResult, part: Part, aspects: AspectSet) -> None:
     show_table(window_table(result.test, result.title))
     print()
     show_table(live_table(result.test, result.live))
-    show_texts(*counted_apart_texts(part, aspects, result.test.groups))
+    show_texts(*counted_apart_texts(part, aspects, result.test.observed.groups))

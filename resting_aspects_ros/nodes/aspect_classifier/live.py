@@ -297,19 +297,14 @@ class LiveMonitor:
         self._updating = False
 
     async def _update_part(self, name: str) -> None:
-        """Test drift of a part, and publish its posterior if it has changed."""
+        """Follow the newest simulation, test the new windows, and publish a changed posterior."""
         live = self._current(name)
         assert live is not None  # the name is known
-        await self._update(live)
-        if live.changed and self._live[name] is live:
-            self._publish(name, live)
-
-    async def _update(self, live: LivePart) -> None:
-        """Follow the newest simulation, and test the windows that are new."""
-        known, was_drifting = self._newest(live.part.part_sha256), live.is_drifting
+        newest = self._known.newest(live.part.part_sha256, ended=True)
+        was_drifting = live.is_drifting
         try:
-            if known is not None and (live.known is None or known[1] is not live.known[1]):
-                live.follow(known)
+            if newest and (live.known is None or newest.counted is not live.known[1]):
+                live.follow((newest.run, newest.counted))
                 size = self._window
                 if live.can_drift and not size:
                     size = await self._worker.run(default_window, live.simulated, self._level)
@@ -324,10 +319,8 @@ class LiveMonitor:
             self._node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
         if live.is_drifting and live.tested is not None and not was_drifting:
             self._node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
-
-    def _newest(self, part_sha256: str) -> Known | None:
-        newest = self._known.newest(part_sha256, ended=True)
-        return None if newest is None else (newest.run, newest.counted)
+        if live.changed and self._live[name] is live:
+            self._publish(name, live)
 
     def _publish(self, name: str, live: LivePart) -> None:
         live.changed = False
@@ -347,7 +340,6 @@ class LiveMonitor:
         self._topics.publish(name, message)
 
     def _add_moved(self, message: Posterior, live: LivePart) -> None:
-        """Add the parts that were followed through actions."""
         for action, counts in live.sessions.moved.items():
             known = self._transitions.find(live.part.name, live.part.part_sha256, action)
             matrix = transition_matrix_from(known) if known else no_actions(live.aspects)

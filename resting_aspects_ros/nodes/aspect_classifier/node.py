@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription
-from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
+from resting_aspects_interfaces.srv import ClassifyPose, GetTransitions
 
 from resting_aspects_ros.nodes.aspect_classifier.counting import (
     DropCounter,
@@ -42,7 +42,6 @@ from resting_aspects_ros.ros.goal_client import DropClient
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
-    GET_DISTRIBUTION,
     GET_TRANSITIONS,
     PARTS,
 )
@@ -104,7 +103,7 @@ class AspectClassifier(Node):
         self._counter = DropCounter(
             self, self._parts, self._known, self._outputs, self._logs, self._client, self._ranges
         )
-        self._answers = DistributionService(
+        DistributionService(
             self,
             surfaces,
             RequestedSurroundings(self, values[SURROUNDINGS_FOLDER.name], self._files),
@@ -123,7 +122,6 @@ class AspectClassifier(Node):
         self._discovery = TopicDiscovery(
             self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
-        serve(self, GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(self, GetTransitions, GET_TRANSITIONS, self._get_transitions)
         serve(self, ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self._start = steady_timer(self, 0.0, self._load_logs)
@@ -138,7 +136,6 @@ class AspectClassifier(Node):
     # Start
 
     def _load_logs(self) -> None:
-        """Read the logs of earlier runs."""
         self.destroy_timer(self._start)
         failure = 'the results of earlier runs are not published'
         start_task(self, failure, self._logs.load, self._on_logs_read)
@@ -180,7 +177,6 @@ class AspectClassifier(Node):
         self._transitions.publish(name)
 
     async def _restore(self, known: Tally) -> None:
-        """Publish the distribution of earlier runs, with its model range."""
         await self._ranges.add(known)
         self._outputs.restore(known)
 
@@ -200,11 +196,6 @@ class AspectClassifier(Node):
         return None if newest is None else newest.distribution
 
     # Services
-
-    async def _get_distribution(
-        self, request: GetDistribution.Request, response: GetDistribution.Response
-    ) -> None:
-        response.distribution = await self._answers.answer(request)
 
     async def _get_transitions(
         self, request: GetTransitions.Request, response: GetTransitions.Response

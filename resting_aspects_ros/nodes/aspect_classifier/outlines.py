@@ -223,7 +223,6 @@ class IdentificationService:
         response.status.message = mirror_text(found)
 
     async def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of a function that runs in a thread."""
         return await await_future(self._node, self._threads.submit(function, *arguments))
 
     async def _known_parts(self, names: Iterable[str]) -> list[KnownPart]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -19,7 +20,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
-from resting_aspects_ros.report.picture import AspectPose, aspect_poses, message_faces
+from resting_aspects_ros.report.picture import aspect_poses, message_faces
 from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
@@ -28,6 +29,7 @@ from resting_aspects_ros.ros.conversions import (
     serialized_surroundings,
     surroundings_of,
     triangles_in_tray,
+    xyz,
 )
 from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -67,14 +69,15 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        standing = aspect_poses(part, aspects)
         triangles = part.vertices[message_faces(part, aspects)].reshape(-1, 3)
-        points = [_point(point) for point in triangles]
-        self._meshes = [
-            _mesh(one, aspect_colour(aspect), points)
-            for one, aspect in zip(standing, aspects, strict=True)
-        ]
-        self._texts = [_text(one, part.hull_radius) for one in standing]
+        points = [Point(**xyz(point)) for point in triangles]
+        self._meshes, self._texts = [], []
+        for one, aspect in zip(aspect_poses(part, aspects), aspects, strict=True):
+            pose, (x, y, _) = pose_msg(one.position, one.orientation), one.centre_of_mass.tolist()
+            mesh = _mesh(MESHES, aspect.id, aspect_colour(aspect), points, pose=pose)
+            z, size = one.top + ABOVE * part.hull_radius, LETTERS * part.hull_radius
+            self._meshes.append(mesh)
+            self._texts.append(_text(TEXTS, aspect.id, x, y, z, size))
 
     def message(self, distribution: Distribution, stamp: Time) -> MarkerArray:
         """Return a marker that deletes all previous markers, followed by the markers of the part.
@@ -102,44 +105,35 @@ def labels(distribution: Distribution) -> list[str]:
     ]
 
 
-def _mesh(standing: AspectPose, colour: str, points: list[Point]) -> Marker:
-    orientation = standing.orientation.tolist()
+def _mesh(name: str, number: int, colour: str, points: list[Point], **fields: Any) -> Marker:
+    """Return the marker of triangles, whose corners are the points one after another."""
     return Marker(
-        ns=MESHES,
-        id=standing.aspect_id,
+        ns=name,
+        id=number,
         type=Marker.TRIANGLE_LIST,
         action=Marker.ADD,
-        pose=Pose(
-            position=_point(standing.position),
-            orientation=Quaternion(**dict(zip('xyzw', orientation, strict=True))),
-        ),
         scale=Vector3(x=1.0, y=1.0, z=1.0),
-        color=_colour(colour),
+        color=_colour(colour, fields.pop('opacity', 1.0)),
         points=points,
+        **fields,
     )
 
 
-def _text(standing: AspectPose, radius: float) -> Marker:
-    x, y, _ = standing.centre_of_mass.tolist()
+def _text(name: str, number: int, x: float, y: float, z: float, size: float) -> Marker:
     return Marker(
-        ns=TEXTS,
-        id=standing.aspect_id,
+        ns=name,
+        id=number,
         type=Marker.TEXT_VIEW_FACING,
         action=Marker.ADD,
-        pose=Pose(position=Point(x=x, y=y, z=standing.top + ABOVE * radius)),
-        scale=Vector3(z=LETTERS * radius),
-        color=_colour(TEXT_COLOUR),
+        pose=Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(w=1.0)),
+        scale=Vector3(z=size),
+        color=_colour(TEXT_COLOUR, 1.0),
     )
 
 
-def _point(point: Array) -> Point:
-    return Point(**dict(zip('xyz', point.tolist(), strict=True)))
-
-
-def _colour(text: str) -> ColorRGBA:
-    """Return the opaque colour for a text '#RRGGBB'."""
+def _colour(text: str, opacity: float) -> ColorRGBA:
     red, green, blue = rgb(text)
-    return ColorRGBA(r=red, g=green, b=blue, a=1.0)
+    return ColorRGBA(r=red, g=green, b=blue, a=opacity)
 
 
 # Namespaces of the markers; the id of a marker is the place of the body in the surroundings.
@@ -288,36 +282,17 @@ def _in_front(corners: Array, plane: Array) -> Array:
 
 
 def _body_markers(k: int, body: SceneBody, points: Array, radius: float) -> list[Marker]:
-    red, green, blue = rgb(COLOURS[k % len(COLOURS)])
+    corners = [Point(**xyz(point)) for point in points]
     opacity = 1.0 if isinstance(body, MeshBody) else OPACITY
+    upright = Pose(orientation=Quaternion(w=1.0))
+    colour = COLOURS[k % len(COLOURS)]
+    mesh = _mesh(BODIES, k, colour, corners, opacity=opacity, pose=upright)
+    x, y, z = points[np.argmax(points[:, 2])].tolist()
+    size = NAME_LETTERS * radius
+    name = _text(NAMES, k, x, y, z + size, size)
     speed = f', {body.contact.speed:g} m/s' if body.contact.speed else ''
-    top = points[np.argmax(points[:, 2])]
-    upright = Quaternion(w=1.0)
-    return [
-        Marker(
-            ns=BODIES,
-            id=k,
-            type=Marker.TRIANGLE_LIST,
-            action=Marker.ADD,
-            pose=Pose(orientation=upright),
-            scale=Vector3(x=1.0, y=1.0, z=1.0),
-            color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
-            points=[Point(x=x, y=y, z=z) for x, y, z in points.tolist()],
-        ),
-        Marker(
-            ns=NAMES,
-            id=k,
-            type=Marker.TEXT_VIEW_FACING,
-            action=Marker.ADD,
-            pose=Pose(
-                position=Point(x=top[0], y=top[1], z=top[2] + NAME_LETTERS * radius),
-                orientation=upright,
-            ),
-            scale=Vector3(z=NAME_LETTERS * radius),
-            color=ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0),
-            text=f'{body.name}{speed}',
-        ),
-    ]
+    name.text = f'{body.name}{speed}'
+    return [mesh, name]
 
 
 # A message of markers can have 1.4 MB: a slow connection needs a longer period.
@@ -466,7 +441,7 @@ class CurrentPosesPublisher:
         if not self._changed or not self._publisher.get_subscription_count():
             return
         self._changed = False
-        rows = zip(self._position.tolist(), self._orientation.tolist(), strict=True)
+        rows = zip(self._position, self._orientation, strict=True)
         self._publisher.publish(
             PoseArray(
                 header=Header(stamp=self._stamp, frame_id=self._frame),

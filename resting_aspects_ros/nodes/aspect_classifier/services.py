@@ -21,12 +21,7 @@ from resting_aspects_ros.api.forecast import (
 from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.arrays import Counts
-from resting_aspects_ros.aspects.aspect_set import (
-    POSE_ANGLE,
-    AspectSet,
-    nearest_aspect,
-    unit_orientation,
-)
+from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, AspectSet, unit_orientation
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.feeding.footprint import Footprint, Tray
@@ -44,7 +39,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, drop_goal
-from resting_aspects_ros.ros.interface import FORECAST
+from resting_aspects_ros.ros.interface import FORECAST, GET_DISTRIBUTION
 from resting_aspects_ros.ros.program import FRAME_ID, check_frame
 from resting_aspects_ros.ros.requests import (
     BusyError,
@@ -55,6 +50,7 @@ from resting_aspects_ros.ros.requests import (
     serve,
     unknown_part,
 )
+from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     MAX_DROPS,
@@ -81,7 +77,7 @@ COUNT_TIMEOUT = 120.0
 
 
 class DistributionService:
-    """Finds the distribution for a request."""
+    """Serves get_distribution."""
 
     def __init__(
         self,
@@ -104,8 +100,14 @@ class DistributionService:
         self._parts = parts
         self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+        serve(node, GetDistribution, GET_DISTRIBUTION, self._answer)
 
-    async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
+    async def _answer(
+        self, request: GetDistribution.Request, response: GetDistribution.Response
+    ) -> None:
+        response.distribution = await self._requested(request)
+
+    async def _requested(self, request: GetDistribution.Request) -> AspectDistribution:
         """Return the requested distribution; raises RestingAspectsError."""
         method = requested_estimator(request.method)
         if method is None:
@@ -274,21 +276,21 @@ def answer_pose(
     """
     quaternion = request.orientation
     orientation = unit_orientation([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
-    nearest = nearest_aspect(aspects, orientation)
-    if nearest is None:
-        response.angle = math.inf
+    ids, angles = aspects.locate(down_in_part(orientation[None]))
+    response.angle = angle = float(angles[0])
+    if not len(aspects):
         raise NotAvailableError(f'part {request.part!r} has no aspect')
-    response.angle = nearest.angle
-    if not nearest.fits:
+    nearest = aspects[int(ids[0]) - 1]
+    if not angle <= POSE_ANGLE:
         raise NotAvailableError(
             f'no aspect of {request.part} matches the orientation: the nearest is aspect '
-            f'{nearest.aspect.id} at {np.degrees(nearest.angle):.6g} degrees, expected at most '
+            f'{nearest.id} at {np.degrees(angle):.6g} degrees, expected at most '
             f'{np.degrees(POSE_ANGLE):g}'
         )
-    response.aspect = nearest.aspect.id
-    response.symmetry_class = nearest.aspect.symmetry_class
+    response.aspect = nearest.id
+    response.symmetry_class = nearest.symmetry_class
     if newest is not None:
-        response.probability = newest.intervals()[nearest.aspect.id - 1].probability
+        response.probability = newest.intervals()[nearest.id - 1].probability
 
 
 # Maximum number of requests that wait; each takes about a second.

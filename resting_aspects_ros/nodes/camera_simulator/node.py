@@ -277,16 +277,6 @@ def missing_text(output: Publisher, needed: int) -> str:
     )
 
 
-def feeder_values(feeder: VirtualFeeder) -> dict[str, object]:
-    """Return the values of a feeder for the diagnostics."""
-    return {
-        'simulated seconds': f'{feeder.seconds:.1f}',
-        'parts on the tray': len(feeder.tray.classes),
-        'picks': feeder.picks,
-        'supplied': feeder.supplied,
-    }
-
-
 CAMERA_SIMULATOR = 'camera_simulator'
 IMAGE, CAMERA_INFO = 'camera/image_raw', 'camera/camera_info'
 IMAGES = QoSProfile(depth=2)
@@ -484,9 +474,18 @@ class CameraSimulator(Node):
 
     def _diagnose(self) -> Diagnosis:
         feeder = self._feeder
-        values = {'part': self._part, 'images': self._images, 'missed picks': self._missed}
+        values: dict[str, object] = {
+            'part': self._part,
+            'images': self._images,
+            'missed picks': self._missed,
+        }
         if feeder is not None:
-            values |= feeder_values(feeder)
+            values |= {
+                'simulated seconds': f'{feeder.seconds:.1f}',
+                'parts on the tray': len(feeder.tray.classes),
+                'picks': feeder.picks,
+                'supplied': feeder.supplied,
+            }
         state = 'runs' if self._images else self._missing() or self._truth.state
         errors = [self._truth.error] if self._truth.error else []
         warnings = [self._answers.hint(self._now)] if self._silent_since else []

@@ -6,7 +6,6 @@ import socket
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -140,129 +139,6 @@ class FolderLock:
         self._folder = self._socket = None
 
 
-class StatusLog:
-    """Logs what happens to the logs of runs.
-
-    error : text of the last error; empty again after the next complete log
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._logger = node.get_logger()
-        self.error = ''
-
-    def started(self, log: RunRecorder) -> None:
-        """Report that a log was opened, or that an earlier log contains the run."""
-        self.written(log)
-        if log.earlier is not None:
-            run = log.run
-            self._logger.info(f'run {run.run_id} of {run.part} is already in {log.earlier}')
-
-    def written(self, log: RunRecorder) -> None:
-        """Report each error of a log once."""
-        self._logger.debug(f'{log.drops} {log.unit} are in {log.folder}')
-        if log.error and not log.reported:
-            log.reported = True
-            self.error = log.problem()
-            self._logger.error(self.error)
-        elif log.closed_whole:
-            self.error = ''  # writing works again
-
-    def closed(self, log: RunRecorder, folder: Path | None) -> None:
-        """Report that a log was closed; folder : None if that failed, or no log was open."""
-        self.written(log)
-        if folder is None:
-            return
-        text = f'is in {folder}'
-        if not log.closed_whole:
-            state = 'is incomplete' if log.ended else 'was interrupted'
-            progress = progress_text(log.run, log.drops, log.unit)
-            text = f'{state}: the closed log {folder} has {progress}'
-        self._logger.info(f'run {log.run.run_id} of {log.run.part} {text}')
-
-
-class TransitionRecorder:
-    """Subscribes to transitions/*, and writes every matrix to the log of its run.
-
-    Parameters
-    ----------
-    log_of : returns the log of a run of actions, opened by the first call; None if the run has
-        ended
-    ended : called when the last matrix of a run was written
-    reports : reports errors
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        log_of: Callable[[RunDescription], RunRecorder | None],
-        ended: Callable[[RunRecorder], None],
-        reports: StatusLog,
-    ) -> None:
-        self._log_of = log_of
-        self._ended = ended
-        self._reports = reports
-        self._discovery = TopicDiscovery(
-            node, TRANSITIONS, TransitionMatrix, self._record, raw=True, qos=ALL_LATCHED
-        )
-
-    def _record(self, part: str, data: bytes) -> None:
-        message = deserialize_message(data, TransitionMatrix)
-        check_transitions(message, part)
-        if (log := self._log_of(run_from(message.run))) is None:
-            return
-        stamp = nanoseconds(message.header.stamp)
-        log.write(self._discovery.logged(part), data, time.time_ns(), stamp)
-        if log.being_written:
-            log.drops = sum(message.actions)
-        if message.ended:
-            self._ended(log)
-        self._reports.written(log)
-
-
-# Maximum number of descriptions that are kept, with meshes. Those of a run can arrive before its
-# first poses, and a log can be opened again for drops that were lost.
-MAX_KEPT = 20
-
-
-class SurroundingsRecorder:
-    """Subscribes to surroundings/* and writes each description into the log of its run.
-
-    Parameters
-    ----------
-    logs : the open logs by run id
-    reports : reports errors
-    """
-
-    def __init__(self, node: Node, logs: Mapping[str, RunRecorder], reports: StatusLog) -> None:
-        self._logs = logs
-        self._reports = reports
-        # By run id: the description, its surroundings, and its bytes.
-        self._kept: dict[str, tuple[SurroundingsDescription, Surroundings | None, bytes]] = {}
-        self._watch = TopicDiscovery(
-            node, SURROUNDINGS, SurroundingsDescription, self._take, raw=True, qos=SURROUNDINGS_QOS
-        )
-
-    def write(self, log: RunRecorder) -> None:
-        """Write the surroundings of a run into its log, if they have arrived."""
-        if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
-            return
-        message, found, data = kept
-        if (message.part, found) != (log.run.part, log.run.conditions.surroundings):
-            return
-        topic = self._watch.logged(message.part, SURROUNDINGS_QOS)
-        log.write_surroundings(topic, data, message, time.time_ns())
-        self._reports.written(log)
-
-    def _take(self, part: str, data: bytes) -> None:
-        message = deserialize_message(data, SurroundingsDescription)
-        check_surroundings(message, part)
-        self._kept[message.run_id] = message, surroundings_of(message.surroundings), data
-        while len(self._kept) > MAX_KEPT:
-            self._kept.pop(next(iter(self._kept)))
-        if (log := self._logs.get(message.run_id)) is not None:
-            self.write(log)
-
-
 PARAMETERS = (
     Parameter(
         'log_folder',
@@ -282,6 +158,9 @@ IDLE_WITHOUT_SOURCE = 5.0
 IDLE = 600.0
 # Maximum number of finished runs that are remembered, because their messages can arrive again.
 MAX_ENDED = 10_000
+# Maximum number of descriptions of surroundings that are kept, with meshes. Those of a run can
+# arrive before its first poses, and a log can be opened again for drops that were lost.
+MAX_KEPT = 20
 
 
 class DropRecorder(Node):
@@ -306,17 +185,20 @@ class DropRecorder(Node):
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         self._drops = RateCounter()
         self._ended: deque[str] = deque(maxlen=MAX_ENDED)
-        self._reports = StatusLog(self)
+        self._error = ''  # the last one; empty again after the next complete log
+        # By run id: the description, its surroundings, and its bytes.
+        self._kept: dict[str, tuple[SurroundingsDescription, Surroundings | None, bytes]] = {}
         self._client = DropClient(self)
         self._files = FileWorker(self)
         self._check = WorkTimer(self, CLOSE_PERIOD, 'logs are not closed', self._close_interrupted)
         self._end_run = guarded_task(self, 'a run is not ended', self._end)
-        self._part_watch = TopicDiscovery(
-            self, PARTS, PartDescription, self._record_part, raw=True
-        )
-        self._surroundings = SurroundingsRecorder(self, self._logs, self._reports)
-        self._transitions = TransitionRecorder(
-            self, lambda run: self._log(run, 'actions'), self._ends, self._reports
+        self._part_topics, self._surroundings_topics, self._transition_topics = (
+            TopicDiscovery(self, prefix, kind, record, raw=True, qos=qos)
+            for prefix, kind, record, qos in (
+                (PARTS, PartDescription, self._record_part, LATCHED),
+                (SURROUNDINGS, SurroundingsDescription, self._record_around, SURROUNDINGS_QOS),
+                (TRANSITIONS, TransitionMatrix, self._record_transitions, ALL_LATCHED),
+            )
         )
         self._feeder = FeederRecorder(
             self, lambda: self._folder, lambda part: self._parts.get(part, (None, None))[1]
@@ -339,7 +221,6 @@ class DropRecorder(Node):
         self._lock.release()
 
     def _set_folder(self, path: str) -> None:
-        """Set the folder of the logs of runs that start from now on."""
         self._folder = absolute_folder(path)
         self._lock.take(self._folder)
 
@@ -359,9 +240,22 @@ class DropRecorder(Node):
         self._drops.add(
             log.write_poses(self._poses, data, self._now(), stamp, poses.first_drop, poses.end)
         )
-        self._reports.written(log)
+        self._report(log)
         if message.last:
             self._ends(log, message.header.frame_id)
+
+    def _record_transitions(self, part: str, data: bytes) -> None:
+        message = deserialize_message(data, TransitionMatrix)
+        check_transitions(message, part)
+        if (log := self._log(run_from(message.run), 'actions')) is None:
+            return
+        stamp = nanoseconds(message.header.stamp)
+        log.write(self._transition_topics.logged(part), data, self._now(), stamp)
+        if log.being_written:
+            log.drops = sum(message.actions)
+        if message.ended:
+            self._ends(log)
+        self._report(log)
 
     def _ends(self, log: RunRecorder, frame: str = FRAME) -> None:
         """Complete and close the log of a run whose last message has arrived."""
@@ -390,7 +284,7 @@ class DropRecorder(Node):
             return
         name = self.resolve_topic_name(f'{ASPECT_DISTRIBUTIONS}/{log.run.part}')
         log.write(Topic(name, DISTRIBUTION_TYPE, offered_qos(LATCHED)), data, now, now)
-        self._reports.written(log)
+        self._report(log)
 
     def _log(self, run: RunDescription, unit: str = 'drops') -> RunRecorder | None:
         """Return the log of a run, opened for the first message; None if the run has ended."""
@@ -398,11 +292,14 @@ class DropRecorder(Node):
             return None
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = RunRecorder(self._folder, run, unit)
-            self._reports.started(log)
+            self._report(log)
+            if log.earlier is not None:
+                text = f'run {run.run_id} of {run.part} is already in {log.earlier}'
+                self.get_logger().info(text)
             self._check.start()
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
-            self._surroundings.write(log)
+            self._write_surroundings(log)
         return self._logs[run.run_id]
 
     def _record_part(self, name: str, data: bytes) -> None:
@@ -416,8 +313,27 @@ class DropRecorder(Node):
     def _write_part(self, log: RunRecorder, part: PartDescription, data: bytes) -> None:
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
-        log.write_part(self._part_watch.logged(log.run.part), data, part, self._now())
-        self._reports.written(log)
+        log.write_part(self._part_topics.logged(log.run.part), data, part, self._now())
+        self._report(log)
+
+    def _record_around(self, part: str, data: bytes) -> None:
+        message = deserialize_message(data, SurroundingsDescription)
+        check_surroundings(message, part)
+        self._kept[message.run_id] = message, surroundings_of(message.surroundings), data
+        while len(self._kept) > MAX_KEPT:
+            self._kept.pop(next(iter(self._kept)))
+        if (log := self._logs.get(message.run_id)) is not None:
+            self._write_surroundings(log)
+
+    def _write_surroundings(self, log: RunRecorder) -> None:
+        if log.has_surroundings or (kept := self._kept.get(log.run.run_id)) is None:
+            return
+        message, found, data = kept
+        if (message.part, found) != (log.run.part, log.run.conditions.surroundings):
+            return
+        topic = self._surroundings_topics.logged(message.part, SURROUNDINGS_QOS)
+        log.write_surroundings(topic, data, message, self._now())
+        self._report(log)
 
     def _close_interrupted(self) -> bool:
         """Close the logs of runs that were interrupted; returns whether other logs are open."""
@@ -432,7 +348,26 @@ class DropRecorder(Node):
         del self._logs[log.run.run_id]
         if log.ended:
             self._ended.append(log.run.run_id)
-        self._reports.closed(log, log.close(whole=whole))
+        folder = log.close(whole=whole)
+        self._report(log)
+        if folder is None:
+            return  # that failed, or an earlier log has the run
+        text = f'is in {folder}'
+        if not log.closed_whole:
+            state = 'is incomplete' if log.ended else 'was interrupted'
+            progress = progress_text(log.run, log.drops, log.unit)
+            text = f'{state}: the closed log {folder} has {progress}'
+        self.get_logger().info(f'run {log.run.run_id} of {log.run.part} {text}')
+
+    def _report(self, log: RunRecorder) -> None:
+        """Report each error of a log once."""
+        self.get_logger().debug(f'{log.drops} {log.unit} are in {log.folder}')
+        if log.error and not log.reported:
+            log.reported = True
+            self._error = log.problem()
+            self.get_logger().error(self._error)
+        elif log.closed_whole:
+            self._error = ''  # writing works again
 
     def _diagnose(self) -> Diagnosis:
         active = [
@@ -456,7 +391,7 @@ class DropRecorder(Node):
         if files and not state:
             state = count_text(len(files), 'log open', 'logs open')
         gone = self._client.simulators.was_seen and self._client.source_is_gone
-        errors = [each for each in (self._reports.error, self._feeder.problem) if each]
+        errors = [each for each in (self._error, self._feeder.problem) if each]
         return Diagnosis(state, values, [f'no {DROP_SIMULATOR}'] * gone, errors)
 
     def _now(self) -> int:

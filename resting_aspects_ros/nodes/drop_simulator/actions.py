@@ -171,7 +171,6 @@ class DropServer(GoalServer):
         return drops.result, error
 
     async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
-        """Return the job and the requested drops of a goal."""
         conditions = await self._conditions(goal)
         plan = partial(
             plan_run,
@@ -210,11 +209,10 @@ class DropServer(GoalServer):
         return run
 
     def _begin(self, run: RunDescription, job: DropJob) -> None:
-        """Remember a new run, and publish its surroundings."""
         self._runs[run.run_id] = run
         while len(self._runs) > MAX_RUNS:
             self._runs.popitem(last=False)
-        self._surroundings.publish(run, job.scene)
+        self._publish_surroundings(run, job.scene)
 
     async def _make(self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription) -> None:
         """Make and publish the drops of a goal; raises CanceledError and EngineError.
@@ -233,7 +231,7 @@ class DropServer(GoalServer):
         waiting: list[RestingPoses] = []
         since = 0.0
         try:
-            chunks = self._workers.chunks(job, requested, drops.canceled)
+            chunks = self._chunks(job, requested, drops.canceled)
             async with aclosing(chunks):
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
@@ -431,7 +429,7 @@ class ReorientServer(GoalServer):
         dropped, rests = await self._drop(goal, drops)
         if planned is None:
             planned = await self._files.run(plan_from_rests, *given, rests)
-            self._surroundings.publish(planned.run, planned.job.scene)
+            self._publish_surroundings(planned.run, planned.job.scene)
         error: Exception | None = None
         try:
             await self._act(goal, planned, part, dropped)
@@ -452,7 +450,7 @@ class ReorientServer(GoalServer):
     ) -> tuple[Distribution, RestingPoses | None]:
         """Return the distribution of the drops of a goal, and their poses in surroundings."""
         total, kept = planned.empty, []
-        chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
+        chunks = self._chunks(planned.job, planned.run, goal.canceled)
         async with aclosing(chunks):
             async for chunk in chunks:
                 total += count_poses(total.aspects, chunk)
@@ -467,7 +465,7 @@ class ReorientServer(GoalServer):
     ) -> None:
         """Make and count the actions of a goal; raises CanceledError and EngineError."""
         tally, published = planned.tally, time.monotonic()
-        chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
+        chunks = self._chunks(planned.job, planned.run, goal.canceled)
         try:
             async with aclosing(chunks):
                 async for chunk in chunks:
@@ -494,7 +492,6 @@ class ReorientServer(GoalServer):
     def _publish(
         self, result: ReorientResult, *, ended: bool, long_run: BoundedLongRun | None = None
     ) -> TransitionMatrix:
-        """Publish the transitions of a goal; returns the message."""
         stamp = self._node.get_clock().now().to_msg()
         message = transitions_msg(result, stamp, ended=ended, long_run=long_run, frame=self._frame)
         self._topics.publish(result.run.part, message)

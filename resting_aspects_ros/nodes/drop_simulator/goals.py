@@ -4,7 +4,6 @@ import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Sized
 from concurrent.futures import Future as PoolFuture
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.msg import PartDescription, Status, SurroundingsDescription
+from resting_aspects_interfaces.msg import PartDescription, Status
 
 from resting_aspects_ros.errors import PartError, RestingAspectsError
 from resting_aspects_ros.part.library import PartLibrary, Stamp
@@ -27,13 +26,7 @@ from resting_aspects_ros.ros.callbacks import (
 )
 from resting_aspects_ros.ros.conversions import description_msg, part_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
-from resting_aspects_ros.ros.interface import (
-    ACTION_SERVICES,
-    LATCHED,
-    PARTS,
-    SURROUNDINGS,
-    SURROUNDINGS_QOS,
-)
+from resting_aspects_ros.ros.interface import ACTION_SERVICES, LATCHED, PARTS
 from resting_aspects_ros.ros.requests import (
     BusyError,
     CanceledError,
@@ -58,19 +51,13 @@ READ_TIMEOUT = 2.0
 READY_TIMEOUT = 60.0
 
 
-@dataclass(frozen=True)
-class PartsFolder:
-    """The contents of a folder of parts, without the parts themselves."""
+def scan(folder: Path) -> tuple[dict[str, Stamp], dict[str, str], list[str]]:
+    """Return the stamps of the parts of a folder, what is not registered, and problems.
 
-    stamps: dict[str, Stamp]
-    not_registered: dict[str, str]
-    problems: list[str]
-
-
-def scan(folder: Path) -> PartsFolder:
-    """Return the contents of a folder of parts; runs in a FileWorker."""
+    Runs in a FileWorker.
+    """
     library = PartLibrary(folder)
-    return PartsFolder(library.stamps(), library.not_registered(), library.problems())
+    return library.stamps(), library.not_registered(), library.problems()
 
 
 def load(folder: Path, name: str) -> Part:
@@ -132,7 +119,6 @@ class PartPublisher:
         return part
 
     def _start_scan(self) -> None:
-        """Start a scan of the folder, unless one is active."""
         self._node.destroy_timer(self._timer)
         self._timer = steady_timer(self._node, SCAN_PERIOD, self._start_scan)
         if self._scan is None:
@@ -152,22 +138,22 @@ class PartPublisher:
 
     async def _scan_folder(self) -> None:
         try:
-            contents: PartsFolder = await self._files.run(scan, self._folder)
+            stamps, not_registered, problems = await self._files.run(scan, self._folder)
         except RestingAspectsError as error:
             self._warn_once(f'parts_folder {str(self._folder)!r}: {error}')
             return
-        for problem in contents.problems:
+        for problem in problems:
             self._warn_once(problem)
-        for name in set(self._stamps) - set(contents.stamps):
+        for name in set(self._stamps) - set(stamps):
             self._remove(name)
         start = time.monotonic()
-        for name, stamp in contents.stamps.items():
+        for name, stamp in stamps.items():
             if time.monotonic() - start > READY_TIMEOUT:
                 self._set_ready()
             if self._stamps.get(name) != stamp:
                 await self._read(name, stamp)
         failed = {name: str(error) for name, error in self._failed.items()}
-        self.not_offered = contents.not_registered | failed
+        self.not_offered = not_registered | failed
 
     async def _read(self, name: str, stamp: Stamp) -> None:
         """Read the files of one part; an error in them does not affect other parts."""
@@ -191,7 +177,6 @@ class PartPublisher:
         self._topics.remove(name)
 
     def _offer(self, part: Part) -> None:
-        """Publish the description of a part if it has changed."""
         known = self._parts.get(part.name)
         self._parts[part.name] = part
         if known is not None and known.part_sha256 == part.part_sha256:
@@ -201,13 +186,12 @@ class PartPublisher:
         self._topics.publish(part.name, part_msg(part))
 
     def _warn_once(self, problem: str) -> None:
-        """Log a problem the first time that it occurs."""
         if problem not in self._logged:
             self._logged.add(problem)
             self._node.get_logger().warning(problem)
 
 
-# -- Workers and surroundings ---------------------------------------------------------------------
+# -- Goals ----------------------------------------------------------------------------------------
 
 
 # Maximum number of concurrent goals of an action; all goals share the workers chunk by chunk.
@@ -218,67 +202,6 @@ RESULT_TIMEOUT = 300
 CANCEL_PERIOD = 0.5
 
 
-class AsyncWorkers:
-    """Workers of this machine, which all goals of a node share chunk by chunk.
-
-    count : int
-        Number of workers.
-    """
-
-    def __init__(self, node: Node, count: int) -> None:
-        self._node = node
-        self.count = count
-        self._workers = LocalWorkers(count)
-
-    @property
-    def deaths(self) -> int:
-        """Number of processes that died and were replaced."""
-        return self._workers.replaced
-
-    def stop(self) -> None:
-        """End the workers and abandon their chunks."""
-        self._workers.stop()
-
-    async def chunks(
-        self, job: DropJob, requested: RunDescription, stopped: Callable[[], bool]
-    ) -> AsyncGenerator[RestingPoses, None]:
-        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
-
-        Ends early if ``stopped`` returns True, also while a chunk is simulated.
-        """
-        with closing(drop_chunks(job, requested, self._workers, self._warn)) as steps:
-            for step in steps:
-                if not isinstance(step, PoolFuture):
-                    yield step
-                    continue
-                done = ros_future(self._node, step)  # drop_chunks handles its exception
-                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
-                    pass
-                if stopped():
-                    return
-
-    def _warn(self, death: str) -> None:
-        self._node.get_logger().warning(death)
-
-
-class SurroundingsPublisher:
-    """Publishes surroundings/<part> before the first drop of each run in surroundings.
-
-    Parameters
-    ----------
-    frame : frame of the published poses
-    """
-
-    def __init__(self, node: Node, frame: str) -> None:
-        self._frame = frame
-        self._topics = PartTopics(node, SurroundingsDescription, SURROUNDINGS, SURROUNDINGS_QOS)
-
-    def publish(self, run: RunDescription, scene: Scene) -> None:
-        """Publish the surroundings of a new run; nothing for the infinite level plane."""
-        if not scene.level:
-            self._topics.publish(run.part, description_msg(run, scene, self._frame))
-
-
 class GoalServer:
     """Serves an action; goals of all actions share the workers chunk by chunk.
 
@@ -287,7 +210,7 @@ class GoalServer:
     kind, name : type and name of the action
     files : computes what could block the node, such as the aspects of a large mesh
     conditions : returns the conditions that a goal requests
-    surroundings : publishes those of new runs
+    surroundings : topics of the surroundings of new runs
     frame : frame of the published poses
     """
 
@@ -297,10 +220,10 @@ class GoalServer:
         name: str,
         node: Node,
         parts: PartPublisher,
-        workers: AsyncWorkers,
+        workers: LocalWorkers,
         files: FileWorker,
         conditions: Callable[[Any], Awaitable[DropConditions]],
-        surroundings: SurroundingsPublisher,
+        surroundings: PartTopics,
         frame: str,
     ) -> None:
         self._kind, self._name = kind, name
@@ -351,6 +274,30 @@ class GoalServer:
     async def _answer(self, handle: ServerGoalHandle) -> tuple[Any, Exception | None]:
         """Return the result of a goal, and the error that ended it early, if any."""
         raise NotImplementedError
+
+    async def _chunks(
+        self, job: DropJob, requested: RunDescription, stopped: Callable[[], bool]
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
+
+        Ends early if ``stopped`` returns True, also while a chunk is simulated.
+        """
+        warn = self._node.get_logger().warning
+        with closing(drop_chunks(job, requested, self._workers, warn)) as steps:
+            for step in steps:
+                if not isinstance(step, PoolFuture):
+                    yield step
+                    continue
+                done = ros_future(self._node, step)  # drop_chunks handles its exception
+                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
+                    pass
+                if stopped():
+                    return
+
+    def _publish_surroundings(self, run: RunDescription, scene: Scene) -> None:
+        """Publish the surroundings of a new run; nothing for the infinite level plane."""
+        if not scene.level:
+            self._surroundings.publish(run.part, description_msg(run, scene, self._frame))
 
     def _check_number(self, active: Sized) -> None:
         """Raise BusyError if as many goals are active as the action allows."""

@@ -7,15 +7,13 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart, ReorientPart
+from resting_aspects_interfaces.msg import SurroundingsDescription
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.nodes.drop_simulator.actions import DropServer, ReorientServer
-from resting_aspects_ros.nodes.drop_simulator.goals import (
-    AsyncWorkers,
-    PartPublisher,
-    SurroundingsPublisher,
-)
+from resting_aspects_ros.nodes.drop_simulator.goals import PartPublisher
+from resting_aspects_ros.ros.callbacks import PartTopics
 from resting_aspects_ros.ros.diagnostics import (
     Diagnosis,
     count_text,
@@ -24,7 +22,11 @@ from resting_aspects_ros.ros.diagnostics import (
 )
 from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import DROP_SIMULATOR
+from resting_aspects_ros.ros.interface import (
+    DROP_SIMULATOR,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
+)
 from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, declare, run_node
 from resting_aspects_ros.ros.requests import (
     SURFACE,
@@ -33,8 +35,8 @@ from resting_aspects_ros.ros.requests import (
     RequestedSurroundings,
 )
 from resting_aspects_ros.simulation.conditions import DropConditions, all_surfaces
-from resting_aspects_ros.simulation.workers import MAX_WORKERS, default_workers
-from resting_aspects_ros.system import parts_folder
+from resting_aspects_ros.simulation.workers import MAX_WORKERS, LocalWorkers
+from resting_aspects_ros.system import available_cores, parts_folder
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
@@ -64,7 +66,7 @@ class DropSimulator(Node):
         self._surfaces = all_surfaces(values['surfaces_file'])
         frame = check_frame(values[FRAME_ID.name])
         self._default = DefaultConditionsPublisher(self, self._surfaces)
-        self._workers = AsyncWorkers(self, values['workers'] or default_workers())
+        self._workers = LocalWorkers(values['workers'] or available_cores())
         self._files = FileWorker(self)
         self._surroundings = RequestedSurroundings(
             self, values[SURROUNDINGS_FOLDER.name], self._files
@@ -72,7 +74,7 @@ class DropSimulator(Node):
         self._parts = PartPublisher(self, folder, self._files)
         shared = (
             *(self._parts, self._workers, self._files, self._conditions),
-            *(SurroundingsPublisher(self, frame), frame),
+            *(PartTopics(self, SurroundingsDescription, SURROUNDINGS, SURROUNDINGS_QOS), frame),
         )
         self._drops = DropServer(self, *shared)
         self._reorient = ReorientServer(self, *shared)
@@ -86,7 +88,6 @@ class DropSimulator(Node):
         self._reorient.destroy()
 
     def _on_parts_read(self, _: Future) -> None:
-        """Publish diagnostics and log that the node is ready."""
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, DROP_SIMULATOR))
         parts = count_text(len(self._parts), 'part', 'parts')
         workers = count_text(self._workers.count, 'worker', 'workers')
@@ -96,7 +97,7 @@ class DropSimulator(Node):
         not_offered = self._parts.not_offered
         values = {
             'workers': self._workers.count,
-            'workers that died': self._workers.deaths,
+            'workers that died': self._workers.replaced,
             'parts offered': len(self._parts),
             **self._drops.values(),
             **self._reorient.values(),
@@ -107,7 +108,6 @@ class DropSimulator(Node):
         return Diagnosis(state, values, [warning] if not_offered else [])
 
     async def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
-        """Return the conditions that a goal requests."""
         return await self._surroundings.conditions(self._surfaces, goal, self._default.conditions)
 
 

@@ -1,6 +1,7 @@
 """Follows the part of a controller, its distribution and its transitions, and builds the model."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,7 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.ros.requests import NotAvailableError, status_error
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.rolling import KnownPart
 
 TIME = (0.0, MAX_TIME)
@@ -264,11 +266,6 @@ class ModelUpdates:
         )
 
     @property
-    def best_number(self) -> int:
-        """Number of parts up to which the tray is filled."""
-        return self.current.best_number if self.current is not None else 0
-
-    @property
     def counts(self) -> tuple[int, int]:
         """Numbers of drops and of flips behind the model; 0 without one."""
         if self.current is None or self._evidence is None:
@@ -281,35 +278,34 @@ class ModelUpdates:
         return all(self.counts) and self._known.is_complete and self._known.counts == self.counts
 
     @property
+    def share(self) -> Interval:
+        """The pickable share; NaN without a model."""
+        if self.current is None or self._evidence is None:
+            return Interval(math.nan, math.nan, math.nan)
+        return self._known.share(self._evidence)
+
+    @property
     def sentence(self) -> str:
         """The parts per minute of the model; empty without one."""
-        if self.current is None or self._evidence is None:
+        if self.current is None:
             return ''
         drops, flips = self.counts
         return (
-            f'{self._known.share(self._evidence).probability:.1%} of {self._settings.part} can be '
-            f'picked ({drops} drops, {flips} flips): '
-            f'{60 * self.current.values.rate:.1f} parts per minute with '
-            f'{self.current.best_number} parts on the tray'
+            f'{self.share.probability:.1%} of {self._settings.part} can be picked '
+            f'({drops} drops, {flips} flips): {60 * self.current.values.rate:.1f} parts per '
+            f'minute with {self.current.best_number} parts on the tray'
         )
-
-    @property
-    def evidence_fields(self) -> dict[str, Any]:
-        """The pickable share and the numbers of drops and flips behind the model."""
-        if self.current is None or self._evidence is None:
-            return {}
-        drops, flips = self.counts
-        return {'share': self._known.share(self._evidence), 'drops': drops, 'actions': flips}
 
     @property
     def values(self) -> dict[str, object]:
         """Values for the diagnostics."""
-        if self.current is None or self._evidence is None:
+        if self.current is None:
             return {}
+        drops, flips = self.counts
         return {
-            'drops known': self._evidence.drop_count,
-            'flips known': self._evidence.flip_count,
-            'pickable share': f'{self._known.share(self._evidence).probability:.4f}',
+            'drops known': drops,
+            'flips known': flips,
+            'pickable share': f'{self.share.probability:.4f}',
             'best number of parts': self.current.best_number,
             'parts per minute': f'{60 * self.current.values.rate:.2f}',
         }

@@ -2,10 +2,9 @@
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import (
@@ -17,7 +16,7 @@ from resting_aspects_interfaces.msg import (
 from std_msgs.msg import Header
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.feeding.control import Choice, Expected
+from resting_aspects_ros.feeding.control import Choice
 from resting_aspects_ros.feeding.tray_state import (
     SECOND,
     ChosenPart,
@@ -51,13 +50,11 @@ from resting_aspects_ros.ros.interface import (
 )
 from resting_aspects_ros.ros.interface import CHOICES as NAMED_CHOICES
 from resting_aspects_ros.ros.program import declare, run_node
-from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.rolling import KnownPart
 
 CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
 OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}
-UNKNOWN = Interval(math.nan, math.nan, math.nan)
 
 
 def image_from(msg: DetectionArray) -> Image:
@@ -92,47 +89,20 @@ def pick_msgs(picks: Sequence[ChosenPart], part: KnownPart) -> list[FeederPick]:
 
 
 def _pose_msgs(poses: Sequence[Pose]) -> list[PoseMsg]:
-    return [pose_msg(pose.position.tolist(), pose.orientation.tolist()) for pose in poses]
+    return [pose_msg(pose.position, pose.orientation) for pose in poses]
 
 
-def advice_msg(
-    advice: CurrentAdvice,
-    part: str,
-    epoch: int,
-    stamp: Time,
-    picks: Sequence[FeederPick] = (),
-    share: Interval = UNKNOWN,
-    drops: int = 0,
-    actions: int = 0,
-) -> FeederAdvice:
-    """Return the message for an advice."""
-    return FeederAdvice(
-        header=Header(stamp=stamp, frame_id=advice.frame),
-        part=part,
-        epoch=epoch,
-        image=advice.image,
-        choice=CHOICES[advice.choice],
-        picks=picks,
-        then=CHOICES[advice.then],
-        supply=advice.supply,
-        rate=_rate(advice),
-        reason=advice.reason,
-        pickable_share=share.probability,
-        lower=share.lower,
-        upper=share.upper,
-        drops=drops,
-        actions=actions,
-        **_expected_fields(advice.expected),
-    )
-
-
-def _rate(advice: CurrentAdvice) -> float:
-    expected = advice.expected.get(advice.choice)
-    return math.nan if expected is None else expected.rate
-
-
-def _expected_fields(expected: Mapping[Choice, Expected]) -> dict[str, list[float] | list[int]]:
+def advice_fields(advice: CurrentAdvice) -> dict[str, Any]:
+    """Return the fields of a message that follow from an advice alone."""
+    expected = advice.expected
+    now = expected.get(advice.choice)
     return {
+        'image': advice.image,
+        'choice': CHOICES[advice.choice],
+        'then': CHOICES[advice.then],
+        'supply': advice.supply,
+        'rate': math.nan if now is None else now.rate,
+        'reason': advice.reason,
         'choices': [CHOICES[choice] for choice in expected],
         'expected_picks': [each.picks for each in expected.values()],
         'seconds': [each.seconds for each in expected.values()],
@@ -238,7 +208,6 @@ class FeederController(Node):
     # Advice
 
     def _advise(self) -> None:
-        """Decide for the newest image."""
         image, model = self._tray.image, self._model.current
         if image is None or model is None:
             self._advice = None
@@ -285,11 +254,11 @@ class FeederController(Node):
             why = f'no valid image has arrived for {silent:.0f} s: check the camera'
         if self._advice is not None:
             return f'Wait: {why}. Before, the advice was to {self._advice.phrase}.'
-        number = self._model.best_number
+        assert self._model.current is not None  # otherwise the advice is to wait for a model
+        number = self._model.current.best_number
         return f'Wait: {why}. If the tray is empty, supply {number} parts.'
 
     def _update(self) -> None:
-        """Publish the advice if it has changed."""
         advice = self._current()
         picks = [each.detection.index for each in advice.picks]
         # The time in a hint changes all the time.
@@ -300,14 +269,19 @@ class FeederController(Node):
         self._published = (*changing, reason, self._model.version)
         if self._waits:
             self.get_logger().warning(advice.reason, throttle_duration_sec=LOG_PERIOD)
+        share, (drops, actions) = self._model.share, self._model.counts
         self._output.publish(
-            advice_msg(
-                advice,
-                self._part,
-                self._tray.epoch,
-                self.get_clock().now().to_msg(),
-                pick_msgs(advice.picks, self._model.part.known) if advice.picks else [],
-                **self._model.evidence_fields,
+            FeederAdvice(
+                header=Header(stamp=self.get_clock().now().to_msg(), frame_id=advice.frame),
+                part=self._part,
+                epoch=self._tray.epoch,
+                picks=pick_msgs(advice.picks, self._model.part.known) if advice.picks else [],
+                pickable_share=share.probability,
+                lower=share.lower,
+                upper=share.upper,
+                drops=drops,
+                actions=actions,
+                **advice_fields(advice),
             )
         )
 

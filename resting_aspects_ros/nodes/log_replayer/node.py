@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line
+from resting_aspects_ros.logs.bag import EXPECTED
 from resting_aspects_ros.logs.mcap_file import LoggedMessage
 from resting_aspects_ros.logs.reader import RecordedTopic, Recording
 from resting_aspects_ros.logs.topics import check_definition
@@ -91,11 +92,6 @@ class ReplayedTopic:
     message: Any
     qos: QoSProfile
 
-    @property
-    def describes_run(self) -> bool:
-        """Whether the topic is parts/<part> or surroundings/<part>."""
-        return self.type in (_SUITE[PARTS][0], _SUITE[SURROUNDINGS][0])
-
 
 def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str]]:
     """Return the topics that can be replayed, and for each other topic its name and the reason.
@@ -126,16 +122,13 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
 
 def _namespace(topics: Iterable[RecordedTopic]) -> str:
     """Return the namespace of the recorded suite, such as '/cell_1' or '/'."""
+    types = {type_name for type_name, _ in _SUITE.values()}
     namespaces = {
         match['namespace'] or '/'
         for topic in topics
-        if (match := _SUITE_TOPIC.fullmatch(topic.name)) and topic.type in _types()
+        if (match := _SUITE_TOPIC.fullmatch(topic.name)) and topic.type in types
     }
     return posixpath.commonpath(namespaces) if namespaces else '/'
-
-
-def _types() -> set[str]:
-    return {type_name for type_name, _ in _SUITE.values()}
 
 
 def _skip_reason(topic: RecordedTopic, namespace: str) -> str:
@@ -223,7 +216,8 @@ class LogPlayer:
     ) -> None:
         self._recording = recording
         self._topics = {topic.recorded for topic in topics}
-        self._descriptions = {topic.recorded for topic in topics if topic.describes_run}
+        described = (_SUITE[PARTS][0], _SUITE[SURROUNDINGS][0])
+        self._descriptions = {topic.recorded for topic in topics if topic.type in described}
         self._span = recording.span(self._topics)
         self._publish = publish
         self._rate = rate
@@ -289,7 +283,6 @@ class LogPlayer:
         self._started = self._clock() + PAUSE_BEFORE
 
     def _elapsed(self) -> int:
-        """Return the current time in the log, ns since its start."""
         if self._rate is None:
             return self._last - self._span.start
         now = self._clock() if self._paused_at is None else self._paused_at
@@ -343,8 +336,12 @@ class LogReplayer(Node):
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
         super().__init__(LOG_REPLAYER, parameter_overrides=overrides, **options)
         values = declare(self, PARAMETERS)
-        _check_rate(values['rate'], values['as_fast_as_possible'])
-        recording = Recording(_log(values['log']))
+        rate, fast = values['rate'], values['as_fast_as_possible']
+        if fast and rate != 1.0:
+            raise InvalidValueError(f'invalid rate {rate}: expected 1.0 with as_fast_as_possible')
+        if not values['log']:
+            raise InvalidValueError(f"invalid log '': {EXPECTED}")
+        recording = Recording(Path(values['log']))
         self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
@@ -357,7 +354,7 @@ class LogReplayer(Node):
             recording,
             topics,
             self._publish,
-            rate=None if values['as_fast_as_possible'] else values['rate'],
+            rate=None if fast else rate,
             loop=values['loop'],
         )
         self._clock_output = (
@@ -382,7 +379,6 @@ class LogReplayer(Node):
         self._outputs[message.topic].publish(message.data)
 
     def _step(self) -> None:
-        """Publish the messages that are due, and schedule the next step."""
         wait = self._replay.play()
         position = self._replay.position
         self._watch(position)
@@ -443,17 +439,6 @@ class LogReplayer(Node):
         if changed and not position.over:
             self.get_logger().info(response.message)
         return response
-
-
-def _log(path: str) -> Path:
-    if not path:
-        raise InvalidValueError("invalid log '': expected the folder of a run, or an .mcap file")
-    return Path(path)
-
-
-def _check_rate(rate: float, as_fast_as_possible: bool) -> None:
-    if as_fast_as_possible and rate != 1.0:
-        raise InvalidValueError(f'invalid rate {rate}: expected 1.0 with as_fast_as_possible')
 
 
 def main() -> int:

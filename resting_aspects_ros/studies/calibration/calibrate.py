@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -161,33 +162,29 @@ def _check_number(name: str, value: Any, low: int, high: int) -> None:
         )
 
 
+@dataclass(eq=False)
 class Simulation:
     """Drops the counted parts at points; the drops of a point do not depend on the others.
 
-    Parameters
-    ----------
     per_point : sequence of int
         Number of drops of each part at each point.
     progress : callable
         Called with the number of all drops made so far.
     """
 
-    def __init__(
-        self,
-        given: SurfaceCounts,
-        per_point: Sequence[int],
-        seed: int,
-        workers: Workers,
-        progress: Callable[[int], None] = lambda _: None,
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self._given, self._per_point, self._seed = given, per_point, seed
-        self._workers, self._progress, self._stopped = workers, progress, stopped
+    given: SurfaceCounts
+    per_point: Sequence[int]
+    seed: int
+    workers: Workers
+    progress: Callable[[int], None] = lambda _: None
+    stopped: Callable[[], bool] = never
+    made: int = 0
+
+    def __post_init__(self) -> None:
         self._parts = [
-            PartSimulation(each.part, workers, Landscape(each.part), each.aspects)
-            for each in given.parts
+            PartSimulation(each.part, self.workers, Landscape(each.part), each.aspects)
+            for each in self.given.parts
         ]
-        self.made = 0
 
     def __call__(self, points: Array) -> list[Counts] | None:
         """Return the counts (m, g) of each part at points (m, d); None if it was stopped.
@@ -197,17 +194,17 @@ class Simulation:
         """
         tasks = [task for k in range(len(self._parts)) for task in self._tasks(k, points)]
         found = run_tasks(
-            tasks, self._workers, lambda done: self._progress(self.made + done), self._stopped
+            tasks, self.workers, lambda done: self.progress(self.made + done), self.stopped
         )
         for index, reason in reasons(found).items():
-            name = self._given.parts[index // len(points)].name
+            name = self.given.parts[index // len(points)].name
             raise InvalidValueError(
                 f'{name}: {reason}; expected ranges in which all parts can be dropped'
             )
-        if self._stopped():
+        if self.stopped():
             return None
         counts = []
-        for k, part in enumerate(self._given.parts):
+        for k, part in enumerate(self.given.parts):
             own = np.array(found[k * len(points) : (k + 1) * len(points)])
             self.made += int(own.sum())
             counts.append(part.grouped(own))
@@ -215,11 +212,11 @@ class Simulation:
 
     def _tasks(self, k: int, points: Array) -> Iterator[Task]:
         """Yield the tasks of a part; those of equal points have other random numbers."""
-        part, simulation = self._given.parts[k], self._parts[k]
+        part, simulation = self.given.parts[k], self._parts[k]
         seen: Counter[bytes] = Counter()
-        for point, conditions in zip(points, self._given.conditions(points, part), strict=True):
+        for point, conditions in zip(points, self.given.conditions(points, part), strict=True):
             before, setting = seen[point.tobytes()], Setting(conditions)
             seen[point.tobytes()] += 1
             purpose = f'repetition {before}' if before else ''
-            seed = point_seed(self._seed, part.part, setting, purpose)
-            yield partial(simulation.dropped, setting, self._per_point[k], seed)
+            seed = point_seed(self.seed, part.part, setting, purpose)
+            yield partial(simulation.dropped, setting, self.per_point[k], seed)

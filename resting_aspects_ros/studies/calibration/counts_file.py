@@ -26,7 +26,6 @@ from resting_aspects_ros.input_files import (
     Number,
     Positive,
     named,
-    parse_quantity,
     read_yaml,
     validated,
 )
@@ -36,10 +35,15 @@ from resting_aspects_ros.part.part import DEFAULT_UNIT, Part, valid_name
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     DropConditions,
-    HeightOf,
     check_name,
 )
-from resting_aspects_ros.studies.design import Factor, Setting, point_values, read_factor
+from resting_aspects_ros.studies.design import (
+    Factor,
+    Setting,
+    condition_values,
+    point_values,
+    read_factor,
+)
 
 MAX_BYTES = 1 << 20
 MAX_PARTS = 50
@@ -74,6 +78,7 @@ KINDS = {
 EXPECTED = {
     'way': 'dropped (released at rest) or thrown (with spin and speed)',
     'parts': f'a list of 1 to {MAX_PARTS} parts',
+    'conditions': 'a mapping of conditions to values, or to ranges of those that are fitted',
     'count': 'a class such as 2 or 3+4, aspect_5, x, y or z of a box, end or side of a cylinder, '
     f'{REST} or {IGNORED}',
 }
@@ -160,7 +165,7 @@ class CountsFile(FileModel):
     surface: Any = 'calibrated'
     source: Any = ''
     way: Literal['dropped', 'thrown'] = 'dropped'
-    conditions: Any = None
+    conditions: dict[StrictStr, Any] | None = None
     parts: list[Any]
 
 
@@ -171,7 +176,7 @@ class CountedEntry(FileModel):
     unit: StrictStr | None = None
     counts: Any = None
     drops: Any = None
-    conditions: Any = None
+    conditions: dict[StrictStr, Any] | None = None
     part: StrictStr | None = None
     mesh: StrictStr | None = None
     box: tuple[Positive, Positive, Positive] | None = None
@@ -239,26 +244,24 @@ def _known_of_all(entries: list[Any]) -> dict[str, Any]:
 
 
 def _conditions(
-    given: Any, way: str, known_of_all: Mapping[str, Any]
+    given: Mapping[str, Any] | None, way: str, known_of_all: Mapping[str, Any]
 ) -> tuple[tuple[Factor, ...], DropConditions]:
     """Return what is fitted and what is known; raises InvalidValueError."""
     with located('conditions'):
-        stated = _stated(given, 'height_of')
-        height_of = stated.pop('height_of', HeightOf.LOWEST_POINT.name)
-        both = {**WAYS[way], **known_of_all, **stated}
+        both = {**WAYS[way], **known_of_all, **(given or {})}
         ranges = {
             k: v
             for k, v in both.items()
             if isinstance(v, Mapping) or (isinstance(v, str) and ':' in v)
         }
-        known = {k: _value(k, v) for k, v in both.items() if k not in ranges}
+        known = condition_values({k: v for k, v in both.items() if k not in ranges})
         # A factor needs unit and bounds only, which all conditions have.
-        middle = {name: QUANTITIES[name].low or 1.0 for name in ranges}
-        values: dict[str, Any] = {**middle, **known}
-        base = DropConditions(**values, height_of=_height_of(height_of))
-        factors = tuple(
-            read_factor(k, ranges[k], Setting(base)) for k in QUANTITIES if k in ranges
-        )
+        middle: dict[str, Any] = {
+            name: QUANTITIES[name].low or 1.0 for name in ranges if name in QUANTITIES
+        }
+        base = DropConditions(**middle, **known)
+        by_name = {k: read_factor(k, each, Setting(base)) for k, each in ranges.items()}
+        factors = tuple(by_name[name] for name in QUANTITIES if name in by_name)
         if not factors:
             raise InvalidValueError(
                 'invalid conditions: all values are known: expected a range for one or more'
@@ -267,40 +270,12 @@ def _conditions(
     return factors, base.changed(**middles)
 
 
-def _stated(given: Any, *others: str) -> dict[str, Any]:
-    """Return a mapping of conditions; raises InvalidValueError for a name that is not known."""
-    known = [*QUANTITIES, *others]
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise InvalidValueError(f'invalid {shown(given)}: expected a mapping')
-    for key in given:
-        if key not in known:
-            raise InvalidValueError(f'invalid key {shown(key)}: expected {", ".join(known)}')
-    return dict(given)
-
-
-def _value(name: str, given: Any) -> float:
-    unit = QUANTITIES[name].unit
-    number = (
-        parse_quantity(name, given.replace(' ', ''), unit) if isinstance(given, str) else given
-    )
-    return QUANTITIES[name].check(name, number)
-
-
-def _height_of(given: Any) -> HeightOf:
-    if not isinstance(given, str) or given not in HeightOf.__members__:
-        allowed = ' or '.join(h.name for h in HeightOf)
-        raise InvalidValueError(f'invalid height_of {shown(given)}: expected {allowed}')
-    return HeightOf[given]
-
-
 def _part(
     given: Any, folder: Path, where: str, fitted: set[str], base: DropConditions
 ) -> CountedPart:
     """Return a part with its counts; raises RestingAspectsError."""
     with located(where):
-        entry = validated(CountedEntry, given, expected=KINDS)
+        entry = validated(CountedEntry, given, expected={**EXPECTED, **KINDS})
         name = one_line(entry.name, 60)
     where = f'{where}, {name}' if name else where
     with located(where):
@@ -308,7 +283,7 @@ def _part(
         aspects = find_aspects(part)
         groups, names, counts = read_groups(entry.counts, entry.drops, entry.kind, aspects)
         with located('conditions'):
-            values = {k: _value(k, v) for k, v in _stated(entry.conditions).items()}
+            values = condition_values(entry.conditions or {})
             base.changed(**values)  # checks the values
         if both := sorted(fitted & set(values)):
             raise InvalidValueError(

@@ -168,16 +168,18 @@ class Fit:
     @cached_property
     def log_likelihood(self) -> Array:
         """Logarithm (p, r, m) of the probability of the counts of each part, up to a constant."""
-        return self._log_likelihood(self.shares)
-
-    def _log_likelihood(self, shares: Sequence[tuple[Array, Array]]) -> Array:
         d2 = self.discrepancies[:, None] ** 2
         return np.stack(
             [
-                log_density(part.counts, each, 1 - (1 - d2) * (1 - error))
-                for part, (each, error) in zip(self.given.parts, shares, strict=True)
+                log_density(part.counts, shares, 1 - (1 - d2) * (1 - error))
+                for part, (shares, error) in zip(self.given.parts, self.shares, strict=True)
             ]
         )
+
+    @cached_property
+    def density(self) -> Array:
+        """Log density (m,) of the posterior at the candidates, up to a constant."""
+        return np.asarray(logsumexp(self.log_likelihood.sum(axis=0) + self._log_prior, axis=0))
 
     def weights(self, without: int | None = None) -> Array:
         """Return the posterior (r, m) of discrepancy and candidate; can leave out a part."""
@@ -196,17 +198,14 @@ class Fit:
 
     def log_density(self, points: Array) -> Array:
         """Return the log density (m,) of the posterior at points (m, d), up to a constant."""
-        shares = [model.at(points) for model in self.models]
-        return np.asarray(
-            logsumexp(self._log_likelihood(shares).sum(axis=0) + self._log_prior, axis=0)
-        )
+        return replace(self, candidates=points).density
 
     def level(self, region: float) -> float:
         """Return the log density above which the posterior has the probability ``region``."""
-        density = logsumexp(self.log_likelihood.sum(axis=0) + self._log_prior, axis=0)
-        order = np.argsort(-density)
+        order = np.argsort(-self.density)
         inside = np.cumsum(self.weights().sum(axis=0)[order])
-        return float(density[order][min(int(np.searchsorted(inside, region)), len(order) - 1)])
+        place = min(int(np.searchsorted(inside, region)), len(order) - 1)
+        return float(self.density[order[place]])
 
     @cached_property
     def best(self) -> Array:
@@ -216,7 +215,7 @@ class Fit:
         """
         if self.checked is not None:
             return self.checked
-        high = self.candidates[self.log_density(self.candidates) >= self.level(0.1)]
+        high = self.candidates[self.density >= self.level(0.1)]
         nearest = ((high - high.mean(axis=0)) ** 2).sum(axis=1).argmin()
         return np.asarray(high[nearest])
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
-from scipy.stats import chi2_contingency
-from surroundings_symmetry import counts_on_belt, groove_and_mesh, poses_from
+from surroundings_symmetry import LEVEL, counts_on_belt, groove_and_mesh, poses_from, same
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
@@ -19,9 +18,6 @@ from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
-
-# A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
-LEVEL = 1e-3
 
 
 def strip(profile, length, cells):
@@ -65,7 +61,7 @@ def volume(prisms):
 def test_a_plate_is_one_prism_whatever_its_triangles(cells):
     mesh = plate(cells)
     found = merged_mesh(np.array(mesh.vertices), np.array(mesh.faces), 20.0)
-    assert (found.sides, len(found.triangles)) == (1, 0)
+    assert (found.sides, len(found.remaining)) == (1, 0)
     (prism,) = found.prisms
     depth = 20 * DEPTH
     # A frustum whose sides are inclined by 45 degrees.
@@ -80,7 +76,7 @@ def test_prisms_of_a_solid_are_inside_it_and_reach_its_surface():
     outline = [(0, 0), (300, 0), (300, 100), (150, 100), (150, 200), (0, 200)]
     solid = trimesh.creation.extrude_polygon(trimesh.path.polygons.Polygon(outline), 400)
     found = merged_mesh(np.array(solid.vertices), np.array(solid.faces), 30.0)
-    assert (found.sides, len(found.triangles)) == (8, 0)
+    assert (found.sides, len(found.remaining)) == (8, 0)
     corners = np.concatenate(found.prisms)
     near = 2 * GRID * 30  # corners are moved to a grid
     outside = (corners[:, 0] > 150 + near) & (corners[:, 1] > 100 + near)
@@ -117,7 +113,7 @@ def test_a_hole_stays_open():
 def test_a_curved_surface_keeps_its_triangles():
     ball = trimesh.creation.icosphere(3, 100.0)
     found = merged_mesh(np.array(ball.vertices), np.array(ball.faces), 100.0)
-    assert (found.sides, len(found.triangles)) == (0, len(ball.faces))
+    assert (found.sides, len(found.remaining)) == (0, len(ball.faces))
 
 
 # -- Bad input -----------------------------------------------------------------------------------
@@ -157,18 +153,12 @@ def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_p
     assert (many.status == RestStatus.SETTLED).all()
 
 
-def same(counts, others):
-    """The probability of a difference at least as large if both are of one distribution."""
-    table = np.array([counts, others])
-    return chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue
-
-
-# Samples of 150 tell differences of 0.17; `make validate` compares larger ones.
+# Samples of 100 tell differences of 0.21; `make validate` compares larger ones.
 
 
 @pytest.mark.slow
 def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces):
-    shape, n, cells = part('l_bracket'), 150, 32
+    shape, n, cells = part('l_bracket'), 100, 32
     rubber = surfaces.get('rubber_mat')
     plane = make_job(shape, rubber, 2, until_still=True, engine=BULLET)
     aspects = find_aspects(shape)
@@ -182,7 +172,7 @@ def test_a_plate_gives_the_distribution_of_the_plane(part, on_mesh, surfaces):
 
 @pytest.mark.slow
 def test_a_groove_of_triangles_gives_the_distribution_of_planes(part, surfaces):
-    shape, n, cells = part('u_bracket'), 150, 500
+    shape, n, cells = part('u_bracket'), 100, 500
     aspects = find_aspects(shape)
     jobs = groove_and_mesh(shape, surfaces.get('rubber_mat'), 1, math.radians(90), cells)
     counts = []

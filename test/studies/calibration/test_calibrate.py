@@ -5,7 +5,7 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.studies.calibration import calibrate as module
-from resting_aspects_ros.studies.calibration.calibrate import Simulation, drops_per_point
+from resting_aspects_ros.studies.calibration.calibrate import Simulation
 
 from .conftest import HEIGHTS, surface_counts
 
@@ -33,12 +33,6 @@ def test_drops_are_counted_by_group_and_follow_from_the_seed(here):
 
 
 @pytest.mark.slow
-def test_parts_are_dropped_in_proportion_to_their_counts_within_bounds():
-    given = surface_counts([(3, 5), (50, 100), (500, 5000)])
-    assert [drops_per_point(part) for part in given.parts] == [100, 100, 300]
-
-
-@pytest.mark.slow
 def test_point_at_which_a_part_cannot_be_dropped_is_refused(here):
     conditions = {'height': '5mm:300mm', 'height_of': 'CENTRE_OF_MASS', 'friction': 0.3}
     with pytest.raises(ra.InvalidValueError, match='expected ranges in which all parts'):
@@ -46,20 +40,9 @@ def test_point_at_which_a_part_cannot_be_dropped_is_refused(here):
 
 
 @pytest.mark.slow
-def test_work_that_was_stopped_has_no_result_or_that_of_complete_rounds(here):
+def test_work_that_was_stopped_in_the_first_round_has_no_result(here):
     with pytest.raises(ra.StoppedError, match='there is no result'):
         ra.calibrate(COUNTS, points=8, drops=2, workers=here(), stopped=lambda: True)
-    made = []
-    result = ra.calibrate(
-        COUNTS,
-        points=8,
-        drops=2,
-        workers=here(),
-        progress=lambda done, _: made.append(done),
-        stopped=lambda: made[-1:] > [18],
-    )
-    assert len(result.fit.points) == 8
-    assert result.fit.checked is None
 
 
 @pytest.mark.parametrize(
@@ -83,14 +66,14 @@ def test_counts_of_the_simulation_are_explained_by_its_conditions(here):
     document = {'conditions': {'height': '60 mm'}}
     document['parts'] = [
         {'name': f'box {h}', 'box': [20, 20, h], 'counts': {'z': 1, 'rest': 1}}
-        for h in (8, 12, 16, 20)
+        for h in (8, 14, 20)
     ]
     given = module.given_counts(document)
     point = np.array([[float(f.shares(truth[f.name])) for f in given.factors]])
-    tables = Simulation(given, [400] * 4, 99, here())(point)
+    tables = Simulation(given, [400] * 3, 99, here())(point)
     for part, table in zip(document['parts'], tables, strict=True):
         part['counts'] = dict(zip(('z', 'rest'), table[0].tolist(), strict=True))
-    found = ra.calibrate(document, discrepancy=False, drops=200, workers=here())
+    found = ra.calibrate(document, discrepancy=False, points=32, drops=100, workers=here())
     assert not found.contradicted
     for each in found.estimates:
         # An interval of 90 % that misses the truth by more than its length is improbable.

@@ -16,7 +16,6 @@ from resting_aspects_ros.studies.calibration.posterior import (
     DISCREPANCIES,
     DISCREPANCY_SCALE,
     REPEATED,
-    ROUNDS,
     ShareModel,
     deviated,
     find_estimates,
@@ -156,18 +155,6 @@ def test_region_of_highest_density_has_its_probability(agreeing):
 
 
 @pytest.mark.slow
-def test_points_are_added_where_the_posterior_lies_and_at_its_best(invented):
-    fit = invented.fit(invented.counted(TRUTH, 1000, np.random.default_rng(3)))
-    assert len(fit.points) == 64 + ROUNDS * 32 + REPEATED
-    mean, deviation = moments(fit)
-    near = (np.abs(fit.points - mean) < 3 * deviation).all(axis=1)
-    assert near[64:].mean() > 2 * near[:64].mean()
-    assert (fit.points[-REPEATED:] == fit.best).all()
-    # 8 x 1000 drops there, and the counts are of the simulation.
-    assert max(np.abs(each).max() for each in fit.deviations) < 0.03
-
-
-@pytest.mark.slow
 def test_wrong_polynomial_is_checked_by_drops_again():
     """Shares that jump near the best conditions: the check finds it and is repeated."""
     rng, calls = np.random.default_rng(1), []
@@ -208,20 +195,18 @@ def test_discrepancy_is_found_where_counts_contradict(agreeing, contradicting):
     assert means[1] > 0.15
 
 
-def test_a_part_that_is_left_out_has_no_effect(agreeing):
-    moved = dataclasses.replace(agreeing.given.parts[2], counts=np.array([300, 0]))
-    given = dataclasses.replace(agreeing.given, parts=(*agreeing.given.parts[:2], moved))
-    other = dataclasses.replace(agreeing, given=given)
-    assert other.weights(without=2) == pytest.approx(agreeing.weights(without=2))
-    assert not np.allclose(other.weights(), agreeing.weights())
+@pytest.fixture
+def few_candidates(monkeypatch):
+    """Coarser posteriors, for tests that need many of them."""
+    monkeypatch.setattr(posterior, 'CANDIDATES', 1 << 10)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('discrepancy', [0.0, 0.1])
-def test_regions_contain_the_truth_as_often_as_they_say(invented, discrepancy):
+def test_regions_contain_the_truth_as_often_as_they_say(invented, few_candidates, discrepancy):
     """Counts at random conditions, whose shares deviate from the simulation if there is one."""
-    rng, inside = np.random.default_rng(11), []
-    for seed in range(100):
+    rng, inside, n = np.random.default_rng(11), [], 40
+    for seed in range(n):
         truth = rng.random(2)
         counts = []
         for height in HEIGHTS:
@@ -231,8 +216,8 @@ def test_regions_contain_the_truth_as_often_as_they_say(invented, discrepancy):
             counts.append((rng.binomial(200, p[0]), 200))
         fit = invented.fit(counts, per_point=100, seed=seed, discrepancy=discrepancy > 0)
         inside.append(fit.log_density(truth[None])[0] >= fit.level(0.9))
-    # Of 100 regions with 90 %, 85 to 95 in 9 of 10 cases. The interpolation only widens them.
-    assert 85 <= sum(inside) <= 98
+    # Within three standard deviations. The interpolation only widens the regions.
+    assert abs(sum(inside) - 0.92 * n) <= 3 * np.sqrt(n * 0.9 * 0.1)
 
 
 def rng():
@@ -291,7 +276,7 @@ def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('drops', 'share'), [(50, 0.1), (200, 0.2), (1000, 0.25)])
+@pytest.mark.parametrize(('drops', 'share'), [(50, 0.1), (1000, 0.25)])
 def test_impossible_share_is_found_with_enough_drops(invented, drops, share):
     """At least 45 % of the drops of the low box are on its square faces on any surface."""
     counts = [(round(share * drops), drops), *invented.counted(TRUTH, drops, rng())[1:]]
@@ -310,7 +295,7 @@ def test_log_odds_deviate_as_those_of_measured_bodies(shares):
 
 
 @pytest.mark.slow
-def test_alarms_are_as_rare_as_they_say(invented):
+def test_alarms_are_as_rare_as_they_say(invented, few_candidates):
     """Counts of bodies that deviate from surfaces within the ranges as measured ones do."""
     generator, found = np.random.default_rng(5), []
     for seed in range(20):
@@ -336,20 +321,15 @@ def test_predictions_are_near_the_truth(agreeing):
         assert each.model.sum() == pytest.approx(1)
 
 
-@pytest.mark.slow
-def test_a_part_that_is_left_out_is_predicted_by_the_others(invented):
-    counts = invented.counted(TRUTH, 5000, np.random.default_rng(3))
-    fit = invented.fit(counts)
-    moved = dataclasses.replace(fit.given.parts[2], counts=np.array([2500, 2500]))
-    wrong = dataclasses.replace(fit.given, parts=(*fit.given.parts[:2], moved))
-    right, moved = (
-        predict(each, rng(), left_out=True)[2]
-        for each in (fit, dataclasses.replace(fit, given=wrong))
-    )
-    assert right.model == pytest.approx(moved.model)
-    assert right.deviation < 0.05
-    assert moved.deviation > 0.1
-    assert not moved.inside
+def test_a_part_that_is_left_out_is_predicted_by_the_others(agreeing):
+    moved = dataclasses.replace(agreeing.given.parts[2], counts=np.array([300, 0]))
+    given = dataclasses.replace(agreeing.given, parts=(*agreeing.given.parts[:2], moved))
+    other = dataclasses.replace(agreeing, given=given)
+    assert not np.allclose(other.weights(), agreeing.weights())
+    right, wrong = (predict(each, rng(), left_out=True)[2] for each in (agreeing, other))
+    assert right.model == pytest.approx(wrong.model)
+    assert right.deviation < 0.1 < wrong.deviation
+    assert not wrong.inside
 
 
 def test_one_part_has_no_part_to_leave_out(agreeing):
@@ -359,11 +339,11 @@ def test_one_part_has_no_part_to_leave_out(agreeing):
 
 
 @pytest.mark.slow
-def test_intervals_of_new_counts_contain_them_as_often_as_they_say(invented):
+def test_intervals_of_new_counts_contain_them_as_often_as_they_say(invented, few_candidates):
     generator, inside = np.random.default_rng(5), []
-    for seed in range(40):
+    for seed in range(20):
         counts = invented.counted(generator.random(2), 300, generator)
         fit = invented.fit(counts, per_point=150, seed=seed)
         inside += [each.inside for each in predict(fit, generator, left_out=True)]
-    # With a discrepancy that the counts do not have, the intervals are too wide. n = 120.
-    assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.09 / 120)
+    # With a discrepancy that the counts do not have, the intervals are too wide.
+    assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.09 / len(inside))
