@@ -25,7 +25,7 @@ FEW_DROPS = ['--drops', '50']
 FEW = {
     'calibrate': ['--points', '8', '--drops', '10'],
     'drift': FEW_DROPS,
-    'optimise': ['--budget', '2000'],
+    'optimise': ['--budget', '3840'],
     'forecast': ['--action', 'tap', '--per-aspect', '10', *FEW_DROPS],
     'drop': FEW_DROPS,
     'study': ['--points', '2', '--drops', '20'],
