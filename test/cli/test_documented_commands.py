@@ -25,7 +25,7 @@ FEW_DROPS = ['--drops', '50']
 FEW = {
     'calibrate': ['--points', '8', '--drops', '10'],
     'drift': FEW_DROPS,
-    'optimise': ['--budget', '2000'],
+    'optimise': ['--budget', '3840'],
     'forecast': ['--action', 'tap', '--per-aspect', '10', *FEW_DROPS],
     'drop': FEW_DROPS,
     'study': ['--points', '2', '--drops', '20'],
@@ -44,11 +44,9 @@ TUTORIALS = {
     'docs/tutorials/from_part_to_bowl.md': 'out/bowl/track.html',
 }
 REORIENT = 'docs/how_to/reorient_parts.md'
-# The nodes run until they are stopped. Other tests cover them.
-NODE_VERBS = {'nodes', 'request', 'replay'}
+# They run nodes. Other tests cover them.
+NODE_VERBS = {'nodes', 'request', 'replay', 'feeder_demo'}
 SLOW = pytest.mark.slow
-# Other tests cover it with a shorter run.
-LONG = {'feeder_demo', 'outlines'}
 
 
 def lines_of(page):
@@ -83,7 +81,7 @@ RUN_HERE = [
     pytest.param(
         COMMANDS[page, line],
         id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}',
-        marks=[] if page == 'README.md' and COMMANDS[page, line][0] not in LONG else SLOW,
+        marks=[] if page == 'README.md' and COMMANDS[page, line][0] != 'outlines' else SLOW,
     )
     for page, line in with_new_flags()
 ]

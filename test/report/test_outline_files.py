@@ -27,7 +27,7 @@ SCALE = 10.0  # px/mm
 SVG = '{http://www.w3.org/2000/svg}'
 
 
-@pytest.fixture(scope='module', params=['l_bracket', 'washer', 'hex_nut'])
+@pytest.fixture(scope='module', params=['l_bracket', 'washer'])
 def result(request, part):
     return outlines(part(request.param))
 

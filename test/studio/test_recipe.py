@@ -13,8 +13,8 @@ from resting_aspects_ros.studio.export import FILES, drop_recipe, recipes
 from resting_aspects_ros.studio.rows import Source
 
 CHANGES = [
-    {'surface': 'steel', 'condition.friction': '0.31', 'condition.height': '77'},
-    {'surroundings': 'slope', 'dimension.angle': '12', 'precision': '0.02'},
+    {'surface': 'steel', 'condition.friction': '0.31', 'precision': '0.02'},
+    {'surroundings': 'slope', 'dimension.angle': '12', 'condition.height': '77'},
 ]
 OTHERS = [
     ('Outlines', {}),

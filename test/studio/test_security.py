@@ -134,8 +134,6 @@ def test_nothing_else_is_served(served):
         ('C:\\parts\\my part.stl', 'my part.stl'),
         ('<img src=x onerror=alert(1)>.stl', '<img src=x onerror=alert(1)>.stl'),
         ('a\x00b\n\x1b[31m.stl', None),
-        ('$(rm -rf ~).stl', '$(rm -rf ~).stl'),
-        ('--help.stl', '--help.stl'),
         ('x' * 3000 + '.stl', None),
     ],
 )
