@@ -14,7 +14,6 @@ from resting_aspects_ros.cli.life_cycle import (
     session,
 )
 from resting_aspects_ros.cli.options import add_integer, add_out, add_seed, add_workers
-from resting_aspects_ros.studies.calibration.calibrate import calibrate
 
 DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
 counted on it by hand: the conditions that fit, their uncertainty, and what the
@@ -63,6 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
+    from resting_aspects_ros.studies.calibration.calibrate import calibrate
+
     folder = result_folder(arguments, '', (DOCUMENT, ENTRY, PICTURE))
     with session(arguments) as started:
         result = calibrate(

@@ -3,16 +3,8 @@
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.compare import DriftResult, watch_drift
-from resting_aspects_ros.api.count_files import counted_drops, read_observed
-from resting_aspects_ros.api.counts import CountedDrops, check_same_part
-from resting_aspects_ros.api.drop import DropResult, drop
-from resting_aspects_ros.api.forecast_result import counted_apart_texts
-from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
@@ -28,12 +20,14 @@ from resting_aspects_ros.cli.options import (
     requested_part,
 )
 from resting_aspects_ros.errors import StoppedError
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, QUANTITIES
-from resting_aspects_ros.statistics.counted_parts import check_weight
-from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
-from resting_aspects_ros.statistics.intervals import check_confidence
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.compare import DriftResult
+    from resting_aspects_ros.api.counts import CountedDrops
+    from resting_aspects_ros.api.drop import DropResult
+    from resting_aspects_ros.aspects.aspect_set import AspectSet
+    from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
@@ -127,6 +121,12 @@ def run(arguments: argparse.Namespace) -> int:
         for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
         if (value := getattr(arguments, name)) is not None
     }
+    from resting_aspects_ros.api.compare import watch_drift
+    from resting_aspects_ros.api.count_files import read_observed
+    from resting_aspects_ros.aspects.find import find_aspects
+    from resting_aspects_ros.statistics.counted_parts import check_weight
+    from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
+    from resting_aspects_ros.statistics.intervals import check_confidence
 
     part = requested_part(arguments)
     aspects = find_aspects(part)
@@ -152,9 +152,11 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | CountedDrops:
+def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | CountedDrops':
     """Return the simulated drops in a file, or new drops."""
     if arguments.expected is None:
+        from resting_aspects_ros.api.drop import drop
+
         conditions = requested_conditions(arguments)
         with session(arguments) as started:
             result = drop(
@@ -169,6 +171,8 @@ def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | Counted
         if not result.complete:
             raise StoppedError('interrupted')
         return result
+    from resting_aspects_ros.api.count_files import counted_drops
+    from resting_aspects_ros.api.counts import check_same_part
 
     refuse(arguments, SIMULATION, 'without --expected, whose drops are compared')
     given = counted_drops(arguments.expected)
@@ -179,7 +183,11 @@ def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | Counted
     return given
 
 
-def _show(result: DriftResult, part: Part, aspects: AspectSet) -> None:
+def _show(result: 'DriftResult', part: 'Part', aspects: 'AspectSet') -> None:
+    from resting_aspects_ros.api.forecast_result import counted_apart_texts
+    from resting_aspects_ros.cli.console import show_table, show_texts
+    from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
+
     show_texts(result.verdict, drift_notes(result.test, result.shift, result.needed))
     print()
     show_table(window_table(result.test, result.title))

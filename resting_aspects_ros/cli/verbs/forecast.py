@@ -5,12 +5,9 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_each
-from resting_aspects_ros.api.forecast_result import ForecastResult, save_forecast_picture
 from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
-from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_actions_file,
@@ -27,16 +24,12 @@ from resting_aspects_ros.cli.options import (
     requested_part,
 )
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.feeding.footprint import Footprint
-from resting_aspects_ros.feeding.grasps import load_grasps
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.report.forecast import (
-    cell_text,
-    controlled_text,
-    forecast_table,
-    range_text,
-)
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.forecast_result import ForecastResult
+    from resting_aspects_ros.feeding.footprint import Footprint
 
 DESCRIPTION = """Predict how many parts per minute a robot picks from a vibrating tray under a
 camera: the rate with its interval, the best number of parts on the tray, how
@@ -126,6 +119,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
+        from resting_aspects_ros.api.forecast import forecast_each
+        from resting_aspects_ros.api.forecast_result import save_forecast_picture
+
         options = _options(arguments)
         sets = _sets(arguments)
         parts = [requested_part(arguments, given) for given in arguments.part]
@@ -149,12 +145,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the forecast that the flags request; raises InvalidValueError."""
+    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
+
     arguments.action = arguments.action or DEFAULT_ACTION
     actions = requested_actions(arguments)
     if len(actions) > 1:
         raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
     options = requested_times(arguments)
     if arguments.grasps is not None:
+        # The import of shapely is only needed here.
+        from resting_aspects_ros.feeding.grasps import load_grasps
+
         if arguments.gripper is not None:
             raise InvalidValueError('invalid --gripper: expected none with --grasps')
         if len(arguments.part) > 1:
@@ -198,8 +199,16 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
     return [[each] for each in sets]
 
 
-def _show(results: Sequence[ForecastResult]) -> None:
+def _show(results: 'Sequence[ForecastResult]') -> None:
     """Print a sentence for each result, then the table, and notes."""
+    from resting_aspects_ros.cli.console import show_table, show_texts
+    from resting_aspects_ros.report.forecast import (
+        cell_text,
+        controlled_text,
+        forecast_table,
+        range_text,
+    )
+
     names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
     for name, result in zip(names, results, strict=True):
         show_texts(f'{name}{result.sentence}', soft_wrap=True)
@@ -214,7 +223,7 @@ def _show(results: Sequence[ForecastResult]) -> None:
     show_texts(*_notes(results))
 
 
-def _notes(results: Sequence[ForecastResult]) -> list[str]:
+def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
     """Return the notes of all results; with a name if they do not hold for each of them."""
     notes = {result.named.title: result.notes for result in results}
     common = [note for note in results[0].notes if all(note in each for each in notes.values())]
@@ -311,8 +320,10 @@ def parse_tray(text: str) -> tuple[float, float]:
     return sides[0], sides[1]
 
 
-def parse_gripper(text: str) -> Footprint:
+def parse_gripper(text: str) -> 'Footprint':
     """Return the footprint '40x10mm', a rectangle, or '20mm', a disc; raises InvalidValueError."""
+    from resting_aspects_ros.feeding.footprint import Footprint
+
     expected = 'length and width, or a diameter, with a unit, such as 40x10mm or 20mm'
     sides = _sides('--gripper', text, expected)
     if len(sides) > 2 or not all(0 < side <= MAX_SIDE for side in sides):

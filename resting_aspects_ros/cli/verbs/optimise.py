@@ -2,10 +2,8 @@
 
 import argparse
 from functools import partial
+from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.conditions import requested_surroundings
-from resting_aspects_ros.cli.action_options import known_actions
-from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import exit_code, finish, result_folder, session
 from resting_aspects_ros.cli.options import (
     add_actions_file,
@@ -23,11 +21,10 @@ from resting_aspects_ros.cli.options import (
     refuse,
     requested_part,
 )
-from resting_aspects_ros.simulation.actions import NamedAction
-from resting_aspects_ros.simulation.conditions import all_surfaces
-from resting_aspects_ros.studies.design import parse_ranges
-from resting_aspects_ros.studies.optimise import optimise
-from resting_aspects_ros.studies.optimum import PAGE, OptimiseResult
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import NamedAction
+    from resting_aspects_ros.studies.optimum import OptimiseResult
 
 DESCRIPTION = """Find the conditions, within given ranges, in which most parts come to rest in
 wanted aspects, or whose distribution has the least entropy. Fresh drops at the
@@ -93,6 +90,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
+        from resting_aspects_ros.api.conditions import requested_surroundings
+        from resting_aspects_ros.simulation.conditions import all_surfaces
+        from resting_aspects_ros.studies.design import parse_ranges
+        from resting_aspects_ros.studies.optimise import optimise
+        from resting_aspects_ros.studies.optimum import PAGE
+
         conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
         part = requested_part(arguments)
         out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
@@ -116,8 +119,10 @@ def run(arguments: argparse.Namespace) -> int:
         return exit_code(f'{result.drops} of {result.budget} drops', complete=result.complete)
 
 
-def _action(arguments: argparse.Namespace) -> NamedAction | None:
+def _action(arguments: argparse.Namespace) -> 'NamedAction | None':
     """Return the action that is done to parts that were dropped; raises InvalidValueError."""
+    from resting_aspects_ros.cli.action_options import known_actions
+
     if arguments.action is not None:
         return known_actions(arguments).get(arguments.action)
     refuse(arguments, ('actions',), 'with --action')
@@ -128,7 +133,9 @@ def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
     return None if text is None else parse_numbers(flag, text)
 
 
-def _show(result: OptimiseResult) -> None:
+def _show(result: 'OptimiseResult') -> None:
+    from resting_aspects_ros.cli.console import show_table, show_texts
+
     show_table(result.candidate_table())
     if result.curves:
         show_table(result.factor_table())

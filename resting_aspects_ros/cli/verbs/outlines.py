@@ -3,10 +3,8 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.outlines import OutlinesResult, check_sheet_name, outlines
-from resting_aspects_ros.api.result import check_output
-from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.cli.options import (
     add_out,
@@ -16,13 +14,9 @@ from resting_aspects_ros.cli.options import (
     requested_part,
 )
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.report.format import size_text
-from resting_aspects_ros.report.outlines import (
-    PIXELS_PER_MM,
-    confused_class_texts,
-    family_texts,
-    outline_table,
-)
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.outlines import OutlinesResult
 
 DESCRIPTION = """Show and export the outline that a camera straight above sees of a part in each
 of its aspects, and which classes of aspects look alike. No drops are needed."""
@@ -59,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
+    from resting_aspects_ros.api.outlines import check_sheet_name, outlines
+    from resting_aspects_ros.api.result import check_output
+
     out, sheet = arguments.out, arguments.counting_sheet
     scale = _px_per_mm(arguments)
     if sheet is not None:
@@ -73,6 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _px_per_mm(arguments: argparse.Namespace) -> float:
     """Return the requested scale of the images; raises InvalidValueError."""
+    from resting_aspects_ros.report.outlines import PIXELS_PER_MM
+
     if arguments.out is None:
         refuse(arguments, ('px_per_mm',), 'with --out')
     given = arguments.px_per_mm
@@ -80,9 +79,11 @@ def _px_per_mm(arguments: argparse.Namespace) -> float:
 
 
 def _write(
-    result: OutlinesResult, out: Path | None, scale: float, sheet: Path | None
+    result: 'OutlinesResult', out: Path | None, scale: float, sheet: Path | None
 ) -> list[str]:
     """Write the requested files; returns lines that name them."""
+    from resting_aspects_ros.api.result import check_output
+
     if out is not None:
         result.check_output('--out', out, scale)
     check_output('--counting-sheet', sheet)
@@ -100,8 +101,16 @@ def _write(
     return lines
 
 
-def _show(result: OutlinesResult, written: Sequence[str]) -> None:
+def _show(result: 'OutlinesResult', written: Sequence[str]) -> None:
     """Print the table, a sentence for each group of classes that look alike, and the files."""
+    from resting_aspects_ros.cli.console import show_table, show_texts
+    from resting_aspects_ros.report.format import size_text
+    from resting_aspects_ros.report.outlines import (
+        confused_class_texts,
+        family_texts,
+        outline_table,
+    )
+
     number = len(result.outlines)
     title = f'{result.part.name}, {size_text(result.part)}: ' + (
         f'{number} outlines' if number != 1 else '1 outline'

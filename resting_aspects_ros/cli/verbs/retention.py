@@ -2,9 +2,8 @@
 
 import argparse
 from functools import partial
+from typing import TYPE_CHECKING
 
-from resting_aspects_ros.api.retention import RetentionResult, retention
-from resting_aspects_ros.cli.console import show_table
 from resting_aspects_ros.cli.life_cycle import (
     exit_code,
     finish,
@@ -27,7 +26,9 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import StoppedError
 from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.report.transitions import retention_table
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.retention import RetentionResult
 
 DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
 energy it leaves the aspect. The energy is given as a lift height: the height by
@@ -73,6 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
+        from resting_aspects_ros.api.retention import retention
+
         part = requested_part(arguments)
         out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
         simulate = partial(
@@ -97,5 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
         return exit_code(has, complete=result.complete, failure=failure)
 
 
-def _show(result: RetentionResult) -> None:
+def _show(result: 'RetentionResult') -> None:
+    from resting_aspects_ros.cli.console import show_table
+    from resting_aspects_ros.report.transitions import retention_table
+
     show_table(retention_table(result.curves, result.title, result.run.conditions.gravity))

@@ -3,9 +3,8 @@
 import argparse
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
     add_conditions,
@@ -14,20 +13,13 @@ from resting_aspects_ros.cli.options import (
     add_share,
     add_surroundings,
     add_workers,
-    changed_conditions,
     refuse,
 )
 from resting_aspects_ros.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces
-from resting_aspects_ros.studies.design import parse_ranges
-from resting_aspects_ros.studies.study import (
-    SPEC,
-    StudyResult,
-    StudySpec,
-    make_spec,
-    read_spec,
-    run_study,
-)
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
 WIDTH = 80  # of the text
 # Flags of what a study.yaml defines.
@@ -110,12 +102,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with session(arguments) as started:
+        from resting_aspects_ros.studies.study import run_study
+
         spec, folder = _requested(arguments)
         return _show(run_study(spec, folder, **started.options), folder)
 
 
-def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
+def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
     """Return the requested study and its folder; raises InvalidValueError."""
+    from resting_aspects_ros.simulation.conditions import all_surfaces
+    from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec
+
     changes: dict[str, Any] = {
         name: value
         for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
@@ -140,6 +137,10 @@ def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
 
 
 def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
+    from resting_aspects_ros.api.conditions import requested_surroundings
+    from resting_aspects_ros.cli.options import changed_conditions
+    from resting_aspects_ros.studies.design import parse_ranges
+
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
@@ -158,7 +159,7 @@ def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[st
     }
 
 
-def _show(result: StudyResult, folder: Path) -> int:
+def _show(result: 'StudyResult', folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
     for case in result.cases:
         if case.skipped:
@@ -183,7 +184,7 @@ def _show(result: StudyResult, folder: Path) -> int:
     return 0
 
 
-def _show_findings(result: StudyResult) -> None:
+def _show_findings(result: 'StudyResult') -> None:
     """Print the findings of each case, each as a sentence with details below it."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')

@@ -3,11 +3,8 @@
 import argparse
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.track import default_track, design_track, given_track, track
-from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
-from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import (
     DONE,
     FAILED,
@@ -32,6 +29,9 @@ from resting_aspects_ros.cli.options import (
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -127,6 +127,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
+        from resting_aspects_ros.api.track import default_track, design_track, given_track, track
+        from resting_aspects_ros.api.track_result import TrackDesign
+
         part = requested_part(arguments)
         described = _described(arguments)
         if arguments.on is not None:
@@ -201,7 +204,9 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: TrackResult | TrackDesign) -> None:
+def _show(result: 'TrackResult | TrackDesign') -> None:
+    from resting_aspects_ros.cli.console import show_table, show_texts
+
     for table in result.tables():
         show_table(table)
     show_texts(*result.sentences)
