@@ -215,8 +215,8 @@ CASES = (
     classify,
     identify,
     estimate,
-    track,
-    design_track,
+    pytest.param(track, marks=pytest.mark.slow),
+    pytest.param(design_track, marks=pytest.mark.slow),
 )
 
 

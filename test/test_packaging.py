@@ -184,6 +184,7 @@ def test_imports_of_the_tests_are_declared():
     assert pinned - requirements('requirements.in', 'requirements-dev.in') == set()
 
 
+@pytest.mark.slow
 def test_every_name_in_package_xml_is_used():
     _, in_suite = needed('resting_aspects_ros')
     in_launch = needed_to_launch()
@@ -262,6 +263,7 @@ def test_script_beside_a_clone_named_like_the_package_imports_it(tmp_path):
     assert found.stdout.split() == [str(clone / 'resting_aspects_ros' / '__init__.py')]
 
 
+@pytest.mark.slow
 def test_wheel_has_all_shared_files(tmp_path):
     files = {path for folder in SHARED for path in (ROOT / folder).rglob('*.*')} - {
         path for folder in SHARED for path in (ROOT / folder).rglob('*.pyc')

@@ -68,6 +68,7 @@ def test_model_range_of_a_row_is_that_of_its_aspects(simulated):
     assert simulated.drop.range_text in simulated.sentences
 
 
+@pytest.mark.slow
 def test_rows_without_model_range_say_why():
     exact = ra.track('hex_nut', NUT, 1, drops=20, model_range=False)
     acted = ra.track('hex_nut', NUT, 1, drops=20, before=['tap'])
@@ -189,6 +190,7 @@ def test_proposed_traps_find_a_place_after_many_of_ones_own():
         ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, drops=20)
 
 
+@pytest.mark.slow
 def test_without_a_design_other_rows_are_named():
     # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
     found = ra.design_track('t_prism', 4, drops=100)
@@ -199,6 +201,7 @@ def test_without_a_design_other_rows_are_named():
     assert any('these wanted rows' in text for text in found.advice)
 
 
+@pytest.mark.slow
 def test_rows_in_which_hardly_a_part_arrives_are_summed_up_in_tables_but_not_in_files(tmp_path):
     found = ra.track('washer', {**NUT, 'traps': [WIPER]}, drops=20)
     assert [row.probability for row in found.rows] == pytest.approx([1, 0, 0])

@@ -142,7 +142,7 @@ def test_documented_commands_are_parsed(page, line):
     assert callable(main.make_parser(arguments).parse_args(arguments).run)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('arguments', RUN_HERE)
 def test_command(arguments, printed, folder):
     few = [] if OTHER_NUMBERS & {*arguments} else FEW.get(arguments[0], [])

@@ -243,6 +243,7 @@ def test_a_second_part_that_is_still_read_is_forgotten(bracket, shown, monkeypat
     assert shown.of('opening')[-1] == {'text': ''}
 
 
+@pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
     bracket.change('surface', 'steel')
     bracket.change('tab', 'compare')

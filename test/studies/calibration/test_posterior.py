@@ -275,7 +275,7 @@ def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
     assert found.part in (0, 2)  # the flat and the tall box, whose labels are swapped
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(('drops', 'share'), [(50, 0.1), (1000, 0.25)])
 def test_impossible_share_is_found_with_enough_drops(invented, drops, share):
     """At least 45 % of the drops of the low box are on its square faces on any surface."""
