@@ -137,6 +137,7 @@ def needed_to_launch():
     return imported | started
 
 
+@pytest.mark.slow
 def test_imports_of_the_suite_are_declared():
     pinned, keys = needed('resting_aspects_ros')
     in_launch = needed_to_launch()
@@ -165,6 +166,7 @@ def declared_by_setup():
     )
 
 
+@pytest.mark.slow
 def test_setup_declares_what_the_rooms_without_ros_import():
     required, extras = declared_by_setup()
     optional = set().union(*extras.values())
@@ -177,6 +179,7 @@ def test_setup_declares_what_the_rooms_without_ros_import():
     assert required | (optional - OPTIONAL - {'numba-cuda'}) <= requirements('requirements.in')
 
 
+@pytest.mark.slow
 def test_imports_of_the_tests_are_declared():
     pinned, keys = needed('test')
     package = parse_package(SUITE)

@@ -36,28 +36,27 @@ PATTERNS = {re.compile(each, re.IGNORECASE): better for each, better in CONSTRUC
 
 
 def texts():
-    """Name and lines of each file of the project."""
+    """Name and text of each file of the project."""
     names = subprocess.run(
         ['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.splitlines()
     for name in names:
         path = ROOT / name
         if path != Path(__file__) and (path.suffix in ENDINGS or path.name == 'Makefile'):
-            yield name, path.read_text('utf-8').splitlines()
+            yield name, path.read_text('utf-8')
 
 
-def constructions(line):
-    """Each construction in a line, with what to write instead."""
+def constructions(text):
+    """Each construction in a text with its line, and what to write instead."""
     for pattern, better in PATTERNS.items():
-        if match := pattern.search(line):
-            yield match[0], better
+        for match in pattern.finditer(text):
+            yield text.count('\n', 0, match.start()) + 1, match[0], better
 
 
 def odd_lines():
-    for name, lines in texts():
-        for number, line in enumerate(lines, start=1):
-            for found, better in constructions(line):
-                yield f'{name}:{number}: {found!r}, write: {better}'
+    for name, text in texts():
+        for number, found, better in constructions(text):
+            yield f'{name}:{number}: {found!r}, write: {better}'
 
 
 def test_no_odd_construction_is_left():
