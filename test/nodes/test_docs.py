@@ -14,6 +14,7 @@ from doc_pages import PAGES, ROOT, code, first_cells, section
 from rclpy.qos import DurabilityPolicy
 from resting_aspects_interfaces.msg import PartOutlines, Status
 
+from resting_aspects_ros.client import connection
 from resting_aspects_ros.ros import interface
 
 TUTORIAL = 'docs/tutorials/first_controller.md'
@@ -80,6 +81,8 @@ def run_snippet(suite, graphs, monkeypatch):
     logs, lines, errors = graphs[suite.namespace].logs, [], []
     arguments = ['program', '--ros-args', '-r', f'__ns:={suite.namespace}']
     monkeypatch.setattr(sys, 'argv', arguments)
+    # On a busy machine, nodes discover each other late.
+    monkeypatch.setattr(connection, 'SIMULATOR_TIMEOUT', 120.0)
 
     def run_snippet(text, holds=lambda _: False):
         before = len(logs)

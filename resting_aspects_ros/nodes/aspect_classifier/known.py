@@ -193,6 +193,8 @@ class PartRegistry:
 
 # Maximum number of kept matrices.
 MAX_KNOWN = 1000
+# Time in which a matrix arrives that was published before a request, s.
+ARRIVAL = 5.0
 
 
 class TransitionStore:
@@ -241,6 +243,7 @@ class TransitionStore:
     async def newest(self, name: str, action: str) -> TransitionMatrix:
         """Return the matrix that a request names; any action if it is empty.
 
+        If a node publishes matrices of the part, one that is not known yet may be on its way.
         Raises RestingAspectsError.
         """
         offered = await self._parts.usable(name)
@@ -248,9 +251,15 @@ class TransitionStore:
         is_ready = self._parts.simulator_is_ready()
         if name not in offered and (is_ready or (offered and not of_part)):
             raise unknown_part(name, offered)
-        known = [each for each in of_part if action in ('', each.action.name)]
-        if known:
-            return max(known, key=_order)
+        topic, until = self._discovery.topic(name), time.monotonic() + ARRIVAL
+        while True:
+            known = [each for each in of_part if action in ('', each.action.name)]
+            if known:
+                return max(known, key=_order)
+            if not self._node.count_publishers(topic) or time.monotonic() > until:
+                break
+            await sleep_for(self._node, CHECK_PERIOD)
+            of_part = self._of(name, offered[name].part_sha256 if name in offered else '')
         actions = ', '.join(sorted(each.action.name for each in of_part))
         asked = f' by action {shown(action)}' if action else ''
         others = f'; known actions: {actions}' if actions else ''
