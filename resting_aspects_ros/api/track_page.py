@@ -1,6 +1,6 @@
 """The page of a track with traps."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -29,9 +29,10 @@ MANY_ROWS = 12  # a longer table of the traps is shown on request
 
 def track_page(result: 'TrackResult') -> Page:
     """Return the page: orientations, the track to scale, outcomes, and where the parts go."""
-    found, names = result.passage, result.trap_names
+    found, names, covered = result.passage, result.trap_names, result.drop.range_text
     rows, *of_traps = result.tables()
     rows.title = ''
+    rows.caption = f'{rows.caption} {covered}'.rstrip()
     sections = [
         Section(
             'Orientations on the track',
@@ -90,9 +91,14 @@ def track_page(result: 'TrackResult') -> Page:
             'Track': list(_track_facts(found.track)),
             'Run': run_facts(run, result.drop.distribution.drops, 'drops'),
         },
-        top=[Text(sentence, 'verdict') for sentence in result.sentences],
+        top=verdicts(result.sentences, covered),
         names=file_names(PAGE, FIGURES),
     )
+
+
+def verdicts(sentences: Sequence[str], covered: str) -> list[Item]:
+    """Return the sentences at the top of the page: without what the model range covers."""
+    return [Text(sentence, 'verdict') for sentence in sentences if sentence != covered]
 
 
 def _track_facts(track: Track) -> Iterator[tuple[str, str]]:

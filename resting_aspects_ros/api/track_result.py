@@ -558,8 +558,7 @@ class TrackDesign(Result):
 
     def page(self) -> 'Page':
         """Return the page of the best design."""
-        from resting_aspects_ros.api.track_page import track_page
-        from resting_aspects_ros.report.page import Text
+        from resting_aspects_ros.api.track_page import track_page, verdicts
 
         page = track_page(self.best)
-        return replace(page, top=[Text(sentence, 'verdict') for sentence in self.sentences])
+        return replace(page, top=verdicts(self.sentences, self.best.drop.range_text))
