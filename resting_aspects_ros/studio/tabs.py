@@ -294,7 +294,8 @@ def _show_track(work: Work) -> None:
     items = _level_note(work, ON_A_PLANE)
     if not rail.traps and not found.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
-    items += [Text(sentence, 'plain') for sentence in found.sentences]
+    covered = best.drop.range_text  # below the table
+    items += [Text(each, 'plain') for each in found.sentences if each != covered]
     items += page_items(best.page(), backwards=True)  # the traps first
     proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
     work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
