@@ -53,6 +53,14 @@ DOCUMENTS = {
             'hex_nut', 20, surroundings=ra.surroundings('v_groove', opening='20deg'), friction=0.6
         ),
     ),
+    'drop, convergence': (
+        'drop l_bracket --drops 50 --check-convergence',
+        lambda: ra.drop('l_bracket', 50, check_convergence=True),
+    ),
+    'reorient, precision that is not reached': (
+        'reorient t_prism --per-aspect 10 --drops 50 --precision 0.02',
+        lambda: ra.reorient('t_prism', 'tap', 10, drops=50, precision=0.02),
+    ),
     'reorient in surroundings': (
         'reorient l_bracket --per-aspect 5 --drops 50 --surroundings l_chute',
         lambda: ra.reorient('l_bracket', 'tap', 5, drops=50, surroundings='l_chute'),
@@ -71,6 +79,10 @@ DOCUMENTS = {
         lambda: ra.track(
             'hex_nut', nut_track(speed=1, width=0.031), drops=50, simulate=1, before=['tap']
         ),
+    ),
+    'track, unit in doubt': (
+        'track hex_nut --width 1 --drops 50 --seed 3',
+        lambda: ra.track('hex_nut', {'width': 1.0, 'roll': '5deg'}, drops=50, seed=3),
     ),
     'track, design': (
         'track u_bracket --design --want 1 --drops 100',
@@ -92,19 +104,36 @@ def test_document_and_warnings_are_those_of_the_function(run, words, function):
     assert warned(ended) == texts
 
 
+SEARCH = 'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000'
 REFUSED = {
     'no drops': ('drop l_bracket --drops 0', lambda: ra.drop('l_bracket', 0)),
     'height in a wrong unit': (
         'drop l_bracket --height 60',
         lambda: ra.drop('l_bracket', height=60.0),
     ),
+    'precision': ('drop l_bracket --precision 0.9', lambda: ra.drop('l_bracket', precision=0.9)),
     'step in a groove': (
         'reorient l_bracket --action step_down --surroundings v_groove',
         lambda: ra.reorient('l_bracket', 'step_down', surroundings='v_groove'),
     ),
+    'the same in a search': (
+        f'{SEARCH} --action step_down --surroundings v_groove',
+        lambda: ra.optimise(
+            'l_bracket',
+            {'friction': '0.1:0.5'},
+            wanted=[1],
+            action='step_down',
+            surroundings='v_groove',
+            budget=2000,
+        ),
+    ),
     'an aspect that is not known': (
         'forecast l_bracket --pickable 99',
         lambda: ra.forecast('l_bracket', [99]),
+    ),
+    'a row that is not known': (
+        'track hex_nut --want 9 --drops 20',
+        lambda: ra.track('hex_nut', {'width': '50mm'}, 9, drops=20),
     ),
     'a half class with a controller': (
         'forecast hex_nut --pickable 1 --controller',
