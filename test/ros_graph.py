@@ -341,6 +341,11 @@ class Client:
     def reorient(self, *arguments, **fields):
         return self.finished(self.reorienting(*arguments, **fields))
 
+    def asking_transitions(self, part, action=''):
+        """Return the future of a response of get_transitions."""
+        self.meet_service(self._transitions)
+        return self._transitions.call_async(GetTransitions.Request(part=part, action=action))
+
     def transitions(self, part='tetrahedron', action=''):
         """Return the response of get_transitions."""
         return self.call(self._transitions, GetTransitions.Request(part=part, action=action))

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     FeederAction,
@@ -22,6 +23,7 @@ from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
+from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.actions import Kick
 
@@ -117,6 +119,22 @@ def test_service_reports_what_is_not_known(suite, found, part, action, code, mes
     status = suite.client.transitions(part, action).status
     assert status.code == code
     assert re.search(message, status.message)
+
+
+def test_first_matrix_of_a_part_is_waited_for(suite, monkeypatch):
+    monkeypatch.setattr('resting_aspects_ros.nodes.aspect_classifier.known.ARRIVAL', 300.0)
+    topic, client = 'transitions/u_bracket', suite.client
+    publisher = client.node.create_publisher(TransitionMatrix, topic, LATCHED)
+    client.wait(lambda: client.node.count_publishers(f'{suite.namespace}/{topic}'), topic)
+    asked = client.asking_transitions('u_bracket')
+    assert client.ask('tetrahedron').status.code == Status.OK  # it answers other requests
+    assert not asked.done()
+    result = ra.reorient('u_bracket', 'tap', 2, drops=20)
+    publisher.publish(transitions_msg(result, Time(sec=1), ended=True))
+    client.wait(asked.done, 'the matrix')
+    assert asked.result().status.code == Status.OK
+    assert asked.result().transitions.run.part == 'u_bracket'
+    client.node.destroy_publisher(publisher)
 
 
 def test_invalid_matrix_is_ignored(suite):
