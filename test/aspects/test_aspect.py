@@ -305,3 +305,13 @@ def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid):
     for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:
         expected = 10e-3 * (1 - np.cos(np.pi / n)) if aspect.rolls else 0
         assert aspect.merged == pytest.approx(expected, rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
+@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
+def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
+    aspects = find_aspects(part('box_10x20x30'))
+    tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
+    for aspect in aspects:
+        pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
+        assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]

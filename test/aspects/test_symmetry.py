@@ -407,3 +407,21 @@ def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes
 def test_one_percent_of_a_length_splits_the_sides_of_a_cube(solid, share, classes):
     aspects = find_aspects(solid(box((10, 10, 10 * share))))
     assert sorted(len(members) for members in aspects.classes()) == classes
+
+
+@pytest.mark.slow
+def test_rotation_of_an_n_gon_has_order_n(solid):
+    rotations = find_symmetry(solid(FINITE['prism_7'][0]()), NO_LANDMARKS).rotations
+    upright = rotations[rotations[:, 2, 2] > 0]
+    angles = np.sort(np.arctan2(upright[:, 1, 0], upright[:, 0, 0]) % (2 * np.pi))
+    np.testing.assert_allclose(angles, 2 * np.pi * np.arange(7) / 7, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('gap', 'order'), [(1e-3, 8), (1e-2, 4)])
+def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
+    # Of the radius, between where a side is and where a quarter turn brings the others.
+    half = np.array([10.0, 10.0, 20.0])
+    radius = np.linalg.norm(half)
+    part = solid(box(2 * half + [2 * gap * radius, 0, 0]))
+    assert found(find_aspects(part).symmetry) == ('finite', order)

@@ -206,3 +206,13 @@ def test_decisions_are_those_of_enumeration_on_a_tiny_tray(flip):
         action = best_by_enumeration(parts, [0.5, 0.5], moved / 100, times, 40.0, 2)
         advice = advise([SeenPart(kind + 1) for kind in parts], found)
         assert (advice.then if advice.picks else advice.choice) is action, parts
+
+
+@given(st.floats(0.1, 3), st.floats(1.01, 3))
+def test_longer_spread_is_never_worth_more(spread, factor):
+    seen = [SeenPart(2, BLOCKED)] * 2 + [NONE] * 2
+    short, long = (
+        advise(seen, model_of(MIXED, free=falling(0.1), spread=time)).expected[Choice.SPREAD].rate
+        for time in (spread, spread * factor)
+    )
+    assert long < short

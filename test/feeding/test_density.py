@@ -146,3 +146,16 @@ def test_part_larger_than_the_tray_is_refused(part):
 def test_wrong_tray_is_refused(wrong):
     with pytest.raises(InvalidValueError, match='expected'):
         Tray(*wrong)
+
+
+@pytest.mark.slow
+def test_gripper_within_the_part_blocks_nothing():
+    inside = free_shares(Tray((0.2, 0.2), 0.0, Footprint(0.02, 0.01)), [PART], ALONE, 1)
+    assert (inside.free == 1).all()
+
+
+@pytest.mark.slow
+def test_larger_outlines_are_free_less_often():
+    footprints = [Footprint(0.04, 0.03), Footprint(0.01, 0.01)]
+    found = free_shares(TRAY, footprints, np.array([0.5, 0.5]), 1, 15).at(15)
+    assert found[0] < found[1] - TOLERANCE

@@ -17,6 +17,7 @@ from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.mass import (
     POWERS,
     higher_moments,
+    intrinsic_signs,
     symmetric_top_axes,
 )
 from resting_aspects_ros.part.part import Part
@@ -240,3 +241,29 @@ def test_axes_that_are_right_already_stay_bit_for_bit(part):
     # Otherwise the poses of drops would change with rounding.
     axes = part('hex_nut').principal_axes
     assert np.isin(axes, (-1, 0, 1)).all()
+
+
+def moments(**powers: float) -> np.ndarray:
+    """Moments that are zero, except these; x2y=1 is the moment of x^2 y."""
+    found = np.zeros(len(POWERS))
+    for name, value in powers.items():
+        factors = name.replace('x', ' x').replace('y', ' y').replace('z', ' z').split()
+        wanted = {factor[0]: int(factor[1:] or 1) for factor in factors}
+        row = [wanted.get(axis, 0) for axis in 'xyz']
+        found[POWERS.tolist().index(row)] = value
+    return found
+
+
+def test_moments_follow_the_axes():
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], [2, 3, 5]])
+    turn = rotation(1)
+    straight = higher_moments(mesh.vertices, mesh.faces, np.eye(3))
+    turned = higher_moments(turn.apply(mesh.vertices), mesh.faces, turn.as_matrix())
+    np.testing.assert_allclose(turned, straight)
+
+
+def test_float32_noise_does_not_determine_signs():
+    noise = moments(x3=-1e-7, y3=-1e-7, z3=-1e-7, x2y=1)
+    assert intrinsic_signs(noise).tolist() == [1, 1, 1]
+    # x2y is the first one that counts, and is negative.
+    assert intrinsic_signs(-noise).tolist() == [1, -1, -1]

@@ -316,3 +316,20 @@ def test_rounded_corners_far_from_the_origin_are_welded():
     part = part_from_bytes(stl(mesh), 'stl', 'l')
     assert len(part.vertices) == 12
     assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
+
+
+def test_part_sha256_depends_on_all_but_the_name():
+    data = stl(box())
+    same = [part_from_bytes(data, 'stl', name).part_sha256 for name in ('a', 'b')]
+    others = [
+        part_from_bytes(data, 'stl', 'a', **change).part_sha256
+        for change in (
+            {'unit': 'cm'},
+            {'mass': 1},
+            {'density': 1001},
+            {'centre_of_mass': (0.005, 0.01, 0.0151)},
+            {'inertia': [6.5e-7, 0, 0, 5e-7, 0, 2.5e-7]},
+        )
+    ]
+    assert same[0] == same[1]
+    assert len({*same, *others}) == 6

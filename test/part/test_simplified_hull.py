@@ -134,3 +134,18 @@ def test_result_does_not_depend_on_order_and_scale(solids):
     large = part(mesh.faces, 64.0)  # a power of two: nothing is rounded
     np.testing.assert_allclose(large.hull_vertices, 64 * one.hull_vertices, rtol=1e-14)
     assert large.hull_error == pytest.approx(64 * one.hull_error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
+def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
+    mesh = getattr(solids, name)(*arguments)
+    full, part = whole(mesh), solid(mesh)
+    down = directions(5000)
+    lost = (down @ full.hull_vertices.T).max(axis=1) - (down @ part.hull_vertices.T).max(axis=1)
+    assert lost.min() >= 0
+    assert lost.max() <= part.hull_error
+    # A corner that is outside by the error is further down than all others in some direction.
+    planes = ConvexHull(part.hull_vertices).equations
+    out = full.hull_vertices @ planes[:, :3].T + planes[:, 3]
+    assert out.max() == pytest.approx(part.hull_error, rel=1e-6)

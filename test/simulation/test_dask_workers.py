@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import signal
 import socket
 import sys
@@ -175,3 +176,8 @@ def test_missing_dask_is_reported_with_the_package(monkeypatch):
     expected = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
     with pytest.raises(InvalidValueError, match=expected):
         ClusterWorkers('there:1')
+
+
+@pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
+def test_invalid_address_is_rejected(make_cluster, refused, address):
+    assert re.match('missing port|unknown address', refused(address, A_SCHEDULER))

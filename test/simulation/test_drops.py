@@ -452,3 +452,39 @@ def test_memory_of_bullet_does_not_grow_with_the_number_of_chunks(solid, mat):
         tracemalloc.stop()
     # PyBullet's binding keeps what it reads corners from: 4 x 642 x 3 numbers, 0.2 MB.
     assert after - before < 50_000
+
+
+def scaled(shape, solid, factor):
+    """The part with all lengths multiplied."""
+    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
+
+
+@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
+def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
+    poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
+    assert (poses.energy_growth >= 0).all()
+    # Heights are as accurate as the distance at which corners touch.
+    assert poses.energy_growth.max() < kernel_data.GAP
+
+
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
+@pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
+def test_very_small_and_very_large_parts_rest_in_an_aspect(
+    part, solid, mat, scale, height, engine, n
+):
+    # 1.4 mm and 0.6 m in radius: Bullet's own margins are 1 and 20 mm.
+    shape = scaled(part('l_bracket'), solid, scale)
+    poses = drop_range(make_job(shape, mat.changed(height=height), 1, engine=engine), 0, n)
+    assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
+
+
+@pytest.mark.slow
+def test_hull_with_many_vertices_is_supported(solid, mat):
+    ball = solid(trimesh.creation.icosphere(5, 10.0))
+    assert len(ball.hull_vertices) == 3000  # of 10242
+    for engine, n in ((KERNEL, 50), (BULLET, 1)):
+        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
+        poses = drop_range(job, 0, n)
+        assert (poses.status == RestStatus.SETTLED).all()
+        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
+        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out

@@ -147,3 +147,30 @@ def test_friction_in_bullet_is_the_value_of_the_pair(part, mat):
     before = flight.velocity[0]
     flight.step(1)
     assert before - flight.velocity[0] == pytest.approx(0.3, rel=0.02)
+
+
+@pytest.fixture(scope='module')
+def ball(solid):
+    """A ball whose radius of contact is 1 and whose moments of inertia are about 2/5."""
+    return solid(trimesh.creation.icosphere(4, 10.0))
+
+
+def on_the_surface(job, **moving):
+    """One body that is put on the surface in the orientation of its principal axes."""
+    turn = np.array([[0.0, 0, 0, 1]])
+    return Placed(job, np.array([[0.0, 0, depth_of(turn, job.hull)[0]]]), turn, **moving)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('rolling', [0.02, 0.05])
+def test_rolling_friction_decelerates_a_ball(ball, mat, rolling):
+    # mu N against its spin is mu / (1 + I) of its speed per T; its facets of 4 degrees take more.
+    slowed = []
+    for each in (rolling, 2 * rolling):
+        conditions = mat.changed(rolling_friction=each, friction=1.0, restitution=0.0)
+        job = make_job(ball, conditions, 1)
+        placed = on_the_surface(job, velocity=(0.5, 0, 0), spin=(0, 0.5, 0))
+        slowed.append((0.5 - placed.run(3).velocity[0, 0]) / placed.time[0])
+    assert job.rolling_length == pytest.approx(1.0, abs=2e-3)
+    inertia = job.moments.mean()
+    assert slowed[1] - slowed[0] == pytest.approx(rolling / (1 + inertia), rel=0.2)

@@ -299,3 +299,28 @@ def test_restitution_above_one_is_refused(part, mat):
     step = dataclasses.replace(LOW, restitution_factor=2.0)
     with pytest.raises(InvalidValueError, match=r'invalid restitution 1\.28 of the upper belt'):
         step_job(part('box_10x20x30'), mat, step)
+
+
+def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
+    job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, friction_factor=0.5))
+    world = EdgeWorld(job, ALONG, STEPS_PER_T)
+    found = [
+        pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
+        for body in (world._bodies[0][0], world._belt, *world._rollers)
+    ]
+    assert found == [mat.friction, 0.5 * mat.friction, 0.5 * mat.friction]
+    assert initial_states(job, 0, GROUP).velocity[:, 0] == pytest.approx(
+        0.2 * job.time_unit / job.radius
+    )
+
+
+@pytest.mark.slow
+def test_plate_keeps_its_side_on_a_low_step(solid, mat):
+    flat = solid(trimesh.creation.box((20, 16, 3)))
+    job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
+    aspects = find_aspects(flat)
+    n = len(aspects) * 10
+    ids = aspects.classify(drop_range(job, 0, n).orientation)
+    rows = np.arange(n) % len(aspects) + 1
+    large = rows <= 2
+    assert (ids[large] == rows[large]).mean() > 0.9

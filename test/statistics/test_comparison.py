@@ -423,3 +423,19 @@ def test_scatter_is_that_of_the_newest_batches():
     units = np.concatenate([batches(rng, TWO, 50, 0.2), batches(rng, TWO, MAX_UNITS, 0.0)])
     found, newest = batch_scatter(units), batch_scatter(units[-MAX_UNITS:])
     assert (found.factor, found.batches) == (newest.factor, MAX_UNITS)
+
+
+def test_fit_of_many_drops_agrees_with_scipy():
+    found = counts(43, 138, 117, 31)
+    exact = np.array([0.125, 0.375, 0.375, 0.125])
+    p, source = p_of_one(found, exact, generator())
+    assert source == 'chi-square'
+    assert p == pytest.approx(chisquare(found, 329 * exact).pvalue)
+
+
+def test_fishers_tea_tasting_experiment():
+    # Fisher's lady tasting tea, 3 of 4 correct: 34 of the 70 tables deviate at least as much,
+    # calculated by hand: 2 (1 + 16).
+    p, source = p_of_two(counts(3, 1), counts(1, 3), generator())
+    assert source == 'monte carlo'
+    assert p == pytest.approx(34 / 70, abs=FIVE_ERRORS)

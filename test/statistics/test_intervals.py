@@ -267,3 +267,11 @@ def test_precision_outside_limits_is_refused(precision):
 def test_drop_limit_below_one_is_refused(drop_limit):
     with pytest.raises(InvalidValueError, match=f'invalid drop limit {drop_limit}'):
         checkpoints(drop_limit)
+
+
+@methods
+def test_precision_includes_aspects_never_seen(method):
+    # With so few drops its upper bound is too large.
+    assert not is_precise([0], 50, 0.03, method)
+    assert not is_precise([0, 0], 50, 0.03, method)
+    assert is_precise([0], 250, 0.03, method)

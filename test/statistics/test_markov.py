@@ -388,3 +388,20 @@ def test_plan_rejects_an_invalid_row(row):
     rows = np.array([np.eye(2), [row, [0, 1]]])
     with pytest.raises(InvalidValueError, match=r'^invalid row 1 of the transition matrix'):
         best_plan(rows, np.array([1.0, 1.0]), np.array([False, True]))
+
+
+def test_periodic_chain_has_time_averages():
+    result = found([[0, 1, 0], [0, 0, 1], [1, 0, 0]], drop=[1, 0, 0])
+    assert result.shares == pytest.approx([1 / 3] * 3)
+    assert (result.closed, result.transient, result.unreachable) == (((0, 1, 2),), (), ())
+
+
+def test_several_closed_classes_are_reported_with_their_weights():
+    # From the aspect 2 parts go to the absorbing aspect 0 in 1 of 4, else to the pair 1 and 3.
+    rows = [[1, 0, 0, 0], [0, 0, 0, 1], [0.1, 0.3, 0.6, 0], [0, 0.5, 0, 0.5]]
+    result = found(rows, drop=[0.2, 0, 0.8, 0])
+    assert result.closed == ((0,), (1, 3))
+    assert result.weights == pytest.approx([0.2 + 0.8 / 4, 0.8 * 3 / 4])
+    assert result.stationary == pytest.approx(np.array([[1, 0, 0, 0], [0, 1 / 3, 0, 2 / 3]]))
+    assert result.shares == pytest.approx([0.4, 0.2, 0, 0.4])
+    assert (result.transient, result.unreachable) == ((2,), ())

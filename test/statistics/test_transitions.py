@@ -175,3 +175,10 @@ def test_invalid_level_is_refused(level):
     for function in (curve([0, 30]).lift_at, curve([0, 30]).lift_interval):
         with pytest.raises(InvalidValueError, match=f'invalid level {level}'):
             function(level)
+
+
+def test_first_crossing_counts_where_the_curve_is_not_monotone():
+    found = curve([0, 50, 10, 90])
+    assert found.lift_at(0.2) == pytest.approx(1.4e-3)
+    assert found.lift_at(0.5) == pytest.approx(2e-3)
+    assert found.lift_at(0.7) == pytest.approx(3.75e-3)

@@ -360,3 +360,14 @@ def test_traps_that_hardly_add_to_the_margin_are_left_out():
     found = [*(_Best(1e-3, pair) for pair in pairs), _Best(0.9e-3, (wiper,))]
     best = search._verified(found, lambda trap: np.full(2, math.inf))
     assert [each.kinds for each in best] == [{'wiper'}]
+
+
+def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of):
+    shape = part('l_bracket')
+    pair = [row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011]
+    assert {row.aspects for row in pair} == {(1,), (2,)}
+    symmetric = [critical(Gap(0.01), (shape, row)) for row in pair]
+    assert symmetric[0] == pytest.approx(symmetric[1], abs=1e-5)
+    triangle = CutOut(0.75, points=((0.0, 0.0), (0.04, 0.0), (0.04, 0.04)))
+    found = outcomes(pair, triangle, LEVEL, shape)
+    assert [each.outcome == 'pass' for each in found].count(True) == 1

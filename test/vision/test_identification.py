@@ -222,3 +222,10 @@ def test_wrong_values_are_refused(known):
     for wrong in ({'sd': 0}, {'sd': float('nan')}, {'correlation': 1.0}):
         with pytest.raises(InvalidValueError, match='of the noise'):
             OutlineNoise(**wrong)
+
+
+def test_mirror_image_is_the_part_turned_over(known):
+    candidate = known('angle_45x30x8')
+    found = identify(moved(mirrored(candidate.outlines[1].polygon), 0, 0, 1), [candidate])
+    assert found.best.symmetry_class == 3
+    assert found.best.posterior > 0.99

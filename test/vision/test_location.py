@@ -125,3 +125,13 @@ def test_gripper_is_carried_with_the_part():
         (turn * Rotation.from_quat(down)).as_matrix(),
         atol=1e-12,
     )
+
+
+def test_pose_follows_the_formula(placements):
+    (placement, *_) = placements('l_bracket')
+    (pose,) = placement.poses(0.2, 0.1, 1.0)
+    start = Rotation.from_quat(placement.outline.orientation)
+    turn = (Rotation.from_rotvec([0, 0, 1.0]) * start).as_matrix()
+    centre = np.array([0.2, 0.1, placement.outline.com_height])
+    np.testing.assert_allclose(pose.position, centre - turn @ placement.part.centre_of_mass)
+    np.testing.assert_allclose(Rotation.from_quat(pose.orientation).as_matrix(), turn, atol=1e-12)

@@ -318,3 +318,34 @@ def test_slightly_stretched_circle_is_round(solid):
     mesh = trimesh.creation.cylinder(radius=10, height=5, sections=200)
     mesh.apply_scale([1, 1.0015, 1])
     assert flat_outline(solid(mesh)).yaw_symmetry == 0
+
+
+def test_rings_have_their_directions_and_holes(part):
+    outline = flat_outline(part('washer'))
+    assert outline.polygon.is_valid
+    assert outline.polygon.exterior.is_ccw
+    assert [ring.is_ccw for ring in outline.polygon.interiors] == [False]
+    # Regular polygons of 64 corners, with the radii of the washer.
+    sector = 32 * np.sin(2 * np.pi / 64)
+    assert outline.area == pytest.approx(sector * (8e-3**2 - 4.2e-3**2), rel=2e-2)
+
+
+def test_outline_agrees_with_the_orientation_of_its_aspect(part):
+    shape = part('l_bracket')
+    aspects = find_aspects(shape)
+    for outline in find_outlines(shape, aspects):
+        orientation = aspects[outline.aspect - 1].orientation
+        np.testing.assert_array_equal(outline.orientation, orientation)
+        points = projected(shape, orientation).reshape(-1, 2)
+        low, high = points.min(axis=0), points.max(axis=0)
+        np.testing.assert_allclose(outline.polygon.bounds, [*low, *high], atol=1e-7)
+
+
+@pytest.mark.slow
+def test_no_pinholes_in_a_fine_mesh_seen_at_an_angle(solid):
+    mesh = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
+    shape = solid(moved(mesh, 5))
+    for seed in range(5):
+        outline = seen_outline(shape, quaternion(seed))
+        assert outline.is_valid
+        assert len(outline.interiors) <= 1
