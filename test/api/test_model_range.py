@@ -118,3 +118,14 @@ def test_recorded_conditions_have_the_uncertainty_of_their_own_surface_only():
     assert own.recorded_uncertainty(dataclasses.replace(mat, surface='other')) is None
     higher = dataclasses.replace(mat.changed(height=0.1), uncertainty=())
     assert shipped_surfaces().recorded_uncertainty(higher) == mat.uncertainty
+
+
+@pytest.mark.slow
+def test_symmetric_aspects_share_the_range_of_their_class(workers):
+    cylinder = ra.load_part('cylinder_d20_h20')
+    found = ra.drop(cylinder, 4000, workers=workers).distribution
+    for number, members in enumerate(found.aspects.classes()):
+        for each in members:
+            low, high = found.model.by_aspect[each.id - 1] * len(members)
+            assert low <= found.model.by_class[number, 0] + 1e-12
+            assert high >= found.model.by_class[number, 1] - 1e-12

@@ -211,3 +211,10 @@ def test_rows_in_which_hardly_a_part_arrives_are_summed_up_in_tables_but_not_in_
     found.save_csv(tmp_path / 'rows.csv')
     assert len((tmp_path / 'rows.csv').read_text().splitlines()) == 4
     assert len(ra.track('washer', NUT, [2], drops=20).tables()[0].rows) == 2
+
+
+@pytest.mark.slow
+def test_an_interrupted_design_is_not_complete():
+    stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
+    assert not stopped.complete
+    assert stopped.best.runs is None

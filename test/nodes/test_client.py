@@ -293,3 +293,21 @@ def test_missing_suite_is_reported_once(namespace, in_namespace, monkeypatch):
         unanswered_client.get_distribution('washer', timeout=1)
     topic = f'{namespace}/get_distribution'
     assert results == [f'no aspect_classifier answers on {topic} yet, waiting up to 1 s']
+
+
+@pytest.mark.slow
+def test_shared_run_continues_after_one_cancel(suite, spun):
+    with RestingAspectsClient(suite.client.node) as other:
+        received = []
+        mine = spun.get_distribution_async(
+            'tetrahedron', drops=50_000, seed=86, progress=received.append
+        )
+        suite.client.wait(lambda: received, 'progress')
+        joined = []
+        same = other.get_distribution_async(
+            'tetrahedron', drops=50_000, seed=86, progress=joined.append
+        )
+        suite.client.wait(lambda: joined or same.done(), 'progress of the other')
+        mine.cancel()
+        suite.client.wait(same.done, 'the other answer')
+        assert same.result().drops == 50_000

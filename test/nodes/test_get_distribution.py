@@ -274,3 +274,32 @@ def test_known_distribution_needs_no_simulator(restarted, before):
     answer = known(restarted, surface='rubber_mat', seed=[77])
     assert without_stamp(answer.distribution) == without_stamp(before)
     restarted.start_again('drop_simulator')
+
+
+@pytest.mark.slow
+def test_each_run_of_an_extended_distribution_has_a_log(suite, received):
+    suite.client.ask(drops=100, seed=[4])
+    second = suite.client.ask(drops=250, seed=[4]).distribution.run
+    ids = list(dict.fromkeys(each.run.run_id for each in received if each.run.seed == 4))
+    assert len(ids) == 2
+    assert ids[1] == second.run_id
+    for run_id in ids:
+        suite.log_of(run_id)
+
+
+@pytest.mark.slow
+def test_suites_in_two_namespaces_are_independent(suite, fresh_suite):
+    other = fresh_suite()
+    here, there = suite.client.poses(), other.client.poses()
+    run_id = other.client.ask('tetrahedron', 6, seed=[5501]).distribution.run.run_id
+    other.client.wait(lambda: there and there[-1].last, 'batches there')
+    answer = suite.client.ask('tetrahedron', 6, seed=[5501], only_known=True)
+    assert answer.status.code == Status.NOT_AVAILABLE
+    # What is dropped here now comes after anything that could have come from there.
+    mine = suite.client.drop('tetrahedron', 1, seed=56).result.run_id
+    suite.client.wait(lambda: here and here[-1].run.run_id == mine, 'batches here')
+    assert run_id not in {batch.run.run_id for batch in here}
+    assert [batch.run.run_id for batch in there] == [run_id]
+    log = other.log_of(run_id)
+    assert other.logs.samefile(log.parent)
+    assert not list(suite.logs.glob(f'*_{run_id}*'))

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import binom
 
 import resting_aspects_ros as ra
@@ -104,3 +106,19 @@ def test_invalid_objectives_are_named(wanted, message):
 def test_interval_of_skewed_draws_contains_the_mean():
     found = estimated(np.array([0.0] * 99 + [1.0]), 0.95)
     assert (found.lower, found.value, found.upper) == (0.0, 0.01, 0.01)
+
+
+counts = st.lists(st.sampled_from([0, 0, 1, 5, 10_000]), min_size=3, max_size=3)
+
+
+confidences = st.sampled_from([0.51, 0.8, 0.95, 0.9999])
+
+
+@given(counts, counts, st.sampled_from([SHARE, ENTROPY]), confidences)
+def test_credible_intervals_of_an_objective_contain_the_mean(one, other, objective, confidence):
+    rng = np.random.default_rng(1)
+    draws = [objective.posterior(np.array(each), rng, 1000) for each in (one, other)]
+    ((found,), certainty) = compared(draws, confidence)
+    for each in (estimated(draws[0], confidence), found.gain):
+        assert each.lower <= each.value <= each.upper
+    assert 0 <= certainty <= 1

@@ -10,6 +10,7 @@ from resting_aspects_ros.studies.objective import Objective, compared, estimated
 from resting_aspects_ros.studies.optimise import (
     best_points,
     check_budget,
+    final_drops,
     line_through,
     search,
 )
@@ -182,3 +183,23 @@ def test_stated_certainty_and_intervals_hold_over_repetitions():
     assert sum(sure) >= binom.ppf(0.001, len(sure), 0.95)
     assert abs(np.mean(optimism)) < 4 * np.sqrt(0.25 / drops / runs)
     assert np.mean(lucky) > np.mean(optimism)
+
+
+def test_bound_is_a_point_of_the_search():
+    points, _ = searched(problem(slope), 1)
+    assert points[1.0,].sum() >= final_drops(200_000)
+
+
+def test_certainty_of_the_best_is_that_of_their_posteriors():
+    rng = np.random.default_rng(1)
+
+    def draws(wanted):
+        return SHARE.posterior(np.array([wanted, 100 - wanted]), rng, 20_000)
+
+    # Of k equal conditions, each is the best with a probability of 1 / k.
+    for k in (2, 3):
+        gains, found = compared([draws(50) for _ in range(k)], 0.95)
+        assert abs(found - 1 / k) < 5 * np.sqrt(0.25 / 20_000)
+        assert [abs(each.certainty - 0.5) < 0.02 for each in gains] == [True] * (k - 1)
+    assert compared([draws(90), draws(50)], 0.95)[1] > 0.999
+    assert compared([draws(10), draws(50)], 0.95)[1] < 0.001

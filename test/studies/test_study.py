@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.errors import InvalidValueError, OutputError
+from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputError
 from resting_aspects_ros.studies.effects import FRESH_DROPS
 from resting_aspects_ros.studies.points import STORE, PointStore
 from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec, run_study
@@ -218,3 +218,22 @@ def test_invalid_value_names_the_file(tmp_path):
     path.write_text('parts: tetrahedron\nvary: {friction: "0.1:0.5"}\npoints: 0\n')
     with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid (number of )?points'):
         read_spec(path)
+
+
+@pytest.mark.slow
+def test_study_that_was_broken_off_continues(tmp_path, here, whole):
+    with pytest.raises(EngineError):
+        run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
+    lines = (tmp_path / STORE).read_text().splitlines()
+    assert len(lines) == 3  # versions and two points
+    workers = here()
+    result = run_study(spec(), tmp_path, workers=workers)
+    assert result.complete
+    assert table(result) == whole
+    assert simulated(workers) == 2
+
+
+@pytest.mark.slow
+def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
+    run_study(spec(drops=500), tmp_path, workers=here())
+    assert table(run_study(spec(), tmp_path, workers=here())) == whole
