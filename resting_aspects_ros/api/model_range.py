@@ -8,9 +8,10 @@ import numpy as np
 
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.runner import PROGRESS_PERIOD, never
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import BULLET, QUANTITIES, Surfaces
+from resting_aspects_ros.simulation.conditions import BULLET, QUANTITIES, DropConditions, Surfaces
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, make_job
 from resting_aspects_ros.simulation.workers import LocalWorkers, Workers
 from resting_aspects_ros.statistics.distribution import Distribution, aspect_ids
@@ -31,6 +32,7 @@ OF_STATES = 'it is known for random releases, and these drops start from given s
 OF_SURROUNDINGS = (
     'the error of the model was measured on level surfaces only, and these surroundings are not'
 )
+OF_ACTIONS = 'it is known for drops, and these parts undergo actions'
 OF_STOPPED = 'the run was stopped'
 OF_IMPOSSIBLE = 'the part cannot be released under most of the conditions that are possible'
 OF_UNKNOWN = 'the uncertainty of this surface is not recorded'
@@ -38,10 +40,17 @@ OF_UNKNOWN = 'the uncertainty of this surface is not recorded'
 
 def missing_in(run: RunDescription, surfaces: Surfaces | None = None) -> str:
     """Return why the drops of a run that was recorded have no model range; can be empty."""
-    if run.conditions.surroundings is not None:
-        return OF_SURROUNDINGS
+    if missing := missing_at(run.conditions):
+        return missing
     known = shipped_surfaces() if surfaces is None else surfaces
     return OF_UNKNOWN if known.recorded_uncertainty(run.conditions) is None else ''
+
+
+def missing_at(conditions: DropConditions, *, acted: bool = False) -> str:
+    """Return why drops, perhaps with an action after them, have no model range; can be empty."""
+    if acted:
+        return OF_ACTIONS
+    return '' if conditions.surroundings is None else OF_SURROUNDINGS
 
 
 def model_range_text(model: ModelRange | None, missing: str = '') -> str:
@@ -83,17 +92,18 @@ def add_model_range(
         return distribution, ''
     if job.starts is not None:
         return distribution, OF_STATES
-    if job.conditions.surroundings is not None:
-        return distribution, OF_SURROUNDINGS
+    if missing := missing_at(job.conditions):
+        return distribution, missing
     uncertainty, draws = job.conditions.uncertainty, None
     if uncertainty:
         jobs = list(_jobs(part, job))
         if len(jobs) < min(MIN_DRAWS, len(uncertainty)):
             return distribution, OF_IMPOSSIBLE
-        draws = _draws(distribution, jobs, job.conditions.uncertain, workers, stopped)
+        if (ids := _drops_at(distribution, jobs, workers, stopped)) is not None:
+            draws = Draws(ids, job.conditions.uncertain, about=job.engine != BULLET)
     if stopped() or (uncertainty and draws is None):
         return distribution, OF_STOPPED
-    return with_model_range(distribution, draws, about_draws=job.engine != BULLET), ''
+    return with_model_range(distribution, draws), ''
 
 
 def model_range_of(
@@ -119,14 +129,13 @@ def model_range_of(
         workers.stop()
 
 
-def _draws(
+def _drops_at(
     distribution: Distribution,
     jobs: Sequence[DropJob],
-    uncertain: tuple[str, ...],
     workers: Workers,
     stopped: Callable[[], bool],
-) -> Draws | None:
-    """Return the outcomes at each draw; None if it was stopped."""
+) -> Counts | None:
+    """Return the aspects (s, m) in which drops at each draw ended; None if it was stopped."""
     futures = [workers.submit(each, 0, DROPS) for each in jobs]
     waiting = set(futures)
     try:
@@ -138,7 +147,7 @@ def _draws(
     finally:
         for each in waiting:
             each.cancel()
-    return Draws(np.array(ids), uncertain)
+    return np.array(ids)
 
 
 def _jobs(part: Part, job: DropJob) -> Iterator[DropJob]:

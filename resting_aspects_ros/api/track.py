@@ -11,6 +11,7 @@ import shapely
 
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.api.model_range import OF_ACTIONS
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.runner import Progress, never
@@ -50,8 +51,6 @@ DROPS = 2000
 MAX_PARTS = 100_000
 # Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
 PLAUSIBLE = 0.002, 20.0
-# Why the rows have no model range.
-OF_ACTIONS = 'it is known for drops, and these parts undergo actions before the traps'
 # A camera that resolves this, m, separates outlines that differ by more.
 RESOLVED = 3e-4
 

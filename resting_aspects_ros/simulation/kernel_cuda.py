@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import warnings
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,8 @@ CONTACTS = PLANES * kernel_data.CONTACTS
 PICKED, COLUMNS, WIDTH = kernel_data.CONTACTS, kernel_data.COLUMNS, kernel_data.PLANE
 # One range of drops at a time is on the GPU, while other threads prepare theirs.
 _lock = threading.Lock()
+# Few drops cannot occupy a GPU, which Numba would report for each number of them.
+warnings.filterwarnings('ignore', '.*Grid size .* low occupancy')
 
 
 def check_device() -> None:

@@ -8,6 +8,7 @@ machines differ from simulated ones beyond sampling.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.special import expit, logit, ndtri
 
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds
+from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, bounds
 
 # Standard deviation of the discrepancy on the log odds at a share of 1/2, and the power of
 # 4 p (1 - p) with which it grows for rare and for frequent outcomes. The first is estimated on the
@@ -25,6 +26,24 @@ from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds
 DISCREPANCY, POWER = 0.3, 0.25
 # Odds are not computed of shares that are nearer to 0 or 1.
 _MIN_SHARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Outcomes of drops at draws of the conditions that are not known exactly.
+
+    ids : (s, m) int
+        Aspect of drop i of draw j; 0 if it ended in none.
+    uncertain : tuple of str
+        Conditions that differ between the draws.
+    about : bool
+        Whether ranges are about the shares of the draws; otherwise about those of the
+        distribution, for drops that were simulated in another way than the draws.
+    """
+
+    ids: Counts
+    uncertain: tuple[str, ...]
+    about: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +59,15 @@ class ModelRange:
         and the ranges cover only the discrepancy of the model.
     confidence : float
         Of each range by itself.
+    draws : Draws or None
+        Where the ranges are from; documents and messages do not have it.
     """
 
     by_aspect: Array
     by_class: Array
     uncertain: tuple[str, ...] = ()
     confidence: float = CONFIDENCE
+    draws: Draws | None = None
 
     def of_classes(self) -> 'ModelRange':
         """Return the ranges of the symmetry classes in the place of those of the aspects."""
@@ -96,7 +118,7 @@ def independent_drops(hits: npt.NDArray[np.bool_]) -> int:
 def model_bounds(
     counts: npt.ArrayLike,
     drops: npt.ArrayLike,
-    between: Array,
+    between: npt.ArrayLike,
     confidence: float,
     scale: float = DISCREPANCY,
 ) -> Array:
@@ -111,8 +133,8 @@ def model_bounds(
         Drops in each outcome, over all draws of the conditions.
     drops : int or (k,) int
         Number of these drops, as independent ones.
-    between : (k,) float
-        Variance of each probability between draws of the conditions.
+    between : float or (k,) float
+        Variance of each probability between draws of the conditions; 0 if they are exact.
     confidence : float
         Of each range by itself.
     scale : float
@@ -122,7 +144,8 @@ def model_bounds(
     n = np.broadcast_to(np.maximum(drops, 1), c.shape)
     z = float(ndtri((1 + confidence) / 2))
     share = (c + 0.5) / (n + 1)
-    spread = z * np.sqrt(discrepancy(share, scale) ** 2 + between / (share * (1 - share)) ** 2)
+    deviation = np.sqrt(between) / (share * (1 - share))
+    spread = z * np.hypot(discrepancy(share, scale), deviation)
     centre, found = logit(share), []
     sampling = bounds(c[:, np.newaxis], n, confidence=confidence)
     for (bound,), sign in zip((each.T for each in sampling), (-1, 1), strict=True):
@@ -133,23 +156,7 @@ def model_bounds(
     return np.stack(found, axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Outcomes of drops at draws of the conditions that are not known exactly.
-
-    ids : (s, m) int
-        Aspect of drop i of draw j; 0 if it ended in none.
-    uncertain : tuple of str
-        Conditions that differ between the draws.
-    """
-
-    ids: Counts
-    uncertain: tuple[str, ...]
-
-
-def with_model_range(
-    distribution: Distribution, draws: Draws | None = None, *, about_draws: bool = True
-) -> Distribution:
+def with_model_range(distribution: Distribution, draws: Draws | None = None) -> Distribution:
     """Return the distribution with the ranges of its aspects and symmetry classes.
 
     Each range holds by itself, with the confidence of the distribution, and contains the sampling
@@ -161,43 +168,43 @@ def with_model_range(
         Drops under the nominal conditions.
     draws : Draws, optional
         Drops over the uncertainty of the conditions. None: the conditions are taken as exact.
-    about_draws : bool
-        Whether the ranges are about the shares of the draws; otherwise about those of the
-        distribution, for drops that were simulated in another way than the draws.
     """
-    members = [[each.id for each in alike] for alike in distribution.aspects.classes()]
-    by_class = _ranges(distribution.by_class(), members, draws, about_draws=about_draws)
+    members = [tuple(each.id for each in alike) for alike in distribution.aspects.classes()]
+    by_class = np.array([_range(distribution, ids, draws) for ids in members]).reshape(-1, 2)
     by_aspect = np.zeros((len(distribution.aspects), 2))
     for ids, (lower, upper) in zip(members, by_class, strict=True):
         # Aspects that a symmetry exchanges have equal probabilities on any surface.
         by_aspect[np.array(ids) - 1] = lower / len(ids), upper / len(ids)
+    sampling = np.array([(i.lower, i.upper) for i in distribution.intervals()]).reshape(-1, 2)
+    by_aspect[:, 0] = np.minimum(by_aspect[:, 0], sampling[:, 0])
+    by_aspect[:, 1] = np.maximum(by_aspect[:, 1], sampling[:, 1])
     uncertain = () if draws is None else draws.uncertain
-    ranges = _containing(distribution, by_aspect), by_class
-    model = ModelRange(*ranges, uncertain, distribution.confidence)
+    model = ModelRange(by_aspect, by_class, uncertain, distribution.confidence, draws)
     return dataclasses.replace(distribution, model=model)
 
 
-def _ranges(
-    given: Distribution, groups: list[list[int]], draws: Draws | None, *, about_draws: bool
-) -> Array:
-    """Return the ranges (g, 2) of groups of aspects, whose counts are those of ``given``."""
-    counts: Counts = given.counts
-    drops: npt.ArrayLike = given.drops
-    between = np.zeros(len(groups))
+def combined_range(distribution: Distribution, ids: Sequence[int]) -> Interval | None:
+    """Return the model range of the probability to rest in any of several aspects.
+
+    None if it is not known: for distributions without ranges, or from a document or a message.
+    """
+    model = distribution.model
+    if model is None or (model.uncertain and model.draws is None):
+        return None
+    bounds = _range(distribution, ids, model.draws)
+    return Interval(distribution.combined_interval(ids).probability, *bounds)
+
+
+def _range(given: Distribution, ids: Sequence[int], draws: Draws | None) -> tuple[float, float]:
+    """Return the range of several aspects together; it contains their sampling interval."""
+    drops, count = given.drops, int(given.counts[np.array(ids) - 1].sum())
+    between = 0.0
     if draws is not None:
-        hits = [np.isin(draws.ids, ids) for ids in groups]
-        between = np.array([between_variance(each) for each in hits])
-        if about_draws:
-            sizes = [independent_drops(each) for each in hits]
-            shares = [each.mean() for each in hits]
-            counts = np.array([round(n * p) for n, p in zip(sizes, shares, strict=True)])
-            drops = np.array(sizes)
-    found = model_bounds(counts.reshape(-1), drops, between, given.confidence)
-    return _containing(given, found)
-
-
-def _containing(given: Distribution, ranges: Array) -> Array:
-    """Return ranges (k, 2) that contain the sampling intervals, too."""
-    sampling = np.array([(each.lower, each.upper) for each in given.intervals()]).reshape(-1, 2)
-    low = np.minimum(ranges[:, 0], sampling[:, 0])
-    return np.stack([low, np.maximum(ranges[:, 1], sampling[:, 1])], axis=1)
+        hits = np.isin(draws.ids, ids)
+        between = between_variance(hits)
+        if draws.about:
+            drops = independent_drops(hits)
+            count = round(drops * float(hits.mean()))
+    ((low, high),) = model_bounds([count], drops, between, given.confidence).tolist()
+    sampling = given.combined_interval(ids)
+    return min(low, sampling.lower), max(high, sampling.upper)

@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from scipy.stats import qmc
 
 from resting_aspects_ros.api.conditions import given_conditions, shipped_surfaces
+from resting_aspects_ros.api.model_range import covered_text, missing_at
 from resting_aspects_ros.api.plan import check_height, named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
@@ -77,6 +78,17 @@ class Setting:
         if self.surroundings is None:
             return self.conditions
         return dataclasses.replace(self.conditions, surroundings=self.surroundings)
+
+    @property
+    def no_model_range(self) -> str:
+        """Why shares have no model range here; empty if they have one."""
+        return missing_at(self.drop_conditions, acted=self.action is not None)
+
+    @property
+    def range_text(self) -> str:
+        """What the model ranges of shares cover here, where conditions are taken as exact."""
+        missing = self.no_model_range
+        return f'No model range: {missing}.' if missing else covered_text(())
 
     @property
     def document(self) -> dict[str, Any]:

@@ -13,10 +13,13 @@ from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
-from resting_aspects_ros.report.format import list_text
+from resting_aspects_ros.report.drops import MODEL_RANGE
+from resting_aspects_ros.report.format import interval_text, list_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import engine_version
+from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.model_range import model_bounds
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.effects import homogeneity
 from resting_aspects_ros.studies.objective import DRAWS, Advantage, Estimated, Objective, estimated
@@ -245,6 +248,21 @@ class OptimiseResult(Result):
         edge = setting.action is not None and setting.action.action.edge is not None
         return BULLET if edge or not scene.flat else KERNEL
 
+    def model_range(self, candidate: Candidate) -> Interval | None:
+        """Return where the share of a candidate is on a real surface; None if it is not known."""
+        if self.objective.is_entropy or candidate.setting.no_model_range:
+            return None
+        counts = candidate.counts[:1]
+        ((low, high),) = model_bounds(counts, candidate.drops, 0.0, self.confidence).tolist()
+        return Interval(candidate.estimate.value, low, high)
+
+    @property
+    def range_text(self) -> str:
+        """What the model ranges cover, or why there are none."""
+        if self.objective.is_entropy:
+            return 'No model range: it is known for shares, and not for the entropy.'
+        return self.best.setting.range_text
+
     def over(self, other: Candidate | None) -> Advantage | None:
         """Return by how much the best conditions are better than others; None if not known."""
         gains = dict(zip(map(id, self.candidates[1:]), self.gains, strict=False))
@@ -253,7 +271,12 @@ class OptimiseResult(Result):
     @property
     def notes(self) -> list[str]:
         """Sentences that state how certain the answer is, and what limits it."""
-        return [*_comparison_notes(self), *_factor_notes(self), *_limit_notes(self)]
+        return [
+            *_comparison_notes(self),
+            self.range_text,
+            *_factor_notes(self),
+            *_limit_notes(self),
+        ]
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types, in SI units."""
@@ -272,7 +295,7 @@ class OptimiseResult(Result):
                 | ({} if own is None else own.document(factor))
                 for factor, own in zip(self.factors, curves, strict=True)
             ],
-            **{name: None if c is None else c.document for name, c in compared.items()},
+            **{name: self._compared_document(c) for name, c in compared.items()},
             'over_second': plain(self.over(self.second)),
             'over_start': plain(self.over(self.start)),
             'certainty': plain(self.certainty),
@@ -291,6 +314,13 @@ class OptimiseResult(Result):
             'engine': self.engine,
             'engine_version': engine_version(self.engine),
         }
+
+    def _compared_document(self, candidate: Candidate | None) -> dict[str, Any] | None:
+        if candidate is None:
+            return None
+        model = self.model_range(candidate)
+        low, high = (None, None) if model is None else (model.lower, model.upper)
+        return {**candidate.document, 'model_lower': low, 'model_upper': high}
 
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the search as CSV, in SI units."""
@@ -318,6 +348,7 @@ class OptimiseResult(Result):
             *(factor.label or factor.name for factor in self.factors),
             'entropy' if self.objective.is_entropy else 'share',
             f'{100 * self.confidence:g} % interval',
+            *([MODEL_RANGE] if self.model_range(yours) else []),
             'drops',
         )
         title = f'{self.part.name}: {self.aim}\nyour conditions: {base}'
@@ -336,6 +367,11 @@ class OptimiseResult(Result):
                 ),
                 number(value.value),
                 f'{number(value.lower).split()[0]} to {number(value.upper)}',
+                *(
+                    []
+                    if (model := self.model_range(candidate)) is None
+                    else [interval_text(model)]
+                ),
                 str(candidate.drops),
             )
         return table

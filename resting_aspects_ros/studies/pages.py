@@ -136,8 +136,13 @@ def _case_items(
     """Yield the items of the section of a case."""
     made = case.drops > 0
     shares = case.table[made] / case.drops[made][:, None]
-    ranges = (f'{100 * own.min():.1f} to {100 * own.max():.1f} %' for own in shares.T if len(own))
-    yield _gallery(case.columns, case_colours(case), [*pictures, ''], ranges)
+    texts = [[_percents(own.min(), own.max())] for own in shares.T if len(own)]
+    if made.any() and (ranges := result.model_ranges(case)) is not None:
+        low, high = ranges[made, :, 0].min(axis=0), ranges[made, :, 1].max(axis=0)
+        for text, *ends in zip(texts, low, high, strict=False):
+            text.append(f'model range {_percents(*ends)}')
+    yield _gallery(case.columns, case_colours(case), [*pictures, ''], texts)
+    yield result.spec.base.range_text
     if effects is None or not any(effects.factors):
         yield Text(
             'The shares do not vary, or there are too few points with drops: there are no curves '
@@ -168,13 +173,14 @@ def _case_items(
 
 
 def _gallery(
-    names: Iterable[str], colours: Iterable[str], pictures: Iterable[str], texts: Iterable[str]
+    names: Iterable[str],
+    colours: Iterable[str],
+    pictures: Iterable[str],
+    texts: Iterable[Sequence[str]],
 ) -> Gallery:
-    """Return a gallery of classes, each with a text."""
+    """Return a gallery of classes, each with texts."""
     zipped = zip_longest(names, colours, pictures, texts, fillvalue='')
-    return Gallery(
-        [Tile(name, colour, picture, (text,)) for name, colour, picture, text in zipped if name]
-    )
+    return Gallery([Tile(*each) for each in zipped if each[0]])
 
 
 def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> Table:
@@ -336,7 +342,7 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
             images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
             names = [f'aspect {aspect.id}' for aspect in wanted]
             pictures = map(picture_uri, images)
-            answer.insert(0, _gallery(names, colours, pictures, ['wanted'] * len(names)))
+            answer.insert(0, _gallery(names, colours, pictures, [('wanted',)] * len(names)))
     factors: list[Item] = [result.factor_table()]
     if result.curves:
         chart = Chart(
@@ -524,7 +530,7 @@ def _batch_entry(entry: 'BatchEntry') -> Gallery:
                 entry.pictures[k],
                 [
                     f'{100 * rows[k].interval.probability:.1f} %',
-                    _percent(rows[k].interval),
+                    _percents(rows[k].interval.lower, rows[k].interval.upper),
                     *([] if (model := rows[k].model) is None else [model_range(model)]),
                 ],
             )
@@ -564,5 +570,5 @@ def _most_probable(rows: Sequence[Row]) -> list[int]:
     return sorted(range(len(rows)), key=lambda k: -rows[k].count)[:TOP]
 
 
-def _percent(found: Interval) -> str:
-    return f'{100 * found.lower:.1f} to {100 * found.upper:.1f}'
+def _percents(low: float, high: float) -> str:
+    return f'{100 * low:.1f} to {100 * high:.1f} %'

@@ -14,7 +14,7 @@ from pydantic import StrictInt, StrictStr
 
 from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
-from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
 from resting_aspects_ros.input_files import (
     FileModel,
@@ -39,6 +39,7 @@ from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers, worker_versions
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds, check_confidence
+from resting_aspects_ros.statistics.model_range import model_bounds
 from resting_aspects_ros.studies.batch import CaseComparison, compare_cases, load_parts, save_part
 from resting_aspects_ros.studies.design import (
     DEFAULT_DESIGN,
@@ -292,6 +293,19 @@ class StudyResult(Result):
             )
         ]
 
+    def model_ranges(self, case: Case) -> Array | None:
+        """Return where the shares of a case are on a real surface, (m, c, 2) by symmetry class.
+
+        The conditions of each point are taken as exact. None if it is not known; see
+        `Setting.no_model_range`.
+        """
+        if self.spec.base.no_model_range:
+            return None
+        counts = case.classes
+        drops = np.repeat(case.drops, counts.shape[1])
+        found = model_bounds(counts.ravel(), drops, 0.0, self.spec.confidence)
+        return found.reshape(*counts.shape, 2)
+
     @cached_property
     def comparisons(self) -> list[CaseComparison]:
         """The parts side by side, in pairs."""
@@ -307,10 +321,14 @@ class StudyResult(Result):
         for case in self.cases:
             table = np.column_stack([case.classes, case.other.sum(axis=1)])
             lower, upper = bounds(table, case.drops, confidence=self.spec.confidence)
+            ranges = self.model_ranges(case)
             names = [*case.class_names, 'elsewhere']
             bits = entropy(table / np.maximum(case.drops, 1)[:, None])
             for point, count in np.ndindex(table.shape):
                 drops = int(case.drops[point])
+                low, high = None, None
+                if ranges is not None and drops and count < len(case.class_names):
+                    low, high = ranges[point, count].tolist()
                 yield {
                     'point': point,
                     **values[point],
@@ -323,6 +341,8 @@ class StudyResult(Result):
                     'probability': float(table[point, count] / drops) if drops else None,
                     'lower': float(lower[point, count]),
                     'upper': float(upper[point, count]),
+                    'model_lower': low,
+                    'model_upper': high,
                     'entropy_bit': float(bits[point]) if drops else None,
                     'skipped': case.skipped.get(point, ''),
                 }

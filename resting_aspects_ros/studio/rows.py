@@ -17,11 +17,13 @@ from resting_aspects_ros.report.format import (
     class_rows,
     interval_of,
     interval_text,
+    model_range,
     probability_text,
     size_text,
 )
 from resting_aspects_ros.report.page import OutcomeRows, View, items_html
 from resting_aspects_ros.statistics.distribution import OUTSIDE, Distribution, no_drops
+from resting_aspects_ros.statistics.model_range import combined_range
 
 # Side of the pictures, pixels: about twice their size on the page.
 PIXELS = 192
@@ -156,6 +158,8 @@ def pickable_text(distribution: Distribution, pickable: frozenset[int]) -> str:
     """Return the share of the pickable classes together, with its interval; can be empty."""
     if not pickable or not distribution.drops:
         return ''
-    counts = distribution.by_class().counts
-    found = interval_of(distribution, int(sum(counts[number - 1] for number in pickable)))
-    return f'{probability_text(found)} pickable ({interval_text(found)})'
+    members = distribution.aspects.classes()
+    ids = [aspect.id for number in sorted(pickable) for aspect in members[number - 1]]
+    found, model = distribution.combined_interval(ids), combined_range(distribution, ids)
+    ranges = [interval_text(found), *([] if model is None else [model_range(model)])]
+    return f'{probability_text(found)} pickable ({", ".join(ranges)})'

@@ -13,6 +13,7 @@ from resting_aspects_ros.statistics.intervals import bounds
 from resting_aspects_ros.statistics.model_range import (
     Draws,
     between_variance,
+    combined_range,
     discrepancy,
     independent_drops,
     model_bounds,
@@ -112,8 +113,9 @@ def test_ranges_contain_the_intervals_and_add_the_aspects_of_a_class(aspects):
 def test_range_is_about_the_draws_or_about_the_distribution(aspects):
     counts = np.array([500, 500, 0, 0, 0, 0])
     given = dataclasses.replace(no_drops(aspects), counts=counts)
-    draws = Draws(np.tile([1, 1, 1, 2, 3], (8, 100)), ('friction',))
-    about, alone = (with_model_range(given, draws, about_draws=both) for both in (True, False))
+    ids = np.tile([1, 1, 1, 2, 3], (8, 100))
+    made = (Draws(ids, ('friction',), about) for about in (True, False))
+    about, alone = (with_model_range(given, draws) for draws in made)
     assert about.model.uncertain == ('friction',)
     assert about.model.by_class[0, 0] < alone.model.by_class[0, 0]
     # Never seen: what was not observed can be impossible, and the draws have it.
@@ -124,3 +126,24 @@ def test_range_is_about_the_draws_or_about_the_distribution(aspects):
 def test_sum_of_distributions_has_no_range(aspects):
     given = with_model_range(dataclasses.replace(no_drops(aspects), counts=np.arange(6)))
     assert (given + given).model is None
+
+
+def test_range_of_several_aspects_together(aspects):
+    rng = np.random.default_rng(1)
+    # The shares of 1 and 2 vary between the draws, but not their sum.
+    first = rng.uniform(0.1, 0.7, (16, 1))
+    u = rng.random((16, 2000))
+    ids = np.where(u < 0.8, np.where(u < first, 1, 2), 3)
+    counts = np.bincount(ids.ravel(), minlength=7)[1:]
+    given = dataclasses.replace(no_drops(aspects), counts=counts)
+    ranged = with_model_range(given, Draws(ids, ('friction',)))
+    one, both = (combined_range(ranged, each) for each in ((1,), (1, 2)))
+    assert both.upper - both.lower < 0.5 * (one.upper - one.lower)
+    # They differ from the range of conditions that are exact by sampling alone.
+    exact = combined_range(with_model_range(given), (1, 2))
+    assert (both.lower, both.upper) == pytest.approx((exact.lower, exact.upper), abs=0.01)
+    class_range = ranged.by_class().model_intervals()[0]
+    assert combined_range(ranged, [a.id for a in aspects.classes()[0]]) == class_range
+    known = dataclasses.replace(ranged.model, draws=None)
+    assert combined_range(dataclasses.replace(ranged, model=known), (1, 2)) is None
+    assert combined_range(given, (1, 2)) is None

@@ -175,6 +175,7 @@ def _show(result: 'StudyResult', folder: Path) -> int:
             result.save_tables(folder)
         with analysis('the findings'):
             _show_findings(result)
+            print(textwrap.fill(result.spec.base.range_text, WIDTH))
         with analysis('the report'):
             print(f'Report: {result.report(folder)}')
     if not result.complete:
