@@ -95,7 +95,9 @@ def test_result_does_not_depend_on_the_workers(found, here):
         (None, 'step_down', 'bullet'),
     ],
 )
-def test_document_names_the_engine(found, surroundings, action, engine):
+def test_document_names_the_engine_and_has_model_ranges_of_drops_on_a_plane(
+    found, surroundings, action, engine
+):
     setting = Setting(
         found.best.setting.conditions,
         None if surroundings is None else ra.surroundings(surroundings),
@@ -103,7 +105,12 @@ def test_document_names_the_engine(found, surroundings, action, engine):
     )
     best = dataclasses.replace(found.best, setting=setting)
     result = dataclasses.replace(found, candidates=(best, *found.candidates[1:]))
-    assert json.loads(result.to_json())['engine'] == engine
+    document = json.loads(result.to_json())
+    assert document['engine'] == engine
+    assert document['best']['model_lower'] is None
+    best = json.loads(found.to_json())['best']
+    value = best['value']
+    assert best['model_lower'] < value['lower'] <= value['upper'] < best['model_upper']
 
 
 @pytest.mark.slow

@@ -154,6 +154,12 @@ def test_impossible_points_are_skipped_and_counted(tmp_path, here):
     assert case.drops.tolist() == [0, 5, 5, 5]
     skipped = [row for row in result.rows if row['skipped']]
     assert {(row['point'], row['count'], row['probability']) for row in skipped} == {(0, 0, None)}
+    # A model range is wider than the interval, but nothing is known without drops and elsewhere.
+    for row in result.rows:
+        if row['drops'] and row['class'] is not None:
+            assert row['model_lower'] <= row['lower'] <= row['upper'] <= row['model_upper']
+        else:
+            assert row['model_lower'] is None
 
 
 def test_actions_are_counted_by_the_class_from_which_they_start(here):
@@ -167,6 +173,7 @@ def test_actions_are_counted_by_the_class_from_which_they_start(here):
     )
     result = run_study(made, None, workers=here())
     assert [case.start for case in result.cases] == [1, 2, 3]
+    assert all(row['model_lower'] is None for row in result.rows)
     for case in result.cases:
         assert case.drops.tolist() == [20] * 4  # two aspects of a class, ten actions each
     # Fresh actions start only from the aspects of the class.
