@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import wait
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +16,16 @@ from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.model_range import OF_ACTIONS
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import reorient
-from resting_aspects_ros.api.runner import Progress, never
+from resting_aspects_ros.api.runner import (
+    PROGRESS_PERIOD,
+    DropProgress,
+    Progress,
+    given_workers,
+    never,
+)
 from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import numbers_text
@@ -28,12 +36,14 @@ from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     quantities_of,
 )
-from resting_aspects_ros.simulation.starts import Action
+from resting_aspects_ros.simulation.job import DropJob
+from resting_aspects_ros.simulation.starts import Action, States
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.system import config_folder
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
     MAX_TRAPS,
+    Asked,
     Band,
     DesignResult,
     asymmetric_cut,
@@ -43,12 +53,19 @@ from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
-from resting_aspects_ros.tracks.simulate import measured_band, run_track
+from resting_aspects_ros.tracks.simulate import (
+    Run,
+    measured_band,
+    run_parts,
+    run_track,
+)
 from resting_aspects_ros.tracks.traps import Sensor, Surface, Trap, trap_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000
 MAX_PARTS = 100_000
+# Largest number of parts that run over a trap at the same time in a process.
+CHUNK = 50
 # Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
 PLAUSIBLE = 0.002, 20.0
 # A camera that resolves this, m, separates outlines that differ by more.
@@ -145,7 +162,8 @@ def track(
     )
     confusions = _confusions(loaded, rows, given, dropped, seed)
     passage = pass_traps(loaded, rows, given, wanted, limits, confusions)
-    return _with_runs(TrackResult(dropped, passage, acted), simulate, seed, stopped)
+    result = TrackResult(dropped, passage, acted)
+    return _with_runs(result, simulate, seed, workers, progress, stopped)
 
 
 def design_track(
@@ -156,6 +174,8 @@ def design_track(
     traps: int = MAX_TRAPS,
     simulate: int = 0,
     seed: int = DEFAULT_SEED,
+    workers: int | Workers | None = None,
+    progress: Progress = False,
     stopped: Callable[[], bool] = never,
     **options: Any,
 ) -> TrackDesign:
@@ -171,7 +191,7 @@ def design_track(
     simulate : int
         As for `track`, with the best design. Its margins are then those from the grey band of each
         trap and row, in which only some of the parts pass at the speed of the track.
-    part, want, seed, stopped, options
+    part, want, seed, workers, progress, stopped, options
         As for `track`.
 
     Returns
@@ -189,16 +209,32 @@ def design_track(
     _check_parts(simulate)
     loaded = given_part(part)
     given = default_track(loaded) if on is None else on
-    bare = track(loaded, given, want, seed=seed, stopped=stopped, **options)
+    asked: dict[str, Any] = {
+        'seed': seed,
+        'workers': workers,
+        'progress': progress,
+        'stopped': stopped,
+    }
+    bare = track(loaded, given, want, **asked, **options)
     physics = bare.drop.run.conditions
 
-    def measure(row: Orientation, trap: Any, name: str, critical: float, wanted: bool) -> Band:
-        if stopped():
-            return Band(critical, critical)
-        described = bare.passage.track
-        return measured_band(loaded, row, trap, name, critical, wanted, described, physics, seed)
+    with _simulation(workers, stopped) as run:
 
-    found = design_traps(bare.passage, traps, measure if simulate else None)
+        def band(asked: Asked) -> Band:
+            try:
+                return measured_band(loaded, *asked, bare.passage.track, physics, seed, run)
+            except StoppedError:
+                return Band(asked.critical, asked.critical)
+
+        def measure(asked: Sequence[Asked]) -> list[Band]:
+            found, what = [], f'{loaded.name}, grey bands'
+            with DropProgress(what, len(asked), 'bands', shown=progress) as bar:
+                for number, each in enumerate(asked, start=1):
+                    found.append(band(each))
+                    bar.update(number)
+            return found
+
+        found = design_traps(bare.passage, traps, measure if simulate else None)
     results = [
         replace(
             bare,
@@ -210,7 +246,7 @@ def design_track(
         for design in found.designs
     ]
     if results:
-        results[0] = _with_runs(results[0], simulate, seed, stopped)
+        results[0] = _with_runs(results[0], simulate, seed, workers, progress, stopped)
     bare = replace(bare, bands=found.bands, interrupted=bool(simulate) and stopped())
     return TrackDesign(tuple(results), bare, found.alike, tuple(_advice(bare.passage, found)))
 
@@ -253,15 +289,67 @@ def _confusions(
     return {sensor: confusion(known, rows, sensor.noise, seed) for sensor in sensors}
 
 
+@contextmanager
+def _simulation(
+    workers: int | Workers | None,
+    stopped: Callable[[], bool],
+    ran: Callable[[int], None] = lambda _: None,
+) -> Iterator[Run]:
+    """Yield what runs parts in the processes of workers; it raises StoppedError if it is stopped.
+
+    ran : callable
+        Called with the number of parts that have run.
+    """
+    with given_workers(workers) as pool:
+
+        def run(job: DropJob, states: States, *args: Any) -> States:
+            n = len(states.position)
+            number = max(pool.lookahead(), math.ceil(n / CHUNK))
+            chunks = np.array_split(np.arange(n), min(n, number))
+            futures = [
+                pool.call(run_parts, job, States(*(a[chunk] for a in states.arrays)), *args)
+                for chunk in chunks
+            ]
+            while wait(futures, PROGRESS_PERIOD).not_done:
+                if stopped():
+                    for future in futures:
+                        future.cancel()
+                    raise StoppedError('interrupted: parts were running over a trap')
+            ran(n)
+            ends = [future.result().arrays for future in futures]
+            return States(*(np.concatenate(each) for each in zip(*ends, strict=True)))
+
+        yield run
+
+
 def _with_runs(
-    result: TrackResult, parts: int, seed: int, stopped: Callable[[], bool]
+    result: TrackResult,
+    parts: int,
+    seed: int,
+    workers: int | Workers | None,
+    progress: Progress,
+    stopped: Callable[[], bool],
 ) -> TrackResult:
     """Return the result with simulated parts."""
     if not parts or not result.passage.track.traps:
         return result
     physics = result.drop.run.conditions
-    runs = run_track(result.passage, physics, parts, seed, stopped)
-    return replace(result, runs=runs, interrupted=runs is None)
+    on, done = result.passage, 0
+    total = parts * len(on.rows) * len(on.track.traps)
+    with DropProgress(f'{on.part.name}, traps', total, 'parts', shown=progress) as bar:
+
+        def ran(count: int) -> None:
+            nonlocal done
+            done += count
+            bar.update(done)
+
+        try:
+            with _simulation(workers, stopped, ran) as run:
+                runs = run_track(on, physics, parts, seed, run)
+        except StoppedError:
+            return replace(result, interrupted=True)
+        bar.end(done)
+    return replace(result, runs=runs)
 
 
 def _check_parts(simulate: int) -> None:

@@ -1,5 +1,6 @@
 """Approximation of a part by convex pieces, for surroundings whose edges touch its real shape."""
 
+import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
@@ -67,6 +68,8 @@ class ConvexPieces:
 
 
 _known: OrderedDict[str, ConvexPieces] = OrderedDict()
+# CoACD ends the whole process if two threads use it at the same time.
+_lock = threading.Lock()
 
 
 def convex_pieces(part: Part) -> ConvexPieces:
@@ -80,12 +83,13 @@ def convex_pieces(part: Part) -> ConvexPieces:
     PartError
         If CoACD is not installed, or the part has more than MAX_TRIANGLES triangles.
     """
-    found = _known.pop(part.part_sha256, None)
-    if found is None:
-        found = _decomposed(part)
-    _known[part.part_sha256] = found
-    while len(_known) > MAX_KNOWN:
-        _known.popitem(last=False)
+    with _lock:
+        found = _known.pop(part.part_sha256, None)
+        if found is None:
+            found = _decomposed(part)
+        _known[part.part_sha256] = found
+        while len(_known) > MAX_KNOWN:
+            _known.popitem(last=False)
     return found
 
 

@@ -31,6 +31,9 @@ from resting_aspects_ros.system import blocked_signals
 MAX_DEATHS = 3
 
 
+T = TypeVar('T')
+
+
 class WorkerDiedError(EngineError):
     """The process that simulated a chunk has ended; the chunk can be repeated."""
 
@@ -43,6 +46,9 @@ class Workers(Protocol):
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Start the simulation of the drops ``first`` to ``end - 1``."""
+
+    def call(self, function: Callable[..., T], *args: Any) -> 'Future[T]':
+        """Start a function of a module, which can use Bullet, in a process of a worker."""
 
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
@@ -202,8 +208,13 @@ class LocalWorkers:
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk, which is simulated as soon as a thread is idle."""
-        made = self._in_process if job.engine == BULLET else drop_range
-        return self._threads.submit(made, job, first, end)
+        if job.engine != BULLET:
+            return self._threads.submit(drop_range, job, first, end)
+        return self._threads.submit(lambda: self._process().drop(job, first, end))
+
+    def call(self, function: Callable[..., T], *args: Any) -> 'Future[T]':
+        """Call a function of a module in the process of a thread, as soon as one is idle."""
+        return self._threads.submit(lambda: self._process().call(function, *args))
 
     def stop(self) -> None:
         """End the workers; chunks that were not started are discarded."""
@@ -216,8 +227,8 @@ class LocalWorkers:
         for process in self._processes:
             process.wait()
 
-    def _in_process(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        """Simulate a chunk in the process of this thread, which is started if there is none."""
+    def _process(self) -> '_Process':
+        """Return the process of this thread, which is started if there is none."""
         process: _Process | None = getattr(self._own, 'process', None)
         if process is None or not process.alive:
             with self._lock:
@@ -228,7 +239,7 @@ class LocalWorkers:
                 except OSError as error:
                     raise EngineError(f'cannot start a worker process: {error.strerror}') from None
                 self._processes.append(process)
-        return process.drop(job, first, end)
+        return process
 
 
 class _Process:
@@ -252,10 +263,14 @@ class _Process:
 
     def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
         """Simulate a chunk; raises WorkerDiedError, or the exception of the process."""
+        # The job is sent only once, because it may be large and the engine caches its shape.
+        sent, self._job = None if job is self._job else job, job
+        return self.call(_drop_of_known_job, sent, first, end)
+
+    def call(self, function: Callable[..., T], *args: Any) -> T:
+        """Call a function; raises WorkerDiedError, or the exception of the process."""
         try:
-            # The job is sent only once, because it may be large and the engine caches its shape.
-            self._connection.send((None if job is self._job else job, first, end))
-            self._job = job
+            self._connection.send((function, args))
             answer = self._connection.recv()
         except (EOFError, OSError):
             self.kill()
@@ -263,8 +278,8 @@ class _Process:
             raise WorkerDiedError('a worker process died') from None
         if isinstance(answer, Exception):
             raise answer
-        poses: RestingPoses = answer
-        return poses
+        result: T = answer
+        return result
 
     @property
     def alive(self) -> bool:
@@ -286,19 +301,28 @@ def serve(descriptor: int) -> None:
     if hasattr(os, 'nice'):
         os.nice(NICENESS)
     connection = Connection(descriptor)
-    job: DropJob | None = None
     with suppress(Exception):
         # Import the engine before the first task arrives. A failure is raised again by the task.
         import_module(_ENGINE)
     with suppress(EOFError, OSError):
         while True:
-            sent_job, first, end = connection.recv()
-            job = job if sent_job is None else sent_job
+            function, args = connection.recv()
             try:
-                answer: object = import_module(_ENGINE).drop_range(job, first, end)
+                answer: object = function(*args)
             except Exception as error:  # noqa: BLE001 - the parent reports it
                 answer = error
             connection.send(answer)
+
+
+# The job of the last chunk in this process.
+_known: list[DropJob] = []
+
+
+def _drop_of_known_job(job: DropJob | None, first: int, end: int) -> RestingPoses:
+    if job is not None:
+        _known[:] = [job]
+    poses: RestingPoses = import_module(_ENGINE).drop_range(_known[0], first, end)
+    return poses
 
 
 # -- A cluster ------------------------------------------------------------------------------------
@@ -306,8 +330,6 @@ def serve(descriptor: int) -> None:
 
 # Timeout for the scheduler to answer, and again for the first worker to connect, s.
 TIMEOUT = 4.0
-
-T = TypeVar('T')
 
 
 class ClusterWorkers:
@@ -357,6 +379,11 @@ class ClusterWorkers:
         )
         return future
 
+    def call(self, function: Callable[..., T], *args: Any) -> 'Future[T]':
+        """Call a function of a module in a worker."""
+        found: Future[T] = self._executor.submit(_call, function, args, worker_versions())
+        return found
+
     def stop(self) -> None:
         """Disconnect from the cluster, which cancels the chunks that were not started."""
         self._client.close(timeout=TIMEOUT)
@@ -367,7 +394,11 @@ def _identity(job: T) -> T:
 
 
 def _drop(job: DropJob, first: int, end: int, versions: dict[str, str]) -> RestingPoses:
-    """Return the poses of a chunk; EngineError if this worker has other versions."""
+    return _call(drop_range, (job, first, end), versions)
+
+
+def _call(function: Callable[..., T], args: tuple[Any, ...], versions: dict[str, str]) -> T:
+    """Call a function; EngineError if this worker has other versions."""
     from distributed import get_worker
 
     for name, here in worker_versions().items():
@@ -376,7 +407,7 @@ def _drop(job: DropJob, first: int, end: int, versions: dict[str, str]) -> Resti
                 f'invalid worker {get_worker().address}: expected {name} {versions[name]}, not '
                 f'{here}'
             )
-    return drop_range(job, first, end)
+    return function(*args)
 
 
 def worker_versions() -> dict[str, str]:

@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -77,9 +77,18 @@ class Band:
     rejects: float
 
 
-# Returns the band of a row and a trap, whose dimension with this name has the critical value; the
-# last argument is whether the row is wanted.
-Measure = Callable[[Orientation, Any, str, float, bool], Band]
+class Asked(NamedTuple):
+    """A band that is asked for: of a row, and of a trap with the critical value of a dimension."""
+
+    row: Orientation
+    trap: Any
+    dimension: str
+    critical: float
+    wanted: bool
+
+
+# Returns the band of each row and trap that is asked for.
+Measure = Callable[[Sequence[Asked]], Sequence[Band]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,13 +178,15 @@ def design_traps(
         wants = [pair for pair in found.decisive() if pair not in bands]
         if not wants:
             break
+        asked = []
         for f, j in wants:
-            family = families[f]
-            critical, kept = float(family.critical[j]), bool((found.same == j).any())
-            assert measure is not None
-            band = measure(on.rows[j], family.trap, family.dimension, critical, kept)
+            critical, kept = float(families[f].critical[j]), bool((found.same == j).any())
+            what = families[f].trap, families[f].dimension
+            asked.append(Asked(on.rows[j], *what, critical, kept))
+        assert measure is not None
+        for (f, j), band in zip(wants, measure(asked), strict=True):
             bands[f, j] = band
-            families[f] = family.with_band(j, band)
+            families[f] = families[f].with_band(j, band)
         found = searched(wanted)
 
     def made(best: '_Best') -> Design:

@@ -86,6 +86,8 @@ TURNED = math.radians(10.0)
 SLOW, STALLED, PATIENCE = 0.1, 0.5, 3.0
 
 OUTCOMES = ('pass', 'turn', 'reject', 'jam')
+# Runs parts as `run_parts` does, for example in other processes.
+Run = Callable[..., States]
 # Traps that only statics or vision tells.
 NOT_SIMULATED = (AirJet, Sensor)
 
@@ -146,29 +148,24 @@ def run_track(
     conditions: DropConditions,
     parts: int,
     seed: int,
-    stopped: Callable[[], bool] = lambda: False,
-) -> TrackRuns | None:
+    run: Run | None = None,
+) -> TrackRuns:
     """Let parts of each row run through the traps, and count what becomes of them.
 
-    Rolling friction and gravity are those of the conditions; parts do not bounce. Returns None if
-    it was stopped.
+    Rolling friction and gravity are those of the conditions; parts do not bounce.
     """
     traps, rows = found.track.traps, found.rows
     counts = np.zeros((len(traps), len(rows), len(OUTCOMES)), dtype=np.int64)
     left = np.full(len(rows), parts)
     for t, trap in enumerate(traps):
         for k, row in enumerate(rows):
-            if stopped():
-                return None
             if isinstance(trap, NOT_SIMULATED):
                 static = found.outcomes[t][k].outcome
                 known = OUTCOMES.index(static) if static in OUTCOMES else OUTCOMES.index('turn')
                 counts[t, k, known] = left[k]
             elif left[k]:
-                random = (seed, t, row.id)
-                counts[t, k] = run_over(
-                    found.part, row, trap, found.track, conditions, int(left[k]), random
-                )
+                here = row, trap, found.track, conditions, int(left[k]), (seed, t, row.id)
+                counts[t, k] = run_over(found.part, *here, run)
         left = counts[t, :, 0]
     return TrackRuns(counts, parts, tuple(not isinstance(trap, NOT_SIMULATED) for trap in traps))
 
@@ -181,6 +178,7 @@ def run_over(
     conditions: DropConditions,
     count: int,
     seed: Sequence[int],
+    run: Run | None = None,
 ) -> Counts:
     """Let parts in a row run over a trap, and return how many had each of OUTCOMES.
 
@@ -191,7 +189,8 @@ def run_over(
     states = _starts(row, start, count, np.random.default_rng((*seed, 9)))
     far = end + AFTER * row.length
     depth = THICK + (trap.depth if isinstance(trap, Groove) else 0.0)
-    last = _run(job, states, row.length, far, depth, track.speed)
+    way = far - float(states.position[:, 0].min())
+    last = (run or run_parts)(job, states, row.length, far, depth, track.speed, way)
     ends = _ends(job, states, last, far, depth)
     return np.asarray([int((ends == code).sum()) for code in range(len(OUTCOMES))])
 
@@ -216,6 +215,7 @@ def measured_band(
     track: Track,
     conditions: DropConditions,
     seed: int,
+    run: Run | None = None,
 ) -> Band:
     """Return the end of the grey band of a row and a trap that matters.
 
@@ -234,7 +234,7 @@ def measured_band(
         if value <= getattr(trap, 'start', 0.0):
             break
         tried = dataclasses.replace(trap, **{dimension: value})
-        counts = run_over(part, row, tried, track, conditions, PARTS, (seed, 13, row.id))
+        counts = run_over(part, row, tried, track, conditions, PARTS, (seed, 13, row.id), run)
         if counts[outcome] >= ENOUGH * PARTS:
             end = value
             break
@@ -403,10 +403,13 @@ class _Ending:
         return np.asarray(over)
 
 
-def _run(
-    job: DropJob, states: States, length: float, far: float, depth: float, speed: float
+def run_parts(
+    job: DropJob, states: States, length: float, far: float, depth: float, speed: float, way: float
 ) -> States:
-    """Return the last states, m and from body axes, of parts that run until they are past far."""
+    """Return the last states, m and from body axes, of parts that run until they are past far.
+
+    way : distance over which the speed limits the time, m
+    """
     # Bullet is imported only where it is needed.
     from resting_aspects_ros.simulation.bullet_world import World
 
@@ -419,7 +422,6 @@ def _run(
     stalled = math.ceil(STALLED * length / speed / unit / CHECK_INTERVAL)
     # The centre of mass of a part that falls is below the surface by about R at last.
     ending = _Ending(len(body), far / radius, depth / radius + 0.5, SLOW * fast, stalled)
-    way = far - float(states.position[:, 0].min())
     limit = PATIENCE * way / speed / unit
     last = World(job, breaking=BREAKING).follow(scaled, ending, limit)
     return dataclasses.replace(last, position=last.position * radius)

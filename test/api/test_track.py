@@ -92,13 +92,13 @@ def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
 
 
 @pytest.mark.slow
-def test_simulated_parts_are_repeated_by_the_seed():
-    traps = [{'kind': 'balcony', 'width': '9mm'}]
-    found = [
-        ra.track('hex_nut', {**NUT, 'traps': traps}, 1, drops=50, simulate=4).runs.counts.tolist()
-        for _ in range(2)
-    ]
-    assert found[0] == found[1]
+def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
+    track, reported = {**NUT, 'traps': [{'kind': 'balcony', 'width': '9mm'}]}, []
+    given = {'drops': 50, 'simulate': 5, 'progress': lambda *found: reported.append(found)}
+    one, three = (ra.track('hex_nut', track, 1, workers=n, **given) for n in (1, 3))
+    assert one.runs.counts.tolist() == three.runs.counts.tolist()
+    # 5 parts in each of 3 rows, after the drops.
+    assert reported[-1] == (15, 15)
 
 
 @pytest.mark.slow

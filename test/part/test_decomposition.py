@@ -1,6 +1,7 @@
 """Convex pieces of parts: where they lie, and how far they are from the part."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -34,6 +35,14 @@ def test_brackets_are_cut_at_their_inner_corners(part, name, count):
     assert abs(found.volume_error) < 1e-3
     total = sum(volume(corners) for corners in found.corners)
     assert total == pytest.approx(shape.volume * (1 + found.volume_error), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_two_threads_can_cut_parts_at_the_same_time(part):
+    names = ['l_bracket', 'u_bracket', 't_prism', 'angle_45x30x8']
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(convex_pieces, map(part, names)))
+    assert [len(each.corners) for each in found] == [2, 3, 2, 2]
 
 
 @pytest.mark.slow

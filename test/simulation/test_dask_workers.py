@@ -1,6 +1,7 @@
 """A Dask cluster gives the same poses as this machine."""
 
 import dataclasses
+import math
 import os
 import re
 import signal
@@ -50,6 +51,7 @@ def test_poses_are_bit_identical_to_local_ones(planned, workers, assert_same_pos
     there = chunks_of(job, asked, workers)
     assert len(there) == 4
     assert_same_poses(RestingPoses.join(there), drop_range(job, 0, asked.end))
+    assert workers.call(math.hypot, 3, 4).result() == 5
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 import pytest
@@ -270,7 +271,7 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
     flat = next(row for row in rows if row.height < 0.01)
     measured = []
 
-    def measure(row, trap, dimension, value, wanted):
+    def band(row, trap, dimension, value, wanted):
         """A band of 2 mm above and 1 mm below the critical height; no other trap rejects."""
         measured.append((trap.kind, dimension, row.id))
         assert wanted == (row.id == flat.id)
@@ -279,7 +280,7 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
         return Band(math.nan, value - 0.001 if trap.kind == 'wiper' else math.inf)
 
     on = pass_traps(shape, rows, track, (flat.id,))
-    found = design_traps(on, measure=measure).designs[0]
+    found = design_traps(on, measure=lambda asked: list(starmap(band, asked))).designs[0]
     (trap,) = found.passage.track.traps
     heights = sorted({round(row.height, 6) for row in rows})
     assert trap.height == pytest.approx((heights[0] + 0.002 + heights[1] - 0.001) / 2, abs=1e-5)
@@ -294,8 +295,9 @@ def test_a_trap_whose_bands_never_end_is_not_proposed(part, rows_of):
     rows = rows_of(shape)
     track = Track(Surface(width=0.05, roll=math.radians(5)))
 
-    def measure(row, trap, dimension, value, wanted):
-        return Band(math.inf, math.inf) if trap.kind == 'wiper' else Band(value, value)
+    def measure(asked):
+        ends = [math.inf if each.trap.kind == 'wiper' else each.critical for each in asked]
+        return [Band(end, end) for end in ends]
 
     flat = next(row for row in rows if row.height < 0.01)
     found = design_traps(pass_traps(shape, rows, track, (flat.id,)), measure=measure)
