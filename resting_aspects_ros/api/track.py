@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import wait
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,10 @@ from resting_aspects_ros.api.model_range import OF_ACTIONS
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import reorient
 from resting_aspects_ros.api.runner import (
-    PROGRESS_PERIOD,
     DropProgress,
     Progress,
     given_workers,
+    keep_result,
     never,
 )
 from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
@@ -38,7 +37,7 @@ from resting_aspects_ros.simulation.conditions import (
 )
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.starts import Action, States
-from resting_aspects_ros.simulation.workers import Workers
+from resting_aspects_ros.simulation.workers import Workers, call_each
 from resting_aspects_ros.system import config_folder
 from resting_aspects_ros.tracks.description import Track, read_track, read_track_file
 from resting_aspects_ros.tracks.design import (
@@ -64,8 +63,8 @@ from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000
 MAX_PARTS = 100_000
-# Largest number of parts that run over a trap at the same time in a process.
-CHUNK = 50
+# Number of parts that run over a trap beside each other in a process.
+CHUNK = 5
 # Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
 PLAUSIBLE = 0.002, 20.0
 # A camera that resolves this, m, separates outlines that differ by more.
@@ -218,7 +217,8 @@ def design_track(
     bare = track(loaded, given, want, **asked, **options)
     physics = bare.drop.run.conditions
 
-    with _simulation(workers, stopped) as run:
+    kept = replace(bare, interrupted=True)
+    with keep_result(lambda: kept), _simulation(workers, stopped) as run:
 
         def band(asked: Asked) -> Band:
             try:
@@ -298,26 +298,28 @@ def _simulation(
     """Yield what runs parts in the processes of workers; it raises StoppedError if it is stopped.
 
     ran : callable
-        Called with the number of parts that have run.
+        Called often with the number of all parts that have run.
     """
     with given_workers(workers) as pool:
+        before = 0
+
+        def waiting(chunks: int) -> None:
+            ran(before + chunks * CHUNK)
+            if stopped():
+                raise StoppedError('interrupted: parts were running over a trap')
 
         def run(job: DropJob, states: States, *args: Any) -> States:
+            nonlocal before
+            waiting(0)
             n = len(states.position)
-            number = max(pool.lookahead(), math.ceil(n / CHUNK))
-            chunks = np.array_split(np.arange(n), min(n, number))
-            futures = [
-                pool.call(run_parts, job, States(*(a[chunk] for a in states.arrays)), *args)
-                for chunk in chunks
-            ]
-            while wait(futures, PROGRESS_PERIOD).not_done:
-                if stopped():
-                    for future in futures:
-                        future.cancel()
-                    raise StoppedError('interrupted: parts were running over a trap')
-            ran(n)
-            ends = [future.result().arrays for future in futures]
-            return States(*(np.concatenate(each) for each in zip(*ends, strict=True)))
+            # The motion of a part depends a little on those that run beside it.
+            chunks = [slice(first, first + CHUNK) for first in range(0, n, CHUNK)]
+            calls = [(job, States(*(a[each] for a in states.arrays)), *args) for each in chunks]
+            ends = call_each(pool, run_parts, calls, 'at a trap', waiting)
+            before += n
+            ran(before)
+            joined = zip(*(each.arrays for each in ends), strict=True)
+            return States(*map(np.concatenate, joined))
 
         yield run
 
@@ -334,21 +336,19 @@ def _with_runs(
     if not parts or not result.passage.track.traps:
         return result
     physics = result.drop.run.conditions
-    on, done = result.passage, 0
+    on = result.passage
     total = parts * len(on.rows) * len(on.track.traps)
-    with DropProgress(f'{on.part.name}, traps', total, 'parts', shown=progress) as bar:
-
-        def ran(count: int) -> None:
-            nonlocal done
-            done += count
-            bar.update(done)
-
+    stopped_here = replace(result, interrupted=True)
+    with (
+        DropProgress(f'{on.part.name}, traps', total, 'parts', shown=progress) as bar,
+        keep_result(lambda: stopped_here),
+    ):
         try:
-            with _simulation(workers, stopped, ran) as run:
+            with _simulation(workers, stopped, lambda n: bar.update(min(n, total))) as run:
                 runs = run_track(on, physics, parts, seed, run)
         except StoppedError:
-            return replace(result, interrupted=True)
-        bar.end(done)
+            return stopped_here
+        bar.end(bar.done)
     return replace(result, runs=runs)
 
 

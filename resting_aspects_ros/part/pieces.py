@@ -83,13 +83,12 @@ def convex_pieces(part: Part) -> ConvexPieces:
     PartError
         If CoACD is not installed, or the part has more than MAX_TRIANGLES triangles.
     """
-    with _lock:
-        found = _known.pop(part.part_sha256, None)
-        if found is None:
-            found = _decomposed(part)
-        _known[part.part_sha256] = found
-        while len(_known) > MAX_KNOWN:
-            _known.popitem(last=False)
+    found = _known.pop(part.part_sha256, None)
+    if found is None:
+        found = _decomposed(part)
+    _known[part.part_sha256] = found
+    while len(_known) > MAX_KNOWN:
+        _known.popitem(last=False)
     return found
 
 
@@ -136,16 +135,17 @@ def _cut(part: Part, faces: Faces) -> tuple[Array, ...]:
             f'the decomposition of {part.name} into convex pieces needs CoACD, which is not '
             'installed (pip install coacd)'
         ) from None
-    coacd.set_log_level('off')
     vertices, faces = without_unused(part.vertices, faces)
     vertices = (vertices - part.centre_of_mass) / part.hull_radius
-    found = coacd.run_coacd(
-        coacd.Mesh(vertices, faces),
-        threshold=THRESHOLD,
-        max_convex_hull=MAX_PIECES,
-        preprocess_mode='off',
-        seed=SEED,
-    )
+    with _lock:
+        coacd.set_log_level('off')
+        found = coacd.run_coacd(
+            coacd.Mesh(vertices, faces),
+            threshold=THRESHOLD,
+            max_convex_hull=MAX_PIECES,
+            preprocess_mode='off',
+            seed=SEED,
+        )
     near = KDTree(vertices)
     pieces = []
     for corners, _ in found:

@@ -7,7 +7,13 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import closing, suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -29,6 +35,8 @@ from resting_aspects_ros.system import blocked_signals
 
 # A run fails when this many workers died with the same chunk.
 MAX_DEATHS = 3
+# How often a caller that waits for calls is asked whether it goes on, s.
+WAIT = 0.1
 
 
 T = TypeVar('T')
@@ -131,7 +139,7 @@ def drop_chunks(
             for death in range(1, MAX_DEATHS + 1):
                 yield future
                 try:
-                    yield _poses(future, where)
+                    yield _result(future, where)
                     break
                 except WorkerDiedError:
                     if death == MAX_DEATHS:
@@ -142,8 +150,51 @@ def drop_chunks(
                 future = workers.submit(job, first, end)
 
 
-def _poses(future: 'Future[RestingPoses]', where: str) -> RestingPoses:
-    """Return the poses of a chunk; raises EngineError."""
+def call_each(
+    workers: Workers,
+    function: Callable[..., T],
+    values: Sequence[tuple[Any, ...]],
+    where: str,
+    waiting: Callable[[int], None],
+) -> list[T]:
+    """Call a function of a module with each of some arguments in workers; return the results.
+
+    A call whose worker dies is repeated. Calls that were not started are discarded at an error.
+
+    where : str
+        Where it fails, for errors, such as 'at a trap'.
+    waiting : callable
+        Called often with the number of calls that are done; an exception of it ends the work.
+
+    Raises
+    ------
+    EngineError
+        If a worker fails, or if MAX_DEATHS workers die.
+    """
+    futures = [workers.call(function, *each) for each in values]
+    found: dict[int, T] = {}
+    deaths = 0
+    try:
+        while len(found) < len(values):
+            wait([f for k, f in enumerate(futures) if k not in found], WAIT, FIRST_COMPLETED)
+            for k, future in enumerate(futures):
+                if k not in found and future.done():
+                    try:
+                        found[k] = _result(future, where)
+                    except WorkerDiedError:
+                        deaths += 1
+                        if deaths == MAX_DEATHS:
+                            raise
+                        futures[k] = workers.call(function, *values[k])
+            waiting(len(found))
+    finally:
+        for future in futures:
+            future.cancel()
+    return [found[k] for k in range(len(values))]
+
+
+def _result(future: 'Future[T]', where: str) -> T:
+    """Return the result of a future; raises EngineError."""
     try:
         return future.result()
     except CancelledError:
@@ -264,8 +315,10 @@ class _Process:
     def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
         """Simulate a chunk; raises WorkerDiedError, or the exception of the process."""
         # The job is sent only once, because it may be large and the engine caches its shape.
-        sent, self._job = None if job is self._job else job, job
-        return self.call(_drop_of_known_job, sent, first, end)
+        sent, self._job = None if job is self._job else job, None
+        poses = self.call(_drop_of_known_job, sent, first, end)
+        self._job = job
+        return poses
 
     def call(self, function: Callable[..., T], *args: Any) -> T:
         """Call a function; raises WorkerDiedError, or the exception of the process."""

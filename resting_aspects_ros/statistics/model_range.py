@@ -71,7 +71,7 @@ class ModelRange:
 
     def of_classes(self) -> 'ModelRange':
         """Return the ranges of the symmetry classes in the place of those of the aspects."""
-        return dataclasses.replace(self, by_aspect=self.by_class)
+        return dataclasses.replace(self, by_aspect=self.by_class, draws=None)
 
 
 def discrepancy(shares: npt.ArrayLike, scale: float = DISCREPANCY) -> Array:
@@ -175,9 +175,8 @@ def with_model_range(distribution: Distribution, draws: Draws | None = None) -> 
     for ids, (lower, upper) in zip(members, by_class, strict=True):
         # Aspects that a symmetry exchanges have equal probabilities on any surface.
         by_aspect[np.array(ids) - 1] = lower / len(ids), upper / len(ids)
-    sampling = np.array([(i.lower, i.upper) for i in distribution.intervals()]).reshape(-1, 2)
-    by_aspect[:, 0] = np.minimum(by_aspect[:, 0], sampling[:, 0])
-    by_aspect[:, 1] = np.maximum(by_aspect[:, 1], sampling[:, 1])
+    by_aspect = _containing(distribution, by_aspect)
+    by_class = _containing(distribution.by_class(), by_class)
     uncertain = () if draws is None else draws.uncertain
     model = ModelRange(by_aspect, by_class, uncertain, distribution.confidence, draws)
     return dataclasses.replace(distribution, model=model)
@@ -188,11 +187,10 @@ def combined_range(distribution: Distribution, ids: Sequence[int]) -> Interval |
 
     None if it is not known: for distributions without ranges, or from a document or a message.
     """
-    model = distribution.model
+    sampling, model = distribution.combined_interval(ids), distribution.model
     if model is None or (model.uncertain and model.draws is None):
         return None
-    bounds = _range(distribution, ids, model.draws)
-    return Interval(distribution.combined_interval(ids).probability, *bounds)
+    return Interval(sampling.probability, *_range(distribution, ids, model.draws))
 
 
 def _range(given: Distribution, ids: Sequence[int], draws: Draws | None) -> tuple[float, float]:
@@ -208,3 +206,10 @@ def _range(given: Distribution, ids: Sequence[int], draws: Draws | None) -> tupl
     ((low, high),) = model_bounds([count], drops, between, given.confidence).tolist()
     sampling = given.combined_interval(ids)
     return min(low, sampling.lower), max(high, sampling.upper)
+
+
+def _containing(given: Distribution, ranges: Array) -> Array:
+    """Return ranges (k, 2) that contain the sampling intervals, too."""
+    sampling = np.array([(each.lower, each.upper) for each in given.intervals()]).reshape(-1, 2)
+    low = np.minimum(ranges[:, 0], sampling[:, 0])
+    return np.stack([low, np.maximum(ranges[:, 1], sampling[:, 1])], axis=1)

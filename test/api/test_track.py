@@ -94,11 +94,11 @@ def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
 @pytest.mark.slow
 def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
     track, reported = {**NUT, 'traps': [{'kind': 'balcony', 'width': '9mm'}]}, []
-    given = {'drops': 50, 'simulate': 5, 'progress': lambda *found: reported.append(found)}
+    given = {'drops': 50, 'simulate': 7, 'progress': lambda *found: reported.append(found)}
     one, three = (ra.track('hex_nut', track, 1, workers=n, **given) for n in (1, 3))
     assert one.runs.counts.tolist() == three.runs.counts.tolist()
-    # 5 parts in each of 3 rows, after the drops.
-    assert reported[-1] == (15, 15)
+    # 7 parts in each of 3 rows, after the drops.
+    assert reported[-1] == (21, 21)
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from resting_aspects_ros.simulation.workers import (
     MAX_WORKERS,
     LocalWorkers,
     WorkerDiedError,
+    call_each,
     drop_chunks,
     drop_range,
     submit_drops,
@@ -171,6 +172,18 @@ def ended(pid):
             assert select.select([end], [], [], DEADLINE)[0] == [end]
         finally:
             os.close(end)
+
+
+@pytest.mark.slow
+def test_calls_are_repeated_if_their_worker_dies(make_processes, tmp_path):
+    # The first call with each file makes it, and ends its process.
+    once = 'import os\nif not os.path.exists({0!r}):\n open({0!r}, "w")\n os._exit(1)'
+    programs = [(once.format(str(tmp_path / name)),) for name in ('a', 'b')]
+    done = []
+    assert call_each(make_processes(2), exec, programs, '', done.append) == [None, None]
+    assert done[-1] == 2
+    with pytest.raises(EngineError, match='at x: .*invalid literal'):
+        call_each(make_processes(1), int, [('1',), ('x',)], 'at x', done.append)
 
 
 @pytest.mark.slow

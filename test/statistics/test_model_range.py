@@ -103,6 +103,10 @@ def test_ranges_contain_the_intervals_and_add_the_aspects_of_a_class(aspects):
     for each, model in zip(given.intervals(), found.model_intervals(), strict=True):
         assert model.lower < each.lower <= each.probability == model.probability
         assert each.upper < model.upper
+    few = dataclasses.replace(given, counts=np.array([4, 0, 3, 3, 0, 0]), interval='simultaneous')
+    alike = with_model_range(few).by_class()
+    for each, model in zip(alike.intervals(), alike.model_intervals(), strict=True):
+        assert model.lower <= each.lower <= each.upper <= model.upper
     classes = found.by_class()
     assert len(classes.model_intervals()) == 3
     (low, high), n = model_bounds(np.array([610]), 1000, np.zeros(1), 0.95)[0], 0.61
