@@ -15,8 +15,8 @@ GUIDE = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-
 
 # The set-up has built all types with the same CMakeLists.txt: here some of each kind are enough.
 BUILT = {
-    'DropPart.action', 'DropConditions.msg', 'RestingPoses.msg', 'RunDescription.msg',
-    'Status.msg', 'Surroundings.msg', 'ClassifyPose.srv',
+    'DropPart.action', 'DropConditions.msg', 'Status.msg', 'Surroundings.msg',
+    'ClassifyPose.srv',
 }  # fmt: skip
 
 IMPORTS = """
@@ -26,7 +26,7 @@ from rclpy.serialization import serialize_message
 for module in resting_aspects_interfaces.msg, resting_aspects_ros:
     print(module.__file__)
 print(config_folder())
-assert serialize_message(resting_aspects_interfaces.msg.RestingPoses())
+assert serialize_message(resting_aspects_interfaces.msg.DropConditions())
 """
 
 

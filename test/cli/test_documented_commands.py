@@ -26,7 +26,10 @@ FEW = {
     'calibrate': ['--points', '8', '--drops', '10'],
     'drift': FEW_DROPS,
     'optimise': ['--budget', '3840'],
-    'forecast': ['--action', 'tap', '--per-aspect', '10', *FEW_DROPS],
+    'forecast': [
+        *('--action', 'tap', '--per-aspect', '10', '--minutes', '0.5', '--tray', '100x100mm'),
+        *FEW_DROPS,
+    ],
     'drop': FEW_DROPS,
     'study': ['--points', '2', '--drops', '20'],
     'reorient': ['--per-aspect', '10', *FEW_DROPS],

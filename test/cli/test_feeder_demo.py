@@ -21,6 +21,8 @@ from resting_aspects_ros.client.feeder_watch import FeederWatch
 from resting_aspects_ros.errors import RestingAspectsError
 
 NODES = 6
+# A small tray and a short run: few places, small images.
+FEW = ('feeder_demo', '--tray', '100x100mm', '--out')
 PICK, FLIP, SPREAD = FeederAdvice.PICK, FeederAdvice.FLIP, FeederAdvice.SPREAD
 
 
@@ -208,7 +210,7 @@ def test_what_was_found_is_written_if_a_node_ends(run, monkeypatch, tmp_path, ha
 
 @pytest.mark.slow
 def test_demo_compares_a_run_with_its_forecast(begin, running, tmp_path):
-    demo = begin('feeder_demo', '--minutes', '1', '--json', '--out', tmp_path)
+    demo = begin(*FEW, tmp_path, '--minutes', '1', '--json')
     printed, said = demo.communicate()
     assert demo.returncode == 0, said
     found = json.loads(printed)
@@ -232,7 +234,7 @@ def test_demo_compares_a_run_with_its_forecast(begin, running, tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_processes_and_keeps_the_result(begin, running, wait_until, tmp_path):
-    demo = begin('feeder_demo', '--minutes', '9999', '--out', tmp_path)
+    demo = begin(*FEW, tmp_path, '--minutes', '9999')
     wait_until(lambda: len(running(f'__ns:=/feeder_demo_{demo.pid}')) == NODES)
     os.kill(demo.pid, signal.SIGINT)
     _, said = demo.communicate()

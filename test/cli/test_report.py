@@ -98,13 +98,14 @@ def test_report_finds_the_mesh_file_again(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_report_of_a_log_equals_report_of_its_drops(run, tmp_path):
-    words = ('drop', 'l_bracket', '--drops', DROPS, '--report', '--out', 'here', '--log', 'logs')
-    _, here = page_of(run(*words), tmp_path)
-    (log,) = (tmp_path / 'logs').iterdir()
-    ended = run('report', log, '--out', 'logged')
+def test_report_of_a_log_equals_report_of_its_drops(dropped, run_in):
+    folder, at_once = dropped
+    words = ('drop', 'hex_nut', '--drops', DROPS, '--seed', 3, '--log', 'logs')
+    assert run_in(folder, *words).returncode == 0
+    (log,) = (folder / 'logs').iterdir()
+    ended = run_in(folder, 'report', log, '--out', 'logged')
     # Only the date and the run id differ.
-    assert cut(page_of(ended, tmp_path)[1]) == cut(here)
+    assert cut(page_of(ended, folder)[1]) == cut(page_of(at_once, folder)[1])
 
 
 def cut(page):

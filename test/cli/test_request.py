@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from resting_aspects_ros.client import client
+
 
 @pytest.mark.slow
 def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
-    nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')
+    nodes = begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
 
+    # Without a surface, that of the simulator.
     asked = ('request', 'tetrahedron', '--drops', 20, '--seed', 3)
     ended = run(*asked, '--json', '--picture', 'p.png', *ros)
     assert ended.returncode == 0, ended.stderr
-    dropped = json.loads(run('drop', *asked[1:], '--json').stdout)
+    dropped = json.loads(run('drop', *asked[1:], '--surface', 'steel', '--json').stdout)
     document = json.loads(ended.stdout)
     # The drops and the fields are the same as those of `drop`.
     assert document.keys() == dropped.keys()
@@ -34,8 +37,18 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     with Image.open(tmp_path / 'p.png') as picture:
         picture.load()
 
+    def conditions(*words):
+        ended = run('request', 'tetrahedron', '--drops', 3, *words, '--json', *ros)
+        assert ended.returncode == 0, ended.stderr
+        return json.loads(ended.stdout)['conditions']
+
+    steel = document['conditions']
+    assert (steel['surface'], steel['friction']) == ('steel', 0.15)
+    assert conditions('--friction', '0.4') == steel | {'surface': '', 'friction': 0.4}
+    assert conditions('--surface', 'rubber_mat')['restitution'] == 0.64
+
     known = run(*asked, '--only-known', *ros)
-    assert known.stdout.splitlines()[1].strip() == '20 drops on rubber_mat, seed 3'
+    assert known.stdout.splitlines()[1].strip() == '20 drops on steel, seed 3'
     assert known.stderr == ''
 
     unknown = run('request', 'nothing', *ros)
@@ -58,7 +71,7 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
         last,
     )
     # The completed drops are logged, and the log is closed.
-    wait_until(lambda: len(list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml'))) == 2)
+    wait_until(lambda: len(list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml'))) == 4)
 
     nodes.send_signal(signal.SIGINT)
     _, errors = nodes.communicate(timeout=600)
@@ -78,26 +91,11 @@ def test_ctrl_c_before_the_first_progress_of_a_run(begin, wait_until):
 
 
 @pytest.mark.slow
-def test_default_surface_is_that_of_the_simulator(begin, run):
-    ros = ('--ros-args', '-r', f'__ns:=/request_surface_{os.getpid()}')
-    begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
-
-    def conditions(*words):
-        ended = run('request', 'tetrahedron', '--drops', 3, *words, '--json', *ros)
-        assert ended.returncode == 0, ended.stderr
-        return json.loads(ended.stdout)['conditions']
-
-    steel = conditions()
-    assert (steel['surface'], steel['friction']) == ('steel', 0.15)
-    assert conditions('--friction', '0.4') == steel | {'surface': '', 'friction': 0.4}
-    assert conditions('--surface', 'rubber_mat')['restitution'] == 0.64
-
-
-@pytest.mark.slow
-def test_condition_without_surface_needs_the_default_surface(run):
+def test_condition_without_surface_needs_the_default_surface(run, monkeypatch):
+    monkeypatch.setattr(client, 'PART_TIMEOUT', 0.5)
     ros = ('--ros-args', '-r', f'__ns:=/request_nobody_{os.getpid()}')
     ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
     assert (ended.returncode, ended.stdout) == (1, '')
     (line,) = ended.stderr.splitlines()
     assert line.startswith('error: the default surface is unknown, name a surface or ')
-    assert line.endswith('default_conditions, waited 5 s')
+    assert line.endswith('default_conditions, waited 0.5 s')

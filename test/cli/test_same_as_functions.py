@@ -67,8 +67,8 @@ DOCUMENTS = {
     ),
     'retention': ('retention l_bracket --per-height 5', lambda: ra.retention('l_bracket', 5)),
     'forecast, aspects that look the same': (
-        'forecast hex_nut --pickable 1 --per-aspect 10 --drops 50',
-        lambda: ra.forecast('hex_nut', [1], per_aspect=10, drops=50),
+        'forecast hex_nut --pickable 1 --per-aspect 10 --drops 50 --tray 100x100mm',
+        lambda: ra.forecast('hex_nut', [1], per_aspect=10, drops=50, tray=(0.1, 0.1)),
     ),
     'optimise': (
         'optimise l_bracket --vary height=20mm:200mm --wanted 1 --budget 2000',

@@ -7,7 +7,7 @@ import signal
 import pytest
 
 # Bullet, so that there is time to kill a worker.
-WORDS = ('drop', 'tetrahedron', '--drops', 1500, '--engine', 'bullet')
+WORDS = ('drop', 'tetrahedron', '--drops', 750, '--engine', 'bullet')
 MANY = ('drop', 'tetrahedron', '--drops', 2_000_000)
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 

@@ -207,7 +207,7 @@ def test_killed_simulator_is_reported(suite, diagnostics_of):
 
 # The recorder is killed after it reports at most this many of the batches: before it is done.
 BATCHES, LATEST, BATCH = 200, 100, 250
-KILLS = 8
+KILLS = 5
 
 
 def reported_drops(process):
@@ -305,7 +305,7 @@ def test_damage_during_a_replay_ends_it(
 # -- long use -------------------------------------------------------------------------------------
 
 # How long mixed requests go on: 30 minutes by hand, less with all other tests.
-MINUTES = float(os.environ.get('RESTING_ASPECTS_HARD_USE_MINUTES', '0.6'))
+MINUTES = float(os.environ.get('RESTING_ASPECTS_HARD_USE_MINUTES', '0.3'))
 
 
 def resident(suite):

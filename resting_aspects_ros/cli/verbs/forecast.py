@@ -225,11 +225,9 @@ def _show(results: 'Sequence[ForecastResult]') -> None:
 
 def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
     """Return the notes of all results; with a name if they do not hold for each of them."""
-    notes = {result.named.title: result.notes for result in results}
-    common = [note for note in results[0].notes if all(note in each for each in notes.values())]
-    named = [
-        f'{name}: {note}' for name, each in notes.items() for note in each if note not in common
-    ]
+    notes = [(result.named.title, result.notes) for result in results]
+    common = [note for note in notes[0][1] if all(note in each for _, each in notes)]
+    named = [f'{name}: {note}' for name, each in notes for note in each if note not in common]
     return [*common, *named]
 
 
