@@ -20,14 +20,14 @@ def loaded(mesh):
 
 def notched_disc():
     """A disc whose moments are all small: diameter 20 mm, with a notch of 2 x 1.5 mm."""
-    disc = shapely.Point(0, 0).buffer(10, quad_segs=32)
+    disc = shapely.Point(0, 0).buffer(10, quad_segs=16)
     return trimesh.creation.extrude_polygon(disc - shapely.box(8.5, -1, 11, 1), 3)
 
 
 def gear():
     """A gear with 12 teeth."""
-    angle = np.linspace(0, 2 * np.pi, 97)[:-1]
-    radius = 10 + np.where(np.arange(96) % 8 < 4, 1, -1)
+    angle = np.linspace(0, 2 * np.pi, 49)[:-1]
+    radius = 10 + np.where(np.arange(48) % 4 < 2, 1, -1)
     outline = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 4)
 
