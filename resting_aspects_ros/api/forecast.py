@@ -181,7 +181,7 @@ def forecast(
         Maximum number of picks after one image.
     minutes : float
         Duration of a run, for the prediction interval.
-    action : str, Kick, Nozzle, Vibration, Step or NamedAction
+    action : str, Action or NamedAction
         What the feeder does to the parts before each image.
     controller : bool
         Also simulate runs in which feeder_controller decides; see `forecast_controlled`.

@@ -357,7 +357,7 @@ def reorient(
     ----------
     part : Part, str or Path
         A part, or what `load_part` accepts.
-    action : str, Kick, Nozzle, Vibration, Step or NamedAction
+    action : str, Action or NamedAction
         The name of an action of config/actions.yaml, or an action.
     per_aspect : int, optional
         Number of actions from each aspect, 400 by default. With ``precision`` the maximum.

@@ -364,7 +364,7 @@ class ContactFinder:
             lowest = height.min(axis=1)
             gap = position @ plane.normal - plane.offset + lowest
             near = height <= (lowest + FLAT * self._radius)[:, None]
-            touches = gap < TOUCH * self._radius
+            touches = np.abs(gap) < TOUCH * self._radius
             ids, angle = self._aspects.locate(-normal)
             code = np.where(angle <= POSE_ANGLE, ids, 0)
             for i in np.flatnonzero(touches & (code == 0)):

@@ -279,7 +279,7 @@ class RestingAspectsClient:
         ----------
         part, surface, conditions, timeout
             As for get_distribution.
-        action : str, Kick, Nozzle, Vibration, Step or NamedAction
+        action : str, Action or NamedAction
             The name of an action of the suite, or an action.
         per_aspect : int, optional
             Number of actions from each aspect. None: 400; with a precision as many as it needs.

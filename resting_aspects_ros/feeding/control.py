@@ -1,6 +1,7 @@
 """What a feeder does next: pick, flip, spread, supply or wait."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -358,7 +359,12 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     }
     choice = Choice.PICK if chosen else best.action or Choice.WAIT
     then = best.action if chosen else None
-    return Advice(choice, chosen, then, best.supply, expected, _reason(best, chosen, view))
+    left = 'the tray is empty'
+    if view.total and not chosen:
+        left = f'none of the {_parts(view.total)} on the tray can be picked'
+        left += f' ({_why_none(seen, model)})'
+    reason = _reason(best, chosen, left)
+    return Advice(choice, chosen, then, best.supply, expected, reason)
 
 
 def _is_free(part: SeenPart, model: ControllerModel) -> bool:
@@ -367,7 +373,7 @@ def _is_free(part: SeenPart, model: ControllerModel) -> bool:
 
 def pickable_parts(seen: Sequence[SeenPart], model: ControllerModel) -> tuple[int, ...]:
     """Return the indices of the parts to be picked, those with the highest score first."""
-    least = max(model.min_score, model.values.rate * model.times.robot)
+    least = _least_score(model)
     found = [
         i
         for i, part in enumerate(seen)
@@ -377,6 +383,25 @@ def pickable_parts(seen: Sequence[SeenPart], model: ControllerModel) -> tuple[in
     ]
     found.sort(key=lambda i: (-seen[i].score, -seen[i].clearance))
     return tuple(found[: model.feeder.max_picks])
+
+
+def _least_score(model: ControllerModel) -> float:
+    return max(model.min_score, model.values.rate * model.times.robot)
+
+
+def _why_none(seen: Sequence[SeenPart], model: ControllerModel) -> str:
+    """Return why none of the parts can be picked: the first reason for each of them."""
+    found: Counter[str] = Counter()
+    for part in seen:
+        if part.symmetry_class == 0:
+            found['not recognised'] += 1
+        elif not model.feeder.pickable[part.symmetry_class - 1]:
+            found['in another class'] += 1
+        elif part.score < _least_score(model):
+            found[f'with a score below {_least_score(model):.2g}'] += 1
+        else:
+            found['without room for the gripper'] += 1
+    return ', '.join(f'{count} {text}' for text, count in found.items())
 
 
 def _view(seen: Sequence[SeenPart], picked: Sequence[int], model: ControllerModel) -> View:
@@ -395,12 +420,9 @@ def _view(seen: Sequence[SeenPart], picked: Sequence[int], model: ControllerMode
     return View(free, blocked, len(seen) - len(gone))
 
 
-def _reason(best: Option, chosen: Sequence[int], view: View) -> str:
-    """Return the reason in words."""
+def _reason(best: Option, chosen: Sequence[int], left: str) -> str:
+    """Return the reason in words; ``left`` states why no part is picked."""
     more = f'{max(best.found - best.scores, 0.0):.1f}'
-    left = 'the tray is empty'
-    if view.total:
-        left = f'none of the {_parts(view.total)} on the tray can be picked'
     supplied = f' and supply {_parts(best.supply)}' if best.supply else ''
     if not chosen:
         verb = f'Supply {_parts(best.supply)}'

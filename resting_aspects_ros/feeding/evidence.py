@@ -222,6 +222,8 @@ class PartEvidence:
             return None
         try:
             if new.action not in (None, self._action):
+                if self._transitions is not None:
+                    return None  # the topic has the newest action of any name
                 raise InvalidValueError(
                     f'invalid action {new.action}: expected {self._action}, as the parameter '
                     'action states'

@@ -396,7 +396,7 @@ def study(
         action such as 'action.speed'.
     surface, surroundings
         As for `drop`.
-    action : str, Kick, Nozzle, Vibration, Step or NamedAction, optional
+    action : str, Action or NamedAction, optional
         Do this to parts at rest in each aspect, instead of dropping them.
     design : str
         'curves' (over each factor, from each base point) or 'factorial'.

@@ -94,7 +94,8 @@ def test_simulated_parts_stand_beside_the_static_outcomes(simulated):
 @pytest.mark.slow
 def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
     track, reported = {**NUT, 'traps': [{'kind': 'balcony', 'width': '9mm'}]}, []
-    given = {'drops': 50, 'simulate': 7, 'progress': lambda *found: reported.append(found)}
+    given = {'drops': 50, 'model_range': False, 'simulate': 7}
+    given['progress'] = lambda *found: reported.append(found)
     one, three = (ra.track('hex_nut', track, 1, workers=n, **given) for n in (1, 3))
     assert one.runs.counts.tolist() == three.runs.counts.tolist()
     # 7 parts in each of 3 rows, after the drops.
@@ -103,10 +104,10 @@ def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
 
 @pytest.mark.slow
 def test_interrupted_runs_leave_a_result_that_is_not_complete():
-    result = ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=50)
-    assert result.complete
+    given = {'drops': 50, 'model_range': False}
+    assert ra.track('hex_nut', {**NUT, 'traps': [WIPER]}, 1, **given).complete
     stopped = ra.track(
-        'hex_nut', {**NUT, 'traps': [WIPER]}, 1, drops=50, simulate=2, stopped=lambda: True
+        'hex_nut', {**NUT, 'traps': [WIPER]}, 1, simulate=2, stopped=lambda: True, **given
     )
     assert not stopped.complete
     assert stopped.runs is None
@@ -126,10 +127,9 @@ def test_an_unknown_action_is_refused_before_the_drops():
 
 @pytest.mark.slow
 def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
-    plain = ra.track('t_prism', {'width': '60mm'}, drops=300)
     acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])
     (action,) = acted.before
-    counts = plain.drop.distribution.counts
+    counts = ra.drop('t_prism', 300, model_range=False).distribution.counts
     expected = counts / counts.sum() @ action.matrix.transitions
     for k, share in enumerate(expected, 1):
         found = sum(row.probability for row in acted.rows if row.aspects == (k,))
@@ -142,7 +142,7 @@ def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
 @pytest.mark.slow
 def test_a_sensor_passes_what_it_identifies():
     sensor = {'kind': 'sensor', 'spacing': '5mm'}
-    found = ra.track('hex_nut', {**NUT, 'traps': [sensor]}, 1, drops=100)
+    found = ra.track('hex_nut', {**NUT, 'traps': [sensor]}, 1, drops=100, model_range=False)
     assert [each.share for each in found.passage.outcomes[0]] == [1, 0, 0]
 
 
@@ -183,17 +183,17 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would(designed):
 
 @pytest.mark.slow
 def test_proposed_traps_find_a_place_after_many_of_ones_own():
-    harmless = {'kind': 'wiper', 'height': '40mm'}
-    found = ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 19}, drops=20)
+    harmless, given = {'kind': 'wiper', 'height': '40mm'}, {'drops': 20, 'model_range': False}
+    found = ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 19}, **given)
     assert len(found.best.passage.track.traps) <= 20
     with pytest.raises(ra.InvalidValueError, match='20'):
-        ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, drops=20)
+        ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, **given)
 
 
 @pytest.mark.slow
 def test_without_a_design_other_rows_are_named():
     # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
-    found = ra.design_track('t_prism', 4, drops=100)
+    found = ra.design_track('t_prism', 4, drops=100, model_range=False)
     assert not found.designs
     assert found.best is found.bare
     assert found.best.passage.wanted == (4,)
@@ -203,18 +203,20 @@ def test_without_a_design_other_rows_are_named():
 
 @pytest.mark.slow
 def test_rows_in_which_hardly_a_part_arrives_are_summed_up_in_tables_but_not_in_files(tmp_path):
-    found = ra.track('washer', {**NUT, 'traps': [WIPER]}, drops=20)
+    found = ra.track('washer', {**NUT, 'traps': [WIPER]}, drops=20, model_range=False)
     assert [row.probability for row in found.rows] == pytest.approx([1, 0, 0])
     assert [len(table.rows) for table in found.tables()] == [1, 1]
     assert '2 other rows are not shown, with 0.0 % of the parts' in found.tables()[0].caption
     assert len(json.loads(found.to_json())['orientations']) == 3
     found.save_csv(tmp_path / 'rows.csv')
     assert len((tmp_path / 'rows.csv').read_text().splitlines()) == 4
-    assert len(ra.track('washer', NUT, [2], drops=20).tables()[0].rows) == 2
+    assert len(ra.track('washer', NUT, [2], drops=20, model_range=False).tables()[0].rows) == 2
 
 
 @pytest.mark.slow
 def test_an_interrupted_design_is_not_complete():
-    stopped = ra.design_track('hex_nut', 1, drops=50, simulate=2, stopped=lambda: True)
+    stopped = ra.design_track(
+        'hex_nut', 1, drops=50, model_range=False, simulate=2, stopped=lambda: True
+    )
     assert not stopped.complete
     assert stopped.best.runs is None

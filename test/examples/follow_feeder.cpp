@@ -21,10 +21,10 @@ int main()
   FeederAdvice advice;
   advice.choice = FeederAdvice::PICK;
   Epochs epochs;
-  const auto print = [&](std::uint64_t epoch, std::uint64_t new_results) {
+  const auto print = [&](std::uint64_t epoch, std::uint64_t new_results, double age = 1.0) {
       advice.epoch = epoch;
       epochs.results += new_results;
-      std::cout << action_of(advice, epochs) << '|';
+      std::cout << action_of(advice, epochs, age) << '|';
     };
   print(5, 0);
   print(7, 2);
@@ -32,5 +32,7 @@ int main()
   print(0, 0);  // of a controller that was started again
   print(0, 1);
   print(1, 0);
+  print(1, 1);
+  print(1, 0, 6.0);  // the result was lost, or the controller was started again at this epoch
   std::cout << std::endl;
 }

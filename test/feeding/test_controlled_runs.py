@@ -92,16 +92,16 @@ def test_interval_contains_what_the_counts_leave_open():
     model, minutes = ControllerModel(feeder, TABLE, 12), 10
     found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
     low, high = found.prediction
-    drawn = drawn_moves(feeder.drop, feeder.transitions, 20, np.random.default_rng(5))
+    drawn = drawn_moves(feeder.drop, feeder.transitions, 10, np.random.default_rng(5))
     within = 0
-    for k in range(20):
+    for k in range(10):
         moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
         generator = np.random.default_rng(1000 + k)
         decide = partial(advise, model=model)
         picked, _ = density_run(decide, model, 60 * minutes, generator, moves)
         within += low <= np.searchsorted(picked, 60 * minutes) / minutes <= high
-    # At least 15 of 20 in 99.9 % of cases, if each is within with 95 %.
-    assert within >= 15
+    # At least 7 of 10 in 99.9 % of cases, if each is within with 95 %.
+    assert within >= 7
 
 
 @pytest.mark.slow

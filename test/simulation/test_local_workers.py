@@ -182,7 +182,7 @@ def test_calls_are_repeated_if_their_worker_dies(make_processes, tmp_path):
     done = []
     assert call_each(make_processes(2), exec, programs, '', done.append) == [None, None]
     assert done[-1] == 2
-    with pytest.raises(EngineError, match='at x: .*invalid literal'):
+    with pytest.raises(EngineError, match=r'at x: .*invalid literal'):
         call_each(make_processes(1), int, [('1',), ('x',)], 'at x', done.append)
 
 

@@ -72,7 +72,7 @@ def test_power_is_reached_with_the_stated_number_of_parts(shares, drops, level, 
 @pytest.mark.parametrize('deviation', [0.0, 0.08])
 def test_power_is_reached_if_batches_scatter(deviation):
     # With a variance that is larger by a factor, that many times as many parts are needed.
-    rng, repetitions, level = np.random.default_rng(7), 200, 0.05
+    rng, repetitions, level = np.random.default_rng(7), 100, 0.05
     factor = 1 + (UNIT - 1) * deviation**2 / np.mean(TWO * (1 - TWO))
     parts = factor * parts_needed(np.array([7000, 3000]), 0.1, level)
     last, alarms = round(parts / UNIT), 0

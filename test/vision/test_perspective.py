@@ -190,7 +190,7 @@ def test_rolling_part_beside_the_foot_point_is_found(solid, known_of):
 def test_posteriors_beside_the_foot_point_are_calibrated(known):
     generator, found, camera = np.random.default_rng(7), Calibration(), surface_pinhole(CAMERA)
     for part in map(known, MESHES):
-        for _ in range(5):
+        for _ in range(3):
             k, place, seen = random_image(part, generator)
             answer = identify(seen, [part], OutlineNoise(SD, CORRELATION), camera)
             found.add(part, k, answer)

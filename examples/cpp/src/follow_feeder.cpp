@@ -53,8 +53,10 @@ void run(const rclcpp::Node::SharedPtr & node)
   identify(node, part);
   const auto results = node->create_publisher<PickResult>("pick_result", rclcpp::QoS(10));
   Epochs epochs;
+  auto last_result = node->get_clock()->now();
   const auto follow = [&](const FeederAdvice & advice) {
-      const auto action = action_of(advice, epochs);
+      const auto age = (node->get_clock()->now() - last_result).seconds();
+      const auto action = action_of(advice, epochs, age);
       if (action.empty()) {
         return;  // of before the last result
       }
@@ -68,8 +70,11 @@ void run(const rclcpp::Node::SharedPtr & node)
         result.detection = pick.detection;
         result.result = PickResult::PICKED;
         results->publish(result);
+        last_result = result.header.stamp;
         ++epochs.results;
       }
+      // A machine that flips, spreads or supplies publishes a result MOVED here once parts are at
+      // rest, and counts it in the same way.
     };
   // The QoS of the publisher: a late subscriber receives the newest message at once.
   const auto subscription = node->create_subscription<FeederAdvice>(

@@ -44,11 +44,13 @@ struct Epochs
   std::uint64_t first = 0, last = 0;  // epoch of the first advice, and of the newest one
   std::uint64_t results = 0;  // messages that this program has published on pick_result since the first
 
-  // Returns whether an advice with this epoch contains all results. A controller that was started
-  // again counts epochs from 0: a lower epoch than before begins anew.
-  bool is_current(std::uint64_t epoch)
+  // Returns whether an advice with this epoch contains all results, the last of which is this old, s.
+  // A controller that was started again counts epochs from 0, and may not have received a result: a
+  // lower epoch than before, or one that is too low for PATIENCE, begins anew.
+  bool is_current(std::uint64_t epoch, double age)
   {
-    if (!known || epoch < last) {
+    constexpr double PATIENCE = 5.0;
+    if (!known || epoch < last || (epoch < first + results && age > PATIENCE)) {
       known = true;
       first = epoch;
       results = 0;
@@ -58,12 +60,13 @@ struct Epochs
   }
 };
 
-// Returns the action that the advice is to do now, or nothing if it must not be followed.
+// Returns the action that the advice is to do now, or nothing if it must not be followed. The last
+// result is ``age`` s old.
 inline std::string action_of(
-  const resting_aspects_interfaces::msg::FeederAdvice & advice, Epochs & epochs)
+  const resting_aspects_interfaces::msg::FeederAdvice & advice, Epochs & epochs, double age)
 {
   using Advice = resting_aspects_interfaces::msg::FeederAdvice;
-  if (!epochs.is_current(advice.epoch)) {
+  if (!epochs.is_current(advice.epoch, age)) {
     return "";
   }
   switch (advice.choice) {

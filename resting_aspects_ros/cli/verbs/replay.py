@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--as-fast-as-possible',
         action='store_true',
         help='publish without the recorded pauses. A topic with more messages than its depth '
-        '(2000 for resting_poses) may lose some',
+        '(200 for resting_poses) may lose some',
     )
     parser.add_argument(
         '--loop',

@@ -1,7 +1,9 @@
 """The feeder_controller node: advises what to pick, and when to flip, spread or supply parts."""
 
 import math
+import re
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -140,6 +142,7 @@ class FeederController(Node):
         self._event = self._now()  # time of the last image or result, ns
         self._waits = False
         self._problem = ''
+        self._logged: dict[str, float] = {}  # when each kind of problem was logged, s
         self._counts = dict.fromkeys(('images', 'refused images', *PickOutcome), 0)
         self._empty, self._empty_epoch = 0, -1
         topic = f'{FEEDER_ADVICE}/{self._part}'
@@ -313,7 +316,11 @@ class FeederController(Node):
     def _report(self, problem: str) -> None:
         """Log a problem, and show it in the diagnostics until the next image."""
         self._problem = problem
-        self.get_logger().warning(problem, throttle_duration_sec=LOG_PERIOD)
+        # The numbers in a problem change with each image.
+        kind, now = re.sub(r'[\d.]+', '', problem), time.monotonic()
+        if now - self._logged.get(kind, -math.inf) >= LOG_PERIOD:
+            self._logged[kind] = now
+            self.get_logger().warning(problem)
 
     @property
     def _image_number(self) -> int:
