@@ -392,6 +392,8 @@ def drop_batch(
     ------
     InvalidValueError
         A condition is out of bounds, or a folder has no mesh file.
+    UnknownPartError
+        A name is not known; a bad file is an error of its entry instead.
     EngineError
         Worker processes of Bullet cannot be started, or died repeatedly.
     OutputError
@@ -410,6 +412,7 @@ def drop_batch(
     check_seed(seed)
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     sources = list(part_sources(parts))
+    _check_names(sources)
     folder = None if out is None else Path(out)
     if folder is not None:
         make_folder('--out', folder)
@@ -460,6 +463,13 @@ def drop_batch(
         with analysis('the index of the batch'):
             _write_index(batch, compare=True)
     return batch
+
+
+def _check_names(sources: Sequence[Part | str | Path]) -> None:
+    """Raise UnknownPartError for a name that is not known, before the drops of other parts."""
+    for source in sources:
+        if not isinstance(source, Part) and mesh_file(source) is None and not _is_name(source):
+            load_part(source)
 
 
 def part_seed(seed: int, part: Part) -> int:

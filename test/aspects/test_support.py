@@ -231,6 +231,12 @@ def test_a_part_away_from_a_plane_does_not_touch_it(block):
     assert found(block, turn) == [NONE, NONE]
     far = ContactPlane('far', WALL.normal, 0.2)
     assert found(block, turn, FLOOR, far) == [side(block, turn, FLOOR), NONE]
+    above = ContactPlane('top of a block beside the part', FLOOR.normal, 0.2)
+    part, aspects = block
+    finder = ContactFinder(part, aspects, [FLOOR, above])
+    position = put(part, turn, FLOOR)
+    contacts = finder.find(position[None], turn.as_quat()[None])[0].tolist()
+    assert contacts == [side(block, turn, FLOOR), NONE]
 
 
 def test_a_part_turned_about_the_vertical_leans_with_an_edge(block):

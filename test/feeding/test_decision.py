@@ -64,6 +64,19 @@ def test_useless_flip_is_not_chosen():
     assert advise(blocked, turning).choice is Choice.SPREAD
 
 
+def test_reason_names_what_excludes_the_parts(model):
+    parts = [NONE, NONE, SeenPart(0), SeenPart(2, BLOCKED), SeenPart(2, score=0.0)]
+    reason = advise(parts, model).reason
+    assert 'none of the 5 parts on the tray can be picked' in reason
+    for text in (
+        '2 in another class',
+        '1 not recognised',
+        '1 without room',
+        '1 with a score below',
+    ):
+        assert text in reason
+
+
 def test_certain_flip_is_chosen():
     certain = model_of(TURNS, spread=0.4, max_supply=0)
     advice = advise([NONE] * 3, certain)

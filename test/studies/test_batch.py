@@ -11,13 +11,12 @@ from resting_aspects_ros.studies.pages import batch_page, batch_range_texts
 from resting_aspects_ros.studies.points import Case
 
 
-def test_bad_parts_do_not_cost_the_others(tmp_path, here):
-    parts = ['tetrahedron', 'tetrahedrn', tmp_path / 'absent.stl']
+def test_bad_files_do_not_cost_the_others(tmp_path, here):
+    parts = ['tetrahedron', tmp_path / 'absent.stl']
     batch = ra.drop_batch(parts, 20, model_range=False, workers=here())
-    first, second, third = batch.entries
+    first, second = batch.entries
     assert first.result.distribution.drops == 20
-    assert second.error.startswith("part 'tetrahedrn' is not known")
-    assert third.error.endswith("absent.stl' does not exist")
+    assert second.error.endswith("absent.stl' does not exist")
     assert not batch.complete
 
 
@@ -61,6 +60,13 @@ def test_one_part_needs_no_list(here):
 def test_wrong_seed_is_refused_before_the_first_part(here):
     with pytest.raises(ra.InvalidValueError, match='seed -1'):
         ra.drop_batch(['washer'], 20, seed=-1, workers=here())
+
+
+def test_unknown_name_is_refused_before_the_first_part(here):
+    workers = here()
+    with pytest.raises(ra.UnknownPartError, match="'300'"):
+        ra.drop_batch(['washer', '300'], 20, workers=workers)
+    assert not workers.submitted
 
 
 @pytest.fixture(scope='module')
