@@ -46,7 +46,7 @@ hypothesis.settings.register_profile(
     suppress_health_check=[hypothesis.HealthCheck.too_slow],
 )
 hypothesis.settings.register_profile(
-    'all', hypothesis.settings.get_profile('quick'), max_examples=50, derandomize=False
+    'all', hypothesis.settings.get_profile('quick'), max_examples=25, derandomize=False
 )
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'quick'))
 
