@@ -35,7 +35,6 @@ from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     quantities_of,
 )
-from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.starts import Action, States
 from resting_aspects_ros.simulation.workers import Workers, call_each
 from resting_aspects_ros.system import config_folder
@@ -53,6 +52,7 @@ from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
 from resting_aspects_ros.tracks.show import margin_text
 from resting_aspects_ros.tracks.simulate import (
+    CHUNK,
     Run,
     measured_band,
     run_parts,
@@ -63,8 +63,6 @@ from resting_aspects_ros.vision.outline import seen_outline
 
 DROPS = 2000
 MAX_PARTS = 100_000
-# Number of parts that run over a trap beside each other in a process.
-CHUNK = 5
 # Dimensions of a trap beyond these multiples of the size of the part are probably in a wrong unit.
 PLAUSIBLE = 0.002, 20.0
 # A camera that resolves this, m, separates outlines that differ by more.
@@ -308,18 +306,13 @@ def _simulation(
             if stopped():
                 raise StoppedError('interrupted: parts were running over a trap')
 
-        def run(job: DropJob, states: States, *args: Any) -> States:
+        def run(calls: Sequence[tuple[Any, ...]]) -> Sequence[States]:
             nonlocal before
             waiting(0)
-            n = len(states.position)
-            # The motion of a part depends a little on those that run beside it.
-            chunks = [slice(first, first + CHUNK) for first in range(0, n, CHUNK)]
-            calls = [(job, States(*(a[each] for a in states.arrays)), *args) for each in chunks]
-            ends = call_each(pool, run_parts, calls, 'at a trap', waiting)
-            before += n
+            found = call_each(pool, run_parts, calls, 'at a trap', waiting)
+            before += sum(len(each.position) for each in found)
             ran(before)
-            joined = zip(*(each.arrays for each in ends), strict=True)
-            return States(*map(np.concatenate, joined))
+            return found
 
         yield run
 

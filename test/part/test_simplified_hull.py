@@ -17,7 +17,7 @@ from resting_aspects_ros.part.loading import part_from_bytes
 FINE_SOLIDS = [
     ('prism', (1700,), 3),
     ('filleted_box', ((10, 14, 20), 2, 24), 6),
-    ('random_sphere', (3200, (3, 2, 1)), 2),
+    ('random_sphere', (3500, (3, 2, 1)), 2),
 ]
 
 
@@ -104,7 +104,7 @@ def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid):
 
 @pytest.mark.slow
 def test_warning_states_the_simplification_error(solids, solid, whole):
-    mesh = solids.random_sphere(3200)
+    mesh = solids.random_sphere(4000)
     part = solid(mesh)
     (sentence,) = part.warnings
     numbers = re.search(
@@ -120,7 +120,7 @@ def test_warning_states_the_simplification_error(solids, solid, whole):
 
 @pytest.mark.slow
 def test_result_does_not_depend_on_order_and_scale(solids):
-    mesh = solids.random_sphere(3200)
+    mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)
 
     def part(faces, scale=1.0):
@@ -134,3 +134,18 @@ def test_result_does_not_depend_on_order_and_scale(solids):
     large = part(mesh.faces, 64.0)  # a power of two: nothing is rounded
     np.testing.assert_allclose(large.hull_vertices, 64 * one.hull_vertices, rtol=1e-14)
     assert large.hull_error == pytest.approx(64 * one.hull_error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
+def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
+    mesh = getattr(solids, name)(*arguments)
+    full, part = whole(mesh), solid(mesh)
+    down = directions(5000)
+    lost = (down @ full.hull_vertices.T).max(axis=1) - (down @ part.hull_vertices.T).max(axis=1)
+    assert lost.min() >= 0
+    assert lost.max() <= part.hull_error
+    # A corner that is outside by the error is further down than all others in some direction.
+    planes = ConvexHull(part.hull_vertices).equations
+    out = full.hull_vertices @ planes[:, :3].T + planes[:, 3]
+    assert out.max() == pytest.approx(part.hull_error, rel=1e-6)

@@ -49,7 +49,7 @@ struct Epochs
   // lower epoch than before, or one that is too low for PATIENCE, begins anew.
   bool is_current(std::uint64_t epoch, double age)
   {
-    constexpr double PATIENCE = 5.0;
+    constexpr double PATIENCE = 5.0;  // s
     if (!known || epoch < last || (epoch < first + results && age > PATIENCE)) {
       known = true;
       first = epoch;

@@ -244,8 +244,8 @@ class TransitionStore:
     async def newest(self, name: str, action: str) -> TransitionMatrix:
         """Return the matrix that a request names; any action if it is empty.
 
-        If a node publishes matrices of a part of which none is known, the first is on its way.
-        Raises RestingAspectsError.
+        If no matrix of a part has arrived yet, but a node publishes matrices of this part, the
+        first one is waited for. Raises RestingAspectsError.
         """
         offered = await self._parts.usable(name)
         of_part = self._of(name, offered[name].part_sha256 if name in offered else '')

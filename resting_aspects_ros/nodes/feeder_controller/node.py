@@ -115,8 +115,9 @@ def advice_fields(advice: CurrentAdvice) -> dict[str, Any]:
 # Without an image for longer than the advice takes and this time, the camera has stopped, s.
 IMAGE_TIMEOUT = 5.0
 CHECK_PERIOD = 0.5
-# Minimum time between two log lines about the same kind of problem, s.
-LOG_PERIOD = 10.0
+# Minimum time between two log lines about the same kind of problem, s, and maximum number of kinds
+# in this time.
+LOG_PERIOD, MAX_LOGGED = 10.0, 5
 # Supplies after which no part was seen, until there is a warning.
 MAX_EMPTY = 3
 
@@ -318,7 +319,8 @@ class FeederController(Node):
         self._problem = problem
         # The numbers in a problem change with each image.
         kind, now = re.sub(r'[\d.]+', '', problem), time.monotonic()
-        if now - self._logged.get(kind, -math.inf) >= LOG_PERIOD:
+        self._logged = {k: t for k, t in self._logged.items() if now - t < LOG_PERIOD}
+        if kind not in self._logged and len(self._logged) < MAX_LOGGED:
             self._logged[kind] = now
             self.get_logger().warning(problem)
 

@@ -5,6 +5,7 @@ import { OrbitControls } from 'OrbitControls';
 const TURN_MS = 450;
 const EDGE_DEGREES = 25; // as in the pictures
 const LIFT = 0.35; // hull radii, halfway through the animation
+const FIELD = 38; // of view, degrees
 // The direction from which the pictures are taken.
 const FROM = new THREE.Vector3(0.47, -0.883, 0.727).multiplyScalar(3.0);
 
@@ -53,7 +54,7 @@ export function makeView(stage, data) {
   lamp.shadow.normalBias = 0.02;
   scene.add(part, tray, lamp, new THREE.HemisphereLight(0xffffff, 0xb0b0b8, 1.6));
 
-  const camera = new THREE.PerspectiveCamera(38, 1, 0.05, 60);
+  const camera = new THREE.PerspectiveCamera(FIELD, 1, 0.05, 60);
   camera.up.set(0, 0, 1);
   camera.position.copy(FROM);
   const controls = new OrbitControls(camera, canvas);
@@ -85,6 +86,9 @@ export function makeView(stage, data) {
     renderer.setSize(wide, high, false);
     Object.assign(canvas.style, { width: '100%', height: '100%' });
     camera.aspect = wide / high;
+    // The field of view is vertical; a narrow stage needs a larger one to show the whole part.
+    const half = Math.tan(FIELD * Math.PI / 360) / Math.min(camera.aspect, 1);
+    camera.fov = Math.atan(half) * 360 / Math.PI;
     camera.updateProjectionMatrix();
     draw();
   });
