@@ -323,6 +323,7 @@ class CameraSimulator(Node):
         self._epoch = 0  # of the controller, after all results that were sent
         self._images, self._missed, self._silent_since = 0, 0, 0.0
         self._loop: object = None
+        self._closed = False
         self._image_output = advertise(self, Image, IMAGE, IMAGES, overridable=True)
         self._info_output = advertise(self, CameraInfo, CAMERA_INFO, IMAGES, overridable=True)
         self._result_output = advertise(self, PickResult, PICK_RESULT, CELL, overridable=True)
@@ -337,7 +338,8 @@ class CameraSimulator(Node):
         self.get_logger().info('ready')
 
     def close(self) -> None:
-        """End the process that builds models."""
+        """End the cycle, and the process that builds models."""
+        self._closed = True
         self._truth.stop()
 
     # Inputs
@@ -365,7 +367,7 @@ class CameraSimulator(Node):
 
     async def _run(self) -> None:
         cycle = guarded_task(self, 'a cycle has failed', self._cycle)
-        while True:
+        while not self._closed:
             images, is_ready = self._images, self._truth.is_ready(self._answers.advice)
             may_run = images > 0 or not self._missing()
             if self._feeder and is_ready and may_run and not self._duplicates.check():
