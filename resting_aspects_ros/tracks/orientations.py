@@ -122,7 +122,8 @@ class PushedOutline:
         reached = np.array([_reached(*each, middle) for each in basins])
         found = []
         for edges in self._alike(order):
-            here = np.isin(reached, edges)
+            # A round outline is the same at every yaw, also while it rolls along the wall.
+            here = np.isin(reached, edges) if order else np.ones_like(reached, dtype=bool)
             low, share, high = (
                 float(width[mask].sum() / (2 * np.pi))
                 for mask in (here.all(axis=0), here[0], here.any(axis=0))

@@ -135,9 +135,10 @@ def test_rows_do_not_depend_on_the_frame_of_the_mesh(part, solid, rows_of):
 
 
 def test_a_standing_cylinder_is_one_row(part, rows_of):
-    found = [row for row in rows_of(part('cylinder_d20_h20')) if not row.rolls]
+    found = [row for row in rows_of(part('cylinder_d20_h20'), math.inf, 0.2) if not row.rolls]
     assert len(found) == 1
-    assert found[0].low <= found[0].probability <= found[0].high
+    # At every force of the wall, also those at which it rolls along the wall.
+    assert found[0].low == pytest.approx(found[0].probability) == pytest.approx(found[0].high)
 
 
 def test_a_low_wall_touches_only_what_is_below_its_top(solid, rows_of):
