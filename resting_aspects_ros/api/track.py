@@ -27,7 +27,6 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
@@ -50,7 +49,7 @@ from resting_aspects_ros.tracks.design import (
 from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
 from resting_aspects_ros.tracks.sensor import confusion
-from resting_aspects_ros.tracks.show import margin_text
+from resting_aspects_ros.tracks.show import margin_text, rows_text
 from resting_aspects_ros.tracks.simulate import (
     CHUNK,
     Run,
@@ -378,12 +377,12 @@ def _warn_of_units(part: Part, on: Track) -> None:
 
 def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
     """Yield what separates rows that the traps do not separate."""
-    wanted = f'{"row" if len(on.wanted) == 1 else "rows"} {numbers_text(on.wanted)}'
+    wanted = rows_text(on.wanted)
     if not found.designs:
         yield (
             f'No set of traps passes only {wanted}'
             + (
-                f': no trap that passes it also rejects row {numbers_text(found.remaining)}.'
+                f': no trap that passes it also rejects {rows_text(found.remaining)}.'
                 if found.remaining
                 else ' with a margin of 0.1 mm.'
             )
@@ -401,7 +400,7 @@ def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
         if failed:
             yield (
                 f'Simulated at {1e3 * on.track.speed:g} mm/s, no {kind} within 16 mm of its '
-                f'critical value passes or rejects row {numbers_text(sorted({*failed}))} as '
+                f'critical value passes or rejects {rows_text(sorted({*failed}))} as '
                 'statics says: its parts jam or turn.'
             )
     by_id = {row.id: row for row in on.rows}

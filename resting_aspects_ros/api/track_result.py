@@ -29,6 +29,7 @@ from resting_aspects_ros.tracks.show import (
     range_text,
     row_fields,
     row_table,
+    rows_text,
     shown_rows,
     trap_table,
 )
@@ -147,7 +148,7 @@ class TrackResult(Result):
 
     def _rate_sentences(self) -> Iterator[str]:
         found = self.passage
-        rows = f'{"row" if len(found.wanted) == 1 else "rows"} {numbers_text(found.wanted)}'
+        rows = rows_text(found.wanted)
         low, high = found.good
         if high == 0:
             yield f'No part in {rows} passes the traps.{self._blocked()}'
@@ -204,9 +205,7 @@ class TrackResult(Result):
         jams = int(runs.jams.sum())
         if jams:
             rows = [row.id for row, n in zip(self.rows, runs.jams.tolist(), strict=True) if n]
-            yield (
-                f'{jams} of the {len(ids) * total} simulated parts jam: row {numbers_text(rows)}.'
-            )
+            yield f'{jams} of the {len(ids) * total} simulated parts jam: {rows_text(rows)}.'
         for t, of_trap in enumerate(found.outcomes):
             rows = [
                 row.id
@@ -214,10 +213,7 @@ class TrackResult(Result):
                 if runs.agrees(t, k, of_trap[k].outcome) is False
             ]
             if rows:
-                yield (
-                    f'At trap {t + 1}, the simulation contradicts statics in row '
-                    f'{numbers_text(rows)}.'
-                )
+                yield f'At trap {t + 1}, the simulation contradicts statics in {rows_text(rows)}.'
         by_statics = [k for k, each in enumerate(runs.simulated, 1) if not each]
         if by_statics:
             yield f'Trap {numbers_text(by_statics)} was not simulated; its stated outcomes count.'
@@ -262,14 +258,14 @@ class TrackResult(Result):
     def _warnings(self) -> Iterator[str]:
         found = self.passage
         texts = {
-            'rolls': 'The part rolls in row {}: its outcome is not known.',
-            'unknown': 'Statics does not tell what becomes of row {}: only edges of the part '
+            'rolls': 'The part rolls in {}: its outcome is not known.',
+            'unknown': 'Statics does not tell what becomes of {}: only edges of the part '
             'touch the track, it drops into the trap, or it turns over.',
-            'falls_off': 'These fall off the track before the first trap: row {}.',
-            'jams': f'{share_text(found.jams)} % of the parts jam in a trap: row {{}}.',
-            'margin_below_tolerance': 'The margin of row {} is less than the tolerances of part '
+            'falls_off': 'These fall off the track before the first trap: {}.',
+            'jams': f'{share_text(found.jams)} % of the parts jam in a trap: {{}}.',
+            'margin_below_tolerance': 'The margin of {} is less than the tolerances of part '
             f'and trap together, {margin_text(found.tolerance.both)}.',
-            'alike': 'Rows {} are alike to these traps, as mirror images are: where one of them '
+            'alike': 'The {} are alike to these traps, as mirror images are: where one of them '
             'passes, all do.',
         }
         shown = {self.rows[k].id for k in shown_rows(found)}
@@ -277,7 +273,7 @@ class TrackResult(Result):
             given: Any = flag['orientations']
             ids = [number for number in given if number in shown]
             if ids:
-                yield texts[str(flag['flag'])].format(numbers_text(ids))
+                yield texts[str(flag['flag'])].format(rows_text(ids))
         lost = 1 - float(found.probability.sum())
         if self.before and lost > 5e-4:
             yield f'{share_text(lost)} % of the parts are in no aspect after the actions.'

@@ -440,6 +440,11 @@ def _fill(axes: 'Axes', geometry: shapely.Geometry, colour: str, alpha: float) -
         axes.add_patch(PathPatch(path, facecolor=colour, edgecolor=FAINT, lw=0.6, alpha=alpha))
 
 
+def rows_text(ids: Sequence[int]) -> str:
+    """Return rows as 'row 3' or 'rows 3 and 4'."""
+    return f'{"row" if len(ids) == 1 else "rows"} {numbers_text(ids)}'
+
+
 def margin_text(margin: float) -> str:
     """Return a margin in mm, or what its absence means."""
     return f'{1e3 * margin:.2f} mm' if math.isfinite(margin) else NOTHING
