@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import down_in_part, rotate, turned_about_vertical
+from resting_aspects_ros.system import available_cores
 
 Mask = npt.NDArray[np.bool_]
 
@@ -310,10 +312,12 @@ def draw_parts(
         for p in posed_parts
     ]
     scale = FILLED * pixels * FINE / max(spans, default=1.0)
-    return [
-        _draw_part(p, np.array(c), scale, pixels, view)
-        for p, c in zip(posed_parts, colours, strict=True)
-    ]
+
+    def draw(solid: PosedPart, colour: tuple[float, float, float]) -> Image:
+        return _draw_part(solid, np.array(colour), scale, pixels, view)
+
+    with ThreadPoolExecutor(available_cores()) as threads:
+        return list(threads.map(draw, posed_parts, colours))
 
 
 def _untransformed(part: Part) -> PosedPart:

@@ -2,6 +2,8 @@
 import { makeView } from 'view';
 
 const RETRY_MS = 1000;
+// The first shares are shown before the 3D view, which takes half a second without a GPU.
+const VIEW_DELAY_MS = 600;
 const find = (selector, within = document) => within.querySelector(selector);
 const all = (selector, within = document) => [...within.querySelectorAll(selector)];
 const narrow = matchMedia('(max-width: 900px)');
@@ -15,6 +17,7 @@ let values = {}; // of all controls
 let view = null;
 let scene = null;
 let chosen = 0; // row in the 3D view
+let viewing = 0; // timer
 let opening = 'first'; // side for which a file is chosen
 
 // -- The socket ---------------------------------------------------------------------------------
@@ -72,8 +75,11 @@ const handlers = {
   second(message) { showChoices('second', message); },
   scene(message) {
     scene = message.scene;
-    chosen = 0;
-    showView();
+    view?.dispose();
+    view = null;
+    choose(0, true);
+    clearTimeout(viewing);
+    viewing = setTimeout(showView, VIEW_DELAY_MS);
   },
   bars({ rows, caption, pickable }) {
     rows.forEach(showRow);
@@ -268,8 +274,6 @@ function showRow(texts, number) {
 }
 
 function showView() {
-  view?.dispose();
-  view = null;
   const stage = find('#stage');
   if (!stage || !scene.rows) return;
   const picture = find('img', stage);
@@ -278,7 +282,7 @@ function showView() {
     picture?.remove();
     find('#view-hint').textContent = 'Drag to rotate, then zoom with the wheel or two fingers.';
   }
-  choose(0, true);
+  choose(chosen, true);
 }
 
 function choose(number, atOnce = false) {
