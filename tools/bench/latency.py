@@ -7,12 +7,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
@@ -30,11 +32,27 @@ MANY_DROPS = 2_000_000
 TIMEOUT = 60.0
 # DDS can lose a call on a very busy machine; more lost calls than this indicate a defect.
 MAX_LOST = 10
+# A service that sends a response from a file.
+SAME = """
+import sys
+import rclpy
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.srv import GetDistribution
+
+rclpy.init()
+with open(sys.argv[1], 'rb') as file:
+    known = deserialize_message(file.read(), GetDistribution.Response)
+node = rclpy.create_node('same')
+node.create_service(GetDistribution, 'same', lambda *_: known)
+try:
+    rclpy.spin(node)
+except rclpy.executors.ExternalShutdownException:
+    pass
+"""
 # A service that does nothing.
 TRIGGER = """
 import rclpy
 from std_srvs.srv import Trigger
-from validation.document import table
 
 rclpy.init()
 node = rclpy.create_node('nothing')
@@ -57,24 +75,26 @@ def latency() -> Iterator[str]:
         stack.enter_context(_process(suite))
         stack.enter_context(_process(['-c', TRIGGER, *ros]))
         client = stack.enter_context(_client(ros))
-        client.meet()
+        known = Path(folder) / 'known'
+        known.write_bytes(serialize_message(client.meet()))
+        stack.enter_context(_process(['-c', SAME, str(known), *ros]))
         for load in ('idle', 'during a run'):
             if load != 'idle':
                 client.begin_run()
-            base = None
-            for name, times in client.measure(load).items():
-                found = np.percentile(times, [50, 99])
-                base = found if base is None else base
-                (median, p99), ratios = found, found / base
+            times = client.measure(load)
+            found = {name: np.percentile(each, [50, 99]) for name, each in times.items()}
+            for name, (median, p99) in found.items():
+                ratios = found[name] / found['the same response']
                 cells = [f'{median:.3f}', f'{ratios[0]:.2f}', f'{p99:.3f}', f'{ratios[1]:.2f}']
                 rows.append([load, name, *cells])
     yield '## Latency'
     yield ''
     yield (
         f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
-        'with the same number of calls of a plain `std_srvs/Trigger` service. One process calls '
-        'services in two other processes. Ratios are relative to the Trigger. *During a run*: '
-        'while a run with another seed uses all cores. Aim: ratios of at most 1.5. '
+        'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
+        'that only sends the same response. One process calls services in three other processes. '
+        'Ratios are relative to the service that only sends the response. *During a run*: while '
+        'a run with another seed uses all cores. Aim: ratios of at most 1.5. '
         f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
     )
     yield ''
@@ -92,10 +112,11 @@ class _Client:
         self._executor.add_node(self._node)
         self._trigger = self._node.create_client(Trigger, 'trigger')
         self._ask = self._node.create_client(GetDistribution, 'get_distribution')
+        self._same = self._node.create_client(GetDistribution, 'same')
         self._drop = ActionClient(self._node, DropPart, 'drop_part')
 
-    def meet(self) -> None:
-        """Wait for the services, and request a distribution until it is available."""
+    def meet(self) -> GetDistribution.Response:
+        """Wait for the services, and return a distribution when it is available."""
         waits = (
             self._trigger.wait_for_service,
             self._ask.wait_for_service,
@@ -109,7 +130,7 @@ class _Client:
         while True:
             answer, _ = self._timed(self._ask, _request())
             if answer.status.code != Status.NOT_AVAILABLE:  # it is still reading logs and parts
-                return
+                return answer
             time.sleep(0.1)
 
     def begin_run(self) -> None:
@@ -128,8 +149,10 @@ class _Client:
         """Return the times of the calls of each service, ms."""
         calls = {
             'Trigger': (self._trigger, Trigger.Request()),
+            'the same response': (self._same, _request()),
             'get_distribution': (self._ask, _request()),
         }
+        self._until(lambda: self._call(self._same, _request()) is not None)
         times: dict[str, list[float]] = {name: [] for name in calls}
         for _ in track(range(CALLS), f'latency, {what}', transient=True):
             for name, (service, request) in calls.items():
