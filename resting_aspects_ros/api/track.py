@@ -99,7 +99,8 @@ def track(
         A track, its description as of a YAML file, such a file, or the name of one in
         config/tracks.
     want : int or sequence of int
-        Ids of the rows that the feeder shall deliver; by default the most probable one.
+        Ids of the rows that the feeder shall deliver; by default the first one that the
+        track supports.
     simulate : int
         Parts of each row that run over the traps at the speed of the track in Bullet; 0: none.
     before : sequence of str, action or NamedAction

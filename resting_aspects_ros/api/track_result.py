@@ -83,7 +83,7 @@ class TrackResult(Result):
 
     @property
     def rows(self) -> tuple[Orientation, ...]:
-        """The orientations on the track, the most probable one first."""
+        """The orientations on the track, by their numbers."""
         return self.passage.rows
 
     @property

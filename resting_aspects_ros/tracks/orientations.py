@@ -203,7 +203,9 @@ class Orientation:
     """A row: how a part lies on the track. Rotations of the part onto itself are one row.
 
     id : int
-        From 1, by falling probability.
+        From 1, by falling probability of quasi-static motion: the `basin_share` of the aspects
+        times the share of the yaw; rows in which the part rolls are last. The numbers do not
+        change with the conditions and the drops.
     aspects : tuple of int
         Ids of the aspects of which the row consists.
     orientation : (4,) float
@@ -265,7 +267,7 @@ def orientations_on(
     wall_friction: float = 0.0,
     model: Array | None = None,
 ) -> list[Orientation]:
-    """Return the orientations of a part on a track, the most probable one first.
+    """Return the orientations of a part on a track, by their numbers.
 
     Parameters
     ----------
@@ -303,7 +305,13 @@ def orientations_on(
                 found[same[0]] = _joined(found[same[0]], made)
             else:
                 found.append(made)
-    ordered = sorted(found, key=lambda each: (-each.probability, -each.high))
+
+    def place(row: Orientation) -> tuple[bool, float, tuple[int, ...], float]:
+        share = sum(aspects[number - 1].basin_share for number in row.aspects) * row.yaw.share
+        angle = row.yaw.angle % (2 * np.pi)
+        return row.rolls, -round(share, 6), row.aspects, round(angle, 3)
+
+    ordered = sorted(found, key=place)
     return [replace(each, id=k) for k, each in enumerate(ordered, 1)]
 
 

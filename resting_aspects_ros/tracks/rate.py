@@ -66,7 +66,7 @@ class Passage:
     part : Part
     track : Track
     rows : tuple of Orientation
-        By falling probability.
+        By their numbers.
     entry : tuple of Outcome
         Whether the track without traps supports each row; what it does not support falls off
         before the first trap.
@@ -209,7 +209,7 @@ def pass_traps(
     Parameters
     ----------
     wanted : sequence of int
-        Ids of rows; empty: the most probable row that the track supports.
+        Ids of rows; empty: the first row that the track supports.
     confusions : mapping of Sensor to (n, n + 1) float
         Confusion matrix of each sensor of the track; see sensor.py.
 

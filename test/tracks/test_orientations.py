@@ -134,6 +134,16 @@ def test_rows_do_not_depend_on_the_frame_of_the_mesh(part, solid, rows_of):
     assert [r.height for r in other] == pytest.approx([r.height for r in one], abs=1e-5)
 
 
+def test_numbers_of_rows_do_not_depend_on_the_shares(part):
+    bracket = part('l_bracket')
+    aspects = find_aspects(bracket)
+    rows = [
+        [(row.aspects, row.yaw.angle) for row in orientations_on(bracket, aspects, shares)]
+        for shares in ([0.2] * 5, [0.1, 0.3, 0.3, 0.2, 0.1], [0.0, 0.0, 0.0, 0.0, 1.0])
+    ]
+    assert rows[0] == rows[1] == rows[2]
+
+
 def test_a_standing_cylinder_is_one_row(part, rows_of):
     found = [row for row in rows_of(part('cylinder_d20_h20'), math.inf, 0.2) if not row.rolls]
     assert len(found) == 1

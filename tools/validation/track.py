@@ -38,6 +38,8 @@ DESIGNS = (
     ('hex_nut', 1, 'flat'),
     ('hex_nut', 2, 'standing, hexagon at the wall'),
     ('u_bracket', 1, 'on its side, back at the wall'),
+    ('box_10x20x30', 1, 'flat, its side of 30 mm at the wall'),
+    ('t_prism', 1, 'flat, an oblique side at the wall'),
     ('l_bracket', 3, 'flat, its leg of 40 mm at the wall'),
 )
 DESIGN_PARTS, DESIGN_SPEED = 200, 0.1
