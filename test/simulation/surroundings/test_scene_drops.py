@@ -20,6 +20,7 @@ from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,
@@ -50,6 +51,19 @@ def make(rubber):
 
 
 # -- Nothing but the index decides ---------------------------------------------------------------
+
+
+def test_omitted_fall_onto_a_slope_is_a_free_fall(part, make):
+    # A spin too small to matter, with which the fall is not left out.
+    job, n = make(part('l_bracket'), Slope(0.3)), 50
+    whole = dataclasses.replace(job, conditions=job.conditions.changed(spin=1e-12))
+    short, full = (initial_states(each, 0, n) for each in (job, whole))
+    t, down = short.elapsed[:, None], job.scene.down
+    assert (t > 0).all()
+    np.testing.assert_allclose(short.velocity, full.velocity + t * down, atol=1e-9)
+    np.testing.assert_allclose(
+        short.position, full.position + full.velocity * t + t**2 / 2 * down, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
