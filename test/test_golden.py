@@ -172,7 +172,7 @@ def estimate():
 def track():
     traps = [{'kind': 'wiper', 'height': '22.25mm'}, {'kind': 'balcony', 'width': '12mm'}]
     on = {'width': '55mm', 'roll': '5deg', 'speed': '300mm/s', 'traps': traps}
-    result = ra.track('u_bracket', on, 2, drops=200, simulate=2, seed=3)
+    result = ra.track('u_bracket', on, 1, drops=200, simulate=2, seed=3)
     counts = {
         'outcomes': [[each.outcome for each in of_trap] for of_trap in result.passage.outcomes],
         'runs': result.runs.counts.tolist(),
@@ -186,7 +186,7 @@ def track():
 
 
 def design_track():
-    result = ra.design_track('u_bracket', 2, drops=200, seed=3)
+    result = ra.design_track('u_bracket', 1, drops=200, seed=3)
     counts = {'kinds': [[trap.kind for trap in each.traps] for each in _passages(result)]}
     return counts, {'margins': [each.margin for each in result.designs]}, result
 

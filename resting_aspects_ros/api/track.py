@@ -100,7 +100,7 @@ def track(
         config/tracks.
     want : int or sequence of int
         Ids of the rows that the feeder shall deliver; by default the first one that the
-        track supports.
+        track supports and a part arrives in.
     simulate : int
         Parts of each row that run over the traps at the speed of the track in Bullet; 0: none.
     before : sequence of str, action or NamedAction

@@ -151,7 +151,10 @@ class TrackResult(Result):
         rows = rows_text(found.wanted)
         low, high = found.good
         if high == 0:
-            yield f'No part in {rows} passes the traps.{self._blocked()}'
+            if any(row.probability for row in found.rows if row.id in found.wanted):
+                yield f'No part in {rows} passes the traps.{self._blocked()}'
+            else:
+                yield f'No part arrives in {rows}.'
             return
         rate, purity = found.rate, found.purity
         yield (

@@ -245,6 +245,8 @@ FROM_ABOVE = np.eye(3)  # the view of a camera above the tray
 LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * OBLIQUE[0] + 0.3 * OBLIQUE[2]
 LIGHT /= np.linalg.norm(LIGHT)
 
+# A picture of 320 pixels takes 100 MB while it is drawn.
+MAX_THREADS = 4
 MIN_SHADE = 0.5  # brightness of a side that faces away from the light
 EDGE_COLOUR = np.array([0.13, 0.13, 0.15])
 MAX_EDGE_SHARE = 0.6  # of the part's pixels; with more, edges are not drawn
@@ -313,11 +315,11 @@ def draw_parts(
     ]
     scale = FILLED * pixels * FINE / max(spans, default=1.0)
 
-    def draw(solid: PosedPart, colour: tuple[float, float, float]) -> Image:
-        return _draw_part(solid, np.array(colour), scale, pixels, view)
+    def draw(one: tuple[PosedPart, tuple[float, float, float]]) -> Image:
+        return _draw_part(one[0], np.array(one[1]), scale, pixels, view)
 
-    with ThreadPoolExecutor(available_cores()) as threads:
-        return list(threads.map(draw, posed_parts, colours))
+    with ThreadPoolExecutor(min(available_cores(), MAX_THREADS)) as threads:
+        return list(threads.map(draw, zip(posed_parts, colours, strict=True)))
 
 
 def _untransformed(part: Part) -> PosedPart:

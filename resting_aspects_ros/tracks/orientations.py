@@ -205,7 +205,7 @@ class Orientation:
     id : int
         From 1, by falling probability of quasi-static motion: the `basin_share` of the aspects
         times the share of the yaw; rows in which the part rolls are last. The numbers do not
-        change with the conditions and the drops.
+        change with the drops and their conditions, only with the wall.
     aspects : tuple of int
         Ids of the aspects of which the row consists.
     orientation : (4,) float
@@ -306,10 +306,11 @@ def orientations_on(
             else:
                 found.append(made)
 
-    def place(row: Orientation) -> tuple[bool, float, tuple[int, ...], float]:
+    def place(row: Orientation) -> tuple[bool, float, tuple[int, ...], int]:
         share = sum(aspects[number - 1].basin_share for number in row.aspects) * row.yaw.share
-        angle = row.yaw.angle % (2 * np.pi)
-        return row.rolls, -round(share, 6), row.aspects, round(angle, 3)
+        # Rounded first: -1e-16 and 1e-16 are the same angle.
+        angle = round(1000 * row.yaw.angle) % round(2000 * np.pi)
+        return row.rolls, -round(share, 6), row.aspects, angle
 
     ordered = sorted(found, key=place)
     return [replace(each, id=k) for k, each in enumerate(ordered, 1)]

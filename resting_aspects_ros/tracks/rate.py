@@ -209,7 +209,7 @@ def pass_traps(
     Parameters
     ----------
     wanted : sequence of int
-        Ids of rows; empty: the first row that the track supports.
+        Ids of rows; empty: the first row that the track supports and a part arrives in.
     confusions : mapping of Sensor to (n, n + 1) float
         Confusion matrix of each sensor of the track; see sensor.py.
 
@@ -227,15 +227,16 @@ def pass_traps(
     wide = replace(track.surface, width=MAX_SIZE)
     entry = outcomes(rows, Balcony(track.surface.width), wide, part)
     entry = [Outcome('pass') if row.rolls else each for row, each in zip(rows, entry, strict=True)]
-    for row, first in zip(rows, entry, strict=True):
-        if row.id in wanted and first.outcome == 'reject':
+    for row, enters in zip(rows, entry, strict=True):
+        if row.id in wanted and enters.outcome == 'reject':
             raise InvalidValueError(
                 f'invalid wanted orientation {row.id}: expected one that the track of '
                 f'{1e3 * track.surface.width:g} mm supports; this one needs '
-                f'{1e3 * first.critical:.2f} mm'
+                f'{1e3 * enters.critical:.2f} mm'
             )
-    supported = [row.id for row, each in zip(rows, entry, strict=True) if each.outcome == 'pass']
-    chosen = tuple(sorted({*map(int, wanted)})) or tuple(supported[:1]) or (ids[0],)
+    supported = [row for row, each in zip(rows, entry, strict=True) if each.outcome == 'pass']
+    first = [*(row.id for row in supported if row.probability), *(row.id for row in supported)]
+    chosen = tuple(sorted({*map(int, wanted)})) or tuple(first[:1]) or (ids[0],)
 
     def found(trap: Trap) -> tuple[Outcome, ...]:
         if isinstance(trap, Sensor):

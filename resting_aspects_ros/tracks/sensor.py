@@ -72,9 +72,9 @@ def _answer(
     if best is None:
         return len(rows)
     symmetry = known.aspects.symmetry
-    for k, row in enumerate(rows):  # by falling share
+    for k in sorted(range(len(rows)), key=lambda k: -rows[k].probability):
         if any(
-            same_orientation(pose.orientation, row.orientation, symmetry, WITHIN)
+            same_orientation(pose.orientation, rows[k].orientation, symmetry, WITHIN)
             for pose in best.poses
         ):
             return k

@@ -192,7 +192,7 @@ def test_proposed_traps_find_a_place_after_many_of_ones_own():
 
 @pytest.mark.slow
 def test_without_a_design_other_rows_are_named():
-    # Row 4 of the prism has a mirror image, and three rows pass each trap that it passes.
+    # Four rows of the prism pass each trap that row 4 passes.
     found = ra.design_track('t_prism', 4, drops=100, model_range=False)
     assert not found.designs
     assert found.best is found.bare

@@ -21,7 +21,7 @@ def diagnostics(suite, diagnostics_of):
 
 
 @pytest.mark.slow
-def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
+def test_nodes_publish_diagnostics(suite, diagnostics):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
         level, message, values = diagnostics.wait(

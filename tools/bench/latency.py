@@ -1,4 +1,4 @@
-"""Latency of get_distribution for a known part, compared with a service that does nothing."""
+"""Latency of get_distribution for a known part, compared with plain services."""
 
 import os
 import subprocess
@@ -103,7 +103,7 @@ def latency() -> Iterator[str]:
 
 
 class _Client:
-    """Client of both services."""
+    """Client of the services."""
 
     def __init__(self) -> None:
         self.lost = 0  # calls without an answer
@@ -147,12 +147,14 @@ class _Client:
 
     def measure(self, what: str) -> dict[str, list[float]]:
         """Return the times of the calls of each service, ms."""
+        if not self._same.wait_for_service(timeout_sec=TIMEOUT):
+            raise SystemExit(f'the plain service did not start within {TIMEOUT:g} s')
+        self._until(lambda: self._call(self._same, _request(), 1.0) is not None)
         calls = {
             'Trigger': (self._trigger, Trigger.Request()),
             'the same response': (self._same, _request()),
             'get_distribution': (self._ask, _request()),
         }
-        self._until(lambda: self._call(self._same, _request()) is not None)
         times: dict[str, list[float]] = {name: [] for name in calls}
         for _ in track(range(CALLS), f'latency, {what}', transient=True):
             for name, (service, request) in calls.items():
@@ -176,13 +178,13 @@ class _Client:
         if self.lost > MAX_LOST:
             raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
 
-    def _call(self, client: Any, request: Any) -> Any:
-        """Return the response, or None after the timeout."""
+    def _call(self, client: Any, request: Any, timeout: float = TIMEOUT) -> Any:
+        """Return the response, or None after the timeout, s."""
         answer: Future = client.call_async(request)
-        end = time.monotonic() + TIMEOUT
+        end = time.monotonic() + timeout
         # spin_until_future_complete would leave tasks in the executor, more with each call.
         while not answer.done() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=TIMEOUT)
+            self._executor.spin_once(timeout_sec=timeout)
         if not answer.done():
             client.remove_pending_request(answer)
         return answer.result()

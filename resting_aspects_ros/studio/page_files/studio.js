@@ -66,6 +66,11 @@ const handlers = {
     find('#opening span').textContent = text;
   },
   part({ name, facts }) {
+    // Its rows, with a stage for the view, and its scene follow.
+    clearTimeout(viewing);
+    view?.dispose();
+    view = null;
+    scene = null;
     document.body.classList.remove('empty');
     document.title = `${name}: resting_aspects studio`;
     find('#name').textContent = name;
@@ -75,8 +80,6 @@ const handlers = {
   second(message) { showChoices('second', message); },
   scene(message) {
     scene = message.scene;
-    view?.dispose();
-    view = null;
     choose(0, true);
     clearTimeout(viewing);
     viewing = setTimeout(showView, VIEW_DELAY_MS);
@@ -275,7 +278,8 @@ function showRow(texts, number) {
 
 function showView() {
   const stage = find('#stage');
-  if (!stage || !scene.rows) return;
+  if (!stage || !scene?.rows) return;
+  view?.dispose();
   const picture = find('img', stage);
   view = makeView(stage, scene);
   if (view) {
@@ -292,7 +296,7 @@ function choose(number, atOnce = false) {
     find('.pictures button', row)?.setAttribute('aria-pressed', String(k === number));
   });
   const row = find(`#panel-aspects .row[data-row="${number}"]`);
-  if (!row) return;
+  if (!row || !scene?.rows) return;
   if (view) view.show(scene.rows[number], atOnce);
   else if (find('#stage img') && find('img', row)) find('#stage img').src = find('img', row).src;
   find('#view-name').textContent = scene.rows[number].name;
