@@ -32,31 +32,20 @@ MANY_DROPS = 2_000_000
 TIMEOUT = 60.0
 # DDS can lose a call on a very busy machine; more lost calls than this indicate a defect.
 MAX_LOST = 10
-# A service that sends a response from a file.
-SAME = """
+# Services that do nothing, and send a response from a file.
+PLAIN = """
 import sys
 import rclpy
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.srv import GetDistribution
+from std_srvs.srv import Trigger
 
 rclpy.init()
 with open(sys.argv[1], 'rb') as file:
     known = deserialize_message(file.read(), GetDistribution.Response)
-node = rclpy.create_node('same')
-node.create_service(GetDistribution, 'same', lambda *_: known)
-try:
-    rclpy.spin(node)
-except rclpy.executors.ExternalShutdownException:
-    pass
-"""
-# A service that does nothing.
-TRIGGER = """
-import rclpy
-from std_srvs.srv import Trigger
-
-rclpy.init()
-node = rclpy.create_node('nothing')
+node = rclpy.create_node('plain')
 node.create_service(Trigger, 'trigger', lambda _, response: response)
+node.create_service(GetDistribution, 'same', lambda *_: known)
 try:
     rclpy.spin(node)
 except rclpy.executors.ExternalShutdownException:
@@ -73,11 +62,10 @@ def latency() -> Iterator[str]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
         stack.enter_context(_process(suite))
-        stack.enter_context(_process(['-c', TRIGGER, *ros]))
         client = stack.enter_context(_client(ros))
         known = Path(folder) / 'known'
         known.write_bytes(serialize_message(client.meet()))
-        stack.enter_context(_process(['-c', SAME, str(known), *ros]))
+        stack.enter_context(_process(['-c', PLAIN, str(known), *ros]))
         for load in ('idle', 'during a run'):
             if load != 'idle':
                 client.begin_run()
@@ -92,7 +80,7 @@ def latency() -> Iterator[str]:
     yield (
         f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
         'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
-        'that only sends the same response. One process calls services in three other processes. '
+        'that only sends the same response. One process calls services in two other processes. '
         'Ratios are relative to the service that only sends the response. *During a run*: while '
         'a run with another seed uses all cores. Aim: ratios of at most 1.5. '
         f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
@@ -117,16 +105,9 @@ class _Client:
 
     def meet(self) -> GetDistribution.Response:
         """Wait for the services, and return a distribution when it is available."""
-        waits = (
-            self._trigger.wait_for_service,
-            self._ask.wait_for_service,
-            self._drop.wait_for_server,
-        )
-        for wait in waits:
+        for wait in (self._ask.wait_for_service, self._drop.wait_for_server):
             if not wait(timeout_sec=TIMEOUT):
                 raise SystemExit(f'the suite did not respond within {TIMEOUT:g} s')
-        # Responses are lost until both services have discovered this client.
-        self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
         while True:
             answer, _ = self._timed(self._ask, _request())
             if answer.status.code != Status.NOT_AVAILABLE:  # it is still reading logs and parts
@@ -147,14 +128,14 @@ class _Client:
 
     def measure(self, what: str) -> dict[str, list[float]]:
         """Return the times of the calls of each service, ms."""
-        if not self._same.wait_for_service(timeout_sec=TIMEOUT):
-            raise SystemExit(f'the plain service did not start within {TIMEOUT:g} s')
-        self._until(lambda: self._call(self._same, _request(), 1.0) is not None)
         calls = {
             'Trigger': (self._trigger, Trigger.Request()),
             'the same response': (self._same, _request()),
             'get_distribution': (self._ask, _request()),
         }
+        # Responses are lost until a service has discovered this client.
+        for each in calls.values():
+            self._until(lambda each=each: self._call(*each, 1.0) is not None)
         times: dict[str, list[float]] = {name: [] for name in calls}
         for _ in track(range(CALLS), f'latency, {what}', transient=True):
             for name, (service, request) in calls.items():
