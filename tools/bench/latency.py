@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -134,8 +135,8 @@ class _Client:
             'get_distribution': (self._ask, _request()),
         }
         # Responses are lost until a service has discovered this client.
-        for each in calls.values():
-            self._until(lambda each=each: self._call(*each, 1.0) is not None)
+        for service, request in calls.values():
+            self._until(partial(self._answers, service, request))
         times: dict[str, list[float]] = {name: [] for name in calls}
         for _ in track(range(CALLS), f'latency, {what}', transient=True):
             for name, (service, request) in calls.items():
@@ -169,6 +170,9 @@ class _Client:
         if not answer.done():
             client.remove_pending_request(answer)
         return answer.result()
+
+    def _answers(self, client: Any, request: Any) -> bool:
+        return self._call(client, request, 1.0) is not None
 
     def _until(self, holds: Callable[[], bool]) -> None:
         end = time.monotonic() + TIMEOUT
