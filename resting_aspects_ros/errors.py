@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-MAX_SHOWN = 80
+# Maximum length of a value and of a path in a message.
+MAX_SHOWN, MAX_PATH = 80, 300
 
 
 class RestingAspectsError(Exception):

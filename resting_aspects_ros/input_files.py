@@ -18,6 +18,7 @@ import yaml
 from pydantic import BaseModel, ValidationError, confloat, conint, constr
 
 from resting_aspects_ros.errors import (
+    MAX_PATH,
     MAX_SHOWN,
     InvalidValueError,
     RestingAspectsError,
@@ -25,9 +26,6 @@ from resting_aspects_ros.errors import (
     one_line,
     shown,
 )
-
-# Maximum length of a path in a message.
-MAX_PATH = 300
 
 
 def read_input(

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -386,6 +385,8 @@ def slide_reason(scene: Scene) -> str:
         along, holds = math.sqrt(max(1 - across**2, 0.0)), float(friction[0]) * across
         what = f'friction angle of {_degrees(math.atan(friction[0]))} (friction {friction[0]:g})'
     else:
+        from scipy.optimize import nnls  # slow, and only needed here
+
         forces, _ = nnls(normals.T[1:], -scene.down[1:])
         across = float(np.linalg.norm(scene.down[1:]))
         along, holds = abs(float(scene.down[0])), float(friction @ forces)

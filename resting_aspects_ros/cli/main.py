@@ -25,6 +25,7 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
 from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS, ROS
 from resting_aspects_ros.errors import (
+    MAX_PATH,
     InvalidValueError,
     NoLogError,
     PartError,
@@ -36,7 +37,6 @@ from resting_aspects_ros.errors import (
     one_line,
     shown,
 )
-from resting_aspects_ros.input_files import MAX_PATH
 from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
