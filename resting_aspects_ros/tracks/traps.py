@@ -5,6 +5,7 @@ keys of YAML files, documents and texts follow.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -184,7 +185,7 @@ class Cut(Trap):
         found = [(name, self.critical(arrival, name)) for name in self.ranges]
         limited, critical = min(found, key=lambda each: abs(getattr(self, each[0]) - each[1]))
         margin = self.unit * abs(getattr(self, limited) - critical)
-        if self.passes(arrival):
+        if self.passes(arrival.row, arrival.surface):
             return Outcome('pass', critical, margin, limited)
         if is_line(arrival.row):
             result: Result = 'unknown'
@@ -192,24 +193,29 @@ class Cut(Trap):
             result = 'jam' if self.span() is not None and margin < DIP else 'reject'
         return Outcome(result, critical, -margin, limited)
 
-    def passes(self, arrival: Arrival) -> bool:
+    def passes(self, row: Orientation, surface: Surface) -> bool:
         """Return whether the rest of the track supports the part all the way."""
         hole = self.removed()
         if self.span() is None:
-            return supports(arrival.row, arrival.surface, hole)
-        places = passage(arrival.row, hole)
+            return supports(row, surface, hole)
+        places = passage(row, hole)
         # A few places tell sooner that a part falls through a large hole.
         few = places[:: max(1, len(places) // FEW)]
-        return all(supports(arrival.row, arrival.surface, hole, each) for each in (few, places))
+        return all(supports(row, surface, hole, each) for each in (few, places))
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
-        low, high = self.ranges[name]
-        return critical_value(
-            lambda value: dataclasses.replace(self, **{name: value}).passes(arrival),
-            low,
-            high,
-        )
+        # It does not depend on the present value of the dimension, such as that of an alternative.
+        alike = dataclasses.replace(self, **{name: self.ranges[name][1]})
+        return _critical(alike, name, arrival.row, arrival.surface)
+
+
+@functools.lru_cache(maxsize=1024)
+def _critical(trap: Cut, name: str, row: Orientation, surface: Surface) -> float:
+    def passes(value: float) -> bool:
+        return dataclasses.replace(trap, **{name: value}).passes(row, surface)
+
+    return critical_value(passes, *trap.ranges[name])
 
 
 @dataclass(frozen=True)
@@ -373,6 +379,7 @@ class CutOut(Cut):
                 f'invalid points {shown(self.points)}: expected a polygon that does not cross '
                 'itself'
             )
+        object.__setattr__(self, 'points', tuple((x, y) for x, y in given.tolist()))
 
     @property
     def document(self) -> dict[str, Any]:
