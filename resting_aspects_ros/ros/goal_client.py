@@ -92,16 +92,21 @@ async def goal_result(
         return False
 
     handle = await _accepted(client, goal, on_feedback, arrived)
-    answer = handle.get_result_async()
+    answer = Future(executor=node.executor)
+
+    def take(response: Future) -> None:
+        if not answer.done():
+            answer.set_result(response.result())
+
+    handle.get_result_async().add_done_callback(take)
     while not await arrived(answer):
         if not wanted():
             await arrived(handle.cancel_goal_async())
             raise CanceledError(f'the simulation of {goal.part} was canceled')
         if time.monotonic() - last_feedback > RETRY_PERIOD:
             last_feedback = time.monotonic()
-            again = handle.get_result_async()
-            if await arrived(again):
-                answer = again
+            # The first response that arrives is used: each of them may be lost or late.
+            handle.get_result_async().add_done_callback(take)
     if answer.result().status == GoalStatus.STATUS_UNKNOWN:
         raise NotAvailableError(
             f'the simulator was restarted while it simulated {goal.part}: try again'
