@@ -3,6 +3,7 @@
 `start_process` and `processes` start real processes, for what only these show.
 """
 
+import functools
 import re
 import time
 from contextlib import closing
@@ -14,7 +15,7 @@ from ros_graph import Diagnostics, Graphs, Parameters, Suite, new_namespace
 from ros_processes import processes, run_command, start_process  # noqa: F401  # fixtures
 
 from resting_aspects_ros.api import model_range
-from resting_aspects_ros.client import connection
+from resting_aspects_ros.client import RestingAspectsClient, connection
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
@@ -149,6 +150,19 @@ def spinning(graphs, suite):
         yield
 
 
+@pytest.fixture
+def in_namespace():
+    """Return the arguments of a Python client of the suite in a namespace."""
+    return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
+
+
+@pytest.fixture
+def client(suite, in_namespace, spinning):
+    """A Python client of the suite, with a private node."""
+    with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+        yield client
+
+
 # -- what tests see and send ----------------------------------------------------------------------
 
 
@@ -196,6 +210,18 @@ def counts():
     return counts
 
 
+@pytest.fixture(scope='session')
+def engine(part, surfaces):
+    """Return the poses of the first drops of a seed, made without nodes."""
+
+    @functools.cache
+    def engine(drops, seed, name='tetrahedron'):
+        given = {'seed': seed, 'drops': drops, 'run_id': '', 'started': 0}
+        return drop_range(plan_run(part(name), surfaces.get(), **given)[0], 0, drops)
+
+    return engine
+
+
 @pytest.fixture
 def quick(surfaces):
     """Return conditions for short drops: from a low height, without bounces."""
@@ -203,14 +229,14 @@ def quick(surfaces):
 
 
 @pytest.fixture(scope='session')
-def batches(part, surfaces):
+def batches(part, surfaces, engine):
     """Create serialized batches of a run of the tetrahedron; each repeats the first drops."""
 
     def plan(count, run_id):
         given = {'seed': 1, 'drops': count * BATCH, 'run_id': run_id, 'started': 10**18}
         return plan_run(part('tetrahedron'), surfaces.get(), **given)
 
-    poses = drop_range(plan(1, '')[0], 0, BATCH)
+    poses = engine(BATCH, 1)
 
     def batches(count, run_id='recorded'):
         (batch,) = poses_msgs(poses, plan(count, run_id)[1], time_msg(7), last=False)
