@@ -45,12 +45,8 @@ def test_default_surface_is_that_of_the_simulator(suite, simulator, surfaces_mea
 
 @pytest.mark.slow
 def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
-    quick = {
-        'aspect_classifier': {
-            'ros.goal_client.STARTUP_TIMEOUT': 1.0,
-            'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0,
-        }
-    }
+    names = ('ros.goal_client.STARTUP_TIMEOUT', 'nodes.aspect_classifier.known.QUIET_PERIOD')
+    quick = {'aspect_classifier': dict.fromkeys(names, 1.0)}
     suite = fresh_suite(quick, workers=1, surface='steel')
     first = suite.client.ask(drops=2).distribution
     assert first.run.conditions.surface == 'steel'

@@ -24,19 +24,16 @@ from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 SEED = 5
 
 
 @pytest.fixture(scope='module')
-def run_of(part, surfaces):
+def run_of(part, surfaces, engine):
     """Return a run of the tetrahedron and its poses."""
-    job, run = plan_run(
-        part('tetrahedron'), surfaces.get(), seed=SEED, drops=125, run_id='4f1c', started=10**18
-    )
-    return run, drop_range(job, 0, 125)
+    given = {'seed': SEED, 'drops': 125, 'run_id': '4f1c', 'started': 10**18}
+    return plan_run(part('tetrahedron'), surfaces.get(), **given)[1], engine(125, SEED)
 
 
 @pytest.fixture(scope='module')
@@ -69,25 +66,19 @@ def write(tmp_path, part, run_of, aspects):
     return write
 
 
-def double(message):
-    """Change the counts, so that they differ from those of the drops."""
-    message.aspects[0].count += 125
-    message.drops += 125
+@pytest.mark.parametrize('numbering', [ASPECT_NUMBERING, ASPECT_NUMBERING + 1])
+def test_drops_are_recounted_only_for_another_numbering(write, run_of, aspects, numbering):
+    def change(message):
+        """Let the counts differ from those of the drops."""
+        message.aspects[0].count += 125
+        message.drops += 125
+        message.aspect_numbering = numbering
 
-
-def test_distribution_of_a_complete_log_is_used(write, run_of):
-    run, found = load_log(write(change=double))
-    assert (run, found.drops) == (run_of[0], 2 * 125)
-
-
-def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
-    def renumber(message):
-        double(message)
-        message.aspect_numbering = ASPECT_NUMBERING + 1
-
-    run, found = load_log(write(change=renumber))
-    counted = count_poses(aspects, run_of[1])
-    assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
+    run, found = load_log(write(change=change))
+    recounted = numbering != ASPECT_NUMBERING
+    assert (run, found.drops) == (run_of[0], 125 if recounted else 250)
+    counted = count_poses(aspects, run_of[1]).counts.tolist()
+    assert (found.counts.tolist() == counted) == recounted
 
 
 def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
@@ -123,18 +114,16 @@ def test_unclosed_and_inconsistent_logs_are_rejected(write):
 
 def test_newest_log_of_each_part_is_read_first(tmp_path):
     names = [
-        'box_20200101T000000Z_1',
-        'nut_20200101T000000Z_2',
-        'nut_20210101T000000Z_3',
         'nut_20220101T000000Z_4',
-        'no_log',
+        'box_20200101T000000Z_1',
+        'nut_20210101T000000Z_3',
+        'nut_20200101T000000Z_2',
     ]
-    for name in names:
+    for name in (*sorted(names), 'no_log'):
         (tmp_path / name).mkdir()
     (tmp_path / 'file_20200101T000000Z_5').write_bytes(b'')
     (tmp_path / 'link_20200101T000000Z_6').symlink_to('x' * 300)
-    order = [names.index(log.name) for log in logs_in(tmp_path)]
-    assert order == [3, 0, 2, 1]
+    assert [log.name for log in logs_in(tmp_path)] == names
     assert logs_in(tmp_path / 'none') == []
 
 

@@ -32,17 +32,12 @@ PART = 'l_bracket'
 SQUARE = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])
 
 
-def polygon(points):
-    return Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in points])
-
-
 class Vision:
     """Requests to a suite."""
 
     def __init__(self, client):
         self.client = client
-        node = client.node
-        self._identify = node.create_client(IdentifyPart, IDENTIFY_PART)
+        self._identify = client.node.create_client(IdentifyPart, IDENTIFY_PART)
 
     def outlines(self, part):
         """Return the messages of outlines/<part>, after the first has arrived."""
@@ -52,9 +47,8 @@ class Vision:
 
     def identify(self, seen, *parts, **fields):
         rings = polygon_msgs(seen) if isinstance(seen, shapely.Polygon) else {'outer': seen}
-        return self.client.call(
-            self._identify, IdentifyPart.Request(parts=parts, **rings, **fields)
-        )
+        request = IdentifyPart.Request(parts=parts, **rings, **fields)
+        return self.client.call(self._identify, request)
 
 
 @pytest.fixture(scope='module')
@@ -96,43 +90,34 @@ def test_prior_is_the_newest_distribution(vision, part, seen):
 
 
 @pytest.mark.parametrize(
-    ('points', 'reason'),
+    ('points', 'parts', 'code', 'reason'),
     [
-        (SQUARE[[0, 2, 1, 3]], 'expected a boundary that does not cross itself'),
-        (np.tile(SQUARE, (MAX_POINTS, 1)), f'expected at most {MAX_POINTS}'),
+        (SQUARE[[0, 2, 1, 3]], [PART], Status.INVALID, 'expected a boundary that does not cross'),
+        (np.tile(SQUARE, (MAX_POINTS, 1)), [PART], Status.INVALID, f'at most {MAX_POINTS}'),
+        (SQUARE, [PART, 'gizmo'], Status.UNKNOWN_PART, "'gizmo'"),
     ],
 )
-def test_invalid_polygon_is_rejected_with_the_reason(vision, points, reason):
-    found = vision.identify(polygon(points), PART)
-    assert found.status.code == Status.INVALID
+def test_invalid_request_is_rejected_with_the_reason(vision, points, parts, code, reason):
+    outer = Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in points])
+    found = vision.identify(outer, *parts)
+    assert found.status.code == code
     assert reason in found.status.message
     assert not found.candidates
     assert math.isnan(found.none_probability)
     assert math.isnan(found.touching_probability)
 
 
-def test_unknown_part_is_rejected(vision, seen):
-    assert vision.identify(seen, PART, 'gizmo').status.code == Status.UNKNOWN_PART
-
-
-# Through the client
-
-
-def test_client_identifies(suite, vision, part, seen):
-    spun = RestingAspectsClient(suite.client.node)
-    points = {'outer': np.asarray(seen.exterior.coords)}
+def test_client_identifies(suite, vision, seen):
     # A service may be given one camera at most.
     position = Point(x=0.02, y=0.03, z=0.4)
     twice = vision.identify(seen, PART, camera=[position, position])
     assert twice.status.code == Status.INVALID
-    asked = spun.identify_part_async(points, PART, camera=[0, 0, 1e6], timeout=600)
-    suite.client.wait(asked.done, 'identification')
+    points = {'outer': np.asarray(seen.exterior.coords)}
+    with RestingAspectsClient(suite.client.node) as spun:
+        asked = spun.identify_part_async(points, PART, camera=[0, 0, 1e6], timeout=600)
+        suite.client.wait(asked.done, 'identification')
     best = asked.result().candidates[0]
     assert (best.x, best.y, best.yaw) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
-    spun.close()
-
-
-# Changed parts
 
 
 @pytest.mark.slow

@@ -21,11 +21,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
-    return fresh_suite(
-        {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}},
-        parts_folder=folder,
-        workers=1,
-    )
+    quick = {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}}
+    return fresh_suite(quick, parts_folder=folder, workers=1)
 
 
 @pytest.fixture
@@ -71,9 +68,7 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
         return suite.client.parts()['hex_nut'].part_sha256 not in ('', before)
 
     suite.client.wait(changed, 'another hash')
-    suite.client.wait(
-        lambda: received[-1].part_sha256 != before, 'description of the changed part'
-    )
+    suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
     answers('hex_nut', Status.NOT_AVAILABLE, only_known=True)
@@ -87,31 +82,20 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     assert 'known parts: box_10x20x30, tetrahedron' in message
 
 
-def test_broken_mesh_is_reported_once(suite, listed, folder):
-    simulator = suite.nodes['drop_simulator']
+def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder, diagnostics_of):
+    simulator, diagnostics = suite.nodes['drop_simulator'], diagnostics_of(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')
-    suite.client.wait(lambda: 'broken.stl' in simulator.output, 'warning')
-    assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
-    listed('box_10x20x30', 'tetrahedron')
-    # Several scans have been made when the added part is offered.
-    shutil.copy(parts_folder() / 'washer.stl', folder)
-    listed('box_10x20x30', 'tetrahedron', 'washer')
-    (folder / 'washer.stl').unlink()
-    listed('box_10x20x30', 'tetrahedron')
-    assert simulator.output.count('broken.stl') == 1
-    (folder / 'broken.stl').unlink()
-
-
-def test_diagnostics_list_meshes_that_are_not_offered(suite, folder, diagnostics_of):
-    diagnostics = diagnostics_of(suite.client)
-    (folder / 'empty.stl').write_bytes(b'no mesh either')
     shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
     expected = '2 meshes are not offered'
     level, _, values = diagnostics.wait('drop_simulator', lambda _, m, __: m == expected, expected)
     assert level == DiagnosticStatus.WARN
-    assert 'empty.stl' in values['not offered: empty']
+    assert 'broken.stl' in values['not offered: broken']
     assert 'expected a name of lower case' in values['not offered: My Washer.stl']
-    (folder / 'empty.stl').unlink()
-    diagnostics.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
-    (folder / 'My Washer.stl').unlink()
+    assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
+    # Several scans have been made when the added part is offered.
+    shutil.copy(parts_folder() / 'washer.stl', folder)
+    listed('box_10x20x30', 'tetrahedron', 'washer')
+    assert simulator.output.count('broken.stl') == 1
+    for name in ('washer.stl', 'broken.stl', 'My Washer.stl'):
+        (folder / name).unlink()
     diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')

