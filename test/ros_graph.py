@@ -245,11 +245,6 @@ class Client:
         self._reorient.destroy()
         self._graph.remove(self.node)
 
-    def spin(self, seconds):
-        """Spin for a time, for what must not happen within it."""
-        end = time.monotonic() + seconds
-        self.wait(lambda: time.monotonic() > end, 'the end')
-
     def listen(self, kind, topic, qos):
         """Return a list that receives the messages of a topic while this client waits."""
         received = []
@@ -478,10 +473,7 @@ class Diagnostics:
             reported = (status.level, status.message, values)
             return reported if holds(*reported) else None
 
-        try:
-            return self._client.wait(found, what)
-        except AssertionError:
-            raise AssertionError(f'{what}: {self._newest.get(name)}') from None
+        return self._client.wait(found, what)
 
 
 class Parameters:

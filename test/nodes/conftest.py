@@ -4,7 +4,6 @@
 """
 
 import functools
-import re
 import time
 from contextlib import closing
 from types import SimpleNamespace
@@ -166,12 +165,6 @@ def client(suite, in_namespace, spinning):
 # -- what tests see and send ----------------------------------------------------------------------
 
 
-@pytest.fixture(scope='session')
-def traceback():
-    """Return a function that finds a traceback in an output."""
-    return lambda text: re.search(r'Traceback|Exception ignored|never retrieved', text)
-
-
 @pytest.fixture
 def ahead(monkeypatch):
     """Advance the clock of the requests of a client, in seconds."""
@@ -201,13 +194,11 @@ def parameters_of():
 @pytest.fixture(scope='session')
 def counts():
     """Return all counts of a distribution as one tuple."""
-
-    def counts(distribution):
-        of_aspects = tuple(aspect.count for aspect in distribution.aspects)
-        others = ('unclassified', 'unsettled', 'failed')
-        return (*of_aspects, *(getattr(distribution, name) for name in others))
-
-    return counts
+    others = ('unclassified', 'unsettled', 'failed')
+    return lambda found: (
+        *(aspect.count for aspect in found.aspects),
+        *(getattr(found, name) for name in others),
+    )
 
 
 @pytest.fixture(scope='session')

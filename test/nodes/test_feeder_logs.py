@@ -22,7 +22,7 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
+from resting_aspects_ros.ros.interface import CELL, LATCHED
 
 PART = 'hex_nut'
 SMALL = {
@@ -30,7 +30,6 @@ SMALL = {
     'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
     'ros.diagnostics.PERIOD': 0.1,
 }
-QUICK = {'nodes.aspect_classifier.live.PERIOD': 0.05}
 TOPICS = {
     'detections': (DetectionArray, CELL),
     'pick_result': (PickResult, CELL),
@@ -139,20 +138,3 @@ def test_drift_is_tested_from_the_logs(shift):
     assert last.totals.tolist() == [5, 9]
     with pytest.raises(InvalidValueError, match=r'observed_counts of cube, found .hex_nut'):
         read_observed(shift.folder, [1, 2], part='cube')
-
-
-@pytest.mark.slow
-def test_replayed_counts_give_the_same_posterior(shift, start, connect):
-    """The messages pass through a replayer and a classifier."""
-    namespace = f'/test_feeder_replay_{os.getpid()}'
-    client = connect(namespace)
-    received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
-    start('aspect_classifier', namespace, {'log_folder': "''"}, QUICK)
-    start('log_replayer', namespace, {'log': shift.logs()[-1], 'as_fast_as_possible': True})
-
-    def posterior():
-        # The recorded ones have no prior.
-        return [each for each in received if each.prior_weight and each.parts == 14]
-
-    found = client.wait(posterior, 'posterior')[-1]
-    assert list(found.concentration) == [6, 10]  # without drops, all shares are equally probable

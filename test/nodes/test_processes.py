@@ -36,6 +36,7 @@ QUICK = {
     },
     'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 1.0},
 }
+TRACEBACK = re.compile('Traceback|Exception ignored|never retrieved')
 SLOW = pytest.mark.slow
 
 
@@ -59,7 +60,7 @@ def nodes(run_command, wait, namespace, tmp_path):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=SLOW)])
 def test_command_answers_a_request_and_ends_in_order_during_a_run(
-    nodes, connect, namespace, wait, traceback, tmp_path, capfd, number
+    nodes, connect, namespace, wait, tmp_path, capfd, number
 ):
     ros = ('--ros-args', '-r', f'__ns:={namespace}')
     arguments = ('request', 'tetrahedron', '--drops', '30', '--seed', '3', '--json')
@@ -80,7 +81,7 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
         nodes.send_to_group(number)  # a terminal sends it to the workers, too
         number = 0
     assert nodes.end(number) == 0
-    assert not traceback(nodes.output), nodes.output
+    assert not TRACEBACK.search(nodes.output), nodes.output
     wait(lambda: nodes.group() == [], 'end of all its processes')
     assert re.search(
         rf'run {run_id} of tetrahedron was interrupted: the closed log {folder} has \d+ of {MANY}',
@@ -88,12 +89,12 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
     )
 
 
-def test_node_that_cannot_start_prints_one_error_line(start_process, namespace, traceback):
+def test_node_that_cannot_start_prints_one_error_line(start_process, namespace):
     process = start_process('drop_simulator', namespace, {'workers': 2000}, ready='')
     assert process.end(0) == 2
     (line,) = [line for line in process.output.splitlines() if line.startswith('error: ')]
     assert 'workers out of range. Min: 0, Max: 1024' in line
-    assert not traceback(process.output)
+    assert not TRACEBACK.search(process.output)
 
 
 @SLOW
@@ -303,7 +304,7 @@ def test_replay_at_full_speed_loses_nothing(
 
 @SLOW
 def test_damage_during_a_replay_ends_it(
-    start_process, connect, namespace, batches, write_log, traceback, tmp_path
+    start_process, connect, namespace, batches, write_log, tmp_path
 ):
     log = write_log(tmp_path, batches(20), gap=0.2)
     path = Path(shutil.copy(next(log.glob('*.mcap')), tmp_path / 'copy.mcap'))
@@ -316,4 +317,4 @@ def test_damage_during_a_replay_ends_it(
     client.wait(lambda: not replayer.running, 'its end')
     assert replayer.end(0) == 1
     assert f"error: log '{path}' is damaged" in replayer.output
-    assert not traceback(replayer.output)
+    assert not TRACEBACK.search(replayer.output)

@@ -1,6 +1,5 @@
 """The log of every run, read with an independent reader, matches the received messages."""
 
-import csv
 import resource
 
 import pytest
@@ -8,12 +7,10 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
 from wire import plain
 
-from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.drop_recorder.node import FolderLock
-from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
@@ -77,27 +74,6 @@ def test_log_contains_every_published_message(suite, folder, received, way):
     batches = messages[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.status) for batch in batches) == DROPS
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
-
-
-@pytest.mark.slow
-def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path):
-    """The run has a precision and custom conditions; a cancel ends it early."""
-    conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
-    own = [conditions_msg(conditions)]
-    drop = suite.client.dropping(precision=0.005, drops=0, seed=2**64 - 1, conditions=own)
-    suite.client.wait(lambda: drop.feedback, 'first feedback')
-    suite.client.canceled(drop)
-    folder = suite.log_of(drop.result.run_id)
-    assert main(['drop', '--from-log', str(folder), '--poses', str(tmp_path / 'again.csv')]) == 0
-    logged = [
-        [*batch.position[3 * k : 3 * k + 3], *batch.orientation[4 * k : 4 * k + 4]]
-        for batch in read(folder)[f'{suite.namespace}/resting_poses']
-        for k in range(len(batch.status))
-    ]
-    with (tmp_path / 'again.csv').open(newline='') as file:
-        made = [[float(value) for value in row[1:8]] for row in list(csv.reader(file))[1:]]
-    assert len(made) == drop.result.drops
-    assert made == logged
 
 
 # Last: it ends the recorder.
