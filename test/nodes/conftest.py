@@ -192,16 +192,6 @@ def parameters_of():
 
 
 @pytest.fixture(scope='session')
-def counts():
-    """Return all counts of a distribution as one tuple."""
-    others = ('unclassified', 'unsettled', 'failed')
-    return lambda found: (
-        *(aspect.count for aspect in found.aspects),
-        *(getattr(found, name) for name in others),
-    )
-
-
-@pytest.fixture(scope='session')
 def engine(part, surfaces):
     """Return the poses of the first drops of a seed, made without nodes."""
 

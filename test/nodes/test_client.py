@@ -44,18 +44,6 @@ def unanswered_client(namespace, in_namespace):
 # Without a node
 
 
-@pytest.mark.slow
-def test_client_without_a_node_receives_progress(client, counts):
-    client.list_parts()  # all services are discovered after this
-    done = []
-    found = client.get_distribution('tetrahedron', drops=1500, seed=51, progress=done.append)
-    assert found.complete
-    assert found.drops == sum(counts(found)) == 1500
-    assert (found.run.part, found.run.seed) == ('tetrahedron', 51)
-    assert done == sorted(done)
-    assert (done[0] < 1500, done[-1]) == (True, 1500)
-
-
 def test_client_does_not_touch_rclpy_and_signals(client):
     assert not rclpy.ok()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

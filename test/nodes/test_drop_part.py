@@ -8,8 +8,9 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.ros.conversions import conditions_from, nanoseconds, poses_from
+from resting_aspects_ros.ros.conversions import nanoseconds, poses_from, run_from
 from resting_aspects_ros.ros.interface import FRAME
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 DROPS = 1000
@@ -60,14 +61,13 @@ def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
 def test_every_batch_describes_its_run(drop, batches, part, surfaces):
     run = batches[0].run
     assert all(batch.run == run for batch in batches)
-    assert run.run_id == drop.result.run_id
-    assert (run.part, run.part_sha256) == ('tetrahedron', part('tetrahedron').part_sha256)
-    assert (run.seed, run.first_drop, run.drops, run.precision) == (11, 0, DROPS, 0.0)
-    assert conditions_from(run.conditions) == surfaces.get()
-    assert run.time_step > 0
+    given = {'seed': 11, 'drops': DROPS, 'run_id': drop.result.run_id}
+    started = nanoseconds(run.started)
+    expected = plan_run(part('tetrahedron'), surfaces.get(), started=started, **given)[1]
+    assert run_from(run) == expected
     for batch in batches:
         assert batch.header.frame_id == FRAME == 'tray'
-        assert nanoseconds(batch.header.stamp) >= nanoseconds(run.started) > 0
+        assert nanoseconds(batch.header.stamp) >= started > 0
 
 
 def test_published_poses_equal_those_of_the_engine(batches, engine):
