@@ -30,13 +30,6 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, PartDescription, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions
 
-from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
-from resting_aspects_ros.nodes.camera_simulator.node import CameraSimulator
-from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
-from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
-from resting_aspects_ros.nodes.feeder_controller.node import FeederController
-from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
-from resting_aspects_ros.nodes.vision_example.node import VisionExample
 from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -49,14 +42,16 @@ from resting_aspects_ros.ros.interface import (
 )
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+# The modules of the nodes.
 NODES = {
-    'drop_simulator': DropSimulator,
-    'aspect_classifier': AspectClassifier,
-    'drop_recorder': DropRecorder,
-    'log_replayer': LogReplayer,
-    'feeder_controller': FeederController,
-    'camera_simulator': CameraSimulator,
-    'vision_example': VisionExample,
+    kind: importlib.import_module(f'resting_aspects_ros.nodes.{kind}.node')
+    for kind in (
+        *SUITE,
+        'log_replayer',
+        'feeder_controller',
+        'camera_simulator',
+        'vision_example',
+    )
 }
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 300.0
@@ -146,7 +141,7 @@ class LocalNode:
             word for name, value in dict(parameters).items() for word in ('-p', f'{name}:={value}')
         ]
         cli_args = ['--ros-args', *map(str, arguments), *words]
-        self.node = NODES[kind](
+        self.node = getattr(NODES[kind], kind.title().replace('_', ''))(
             namespace=graph.namespace,
             cli_args=cli_args,
             use_global_arguments=False,
@@ -221,24 +216,21 @@ class Client:
 
     def __init__(self, graph):
         self._graph = graph
-        self.node = graph.add(
-            rclpy.create_node(
-                f'test_{next(_serial)}', namespace=graph.namespace, context=graph.context
-            )
-        )
+        name = f'test_{next(_serial)}'
+        node = rclpy.create_node(name, namespace=graph.namespace, context=graph.context)
+        self.node = graph.add(node)
         self.wait = graph.wait
-        self._ask = self.node.create_client(
-            GetDistribution, 'get_distribution', qos_profile=SERVICES
-        )
+        self._ask = self._service(GetDistribution, 'get_distribution')
         self._parts = {}
         take = self._parts.__setitem__
         TopicDiscovery(self.node, PARTS, PartDescription, take, gone=self._parts.pop)
         self._met = set()
         self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
         self._reorient = ActionClient(self.node, ReorientPart, 'reorient_part', **ACTION_SERVICES)
-        self._transitions = self.node.create_client(
-            GetTransitions, 'get_transitions', qos_profile=SERVICES
-        )
+        self._transitions = self._service(GetTransitions, 'get_transitions')
+
+    def _service(self, kind, name):
+        return self.node.create_client(kind, name, qos_profile=SERVICES)
 
     def destroy(self):
         self._drop.destroy()

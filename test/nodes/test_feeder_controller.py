@@ -81,9 +81,8 @@ class Cell:
         """Return the newest advice once it is as expected."""
 
         def found():
-            newest = self.received[-1] if self.received else None
-            expected = newest is not None and newest.choice == CHOICES[choice] and holds(newest)
-            return newest if expected else None
+            *_, newest = self.received or [FeederAdvice(choice=255)]
+            return newest if newest.choice == CHOICES[choice] and holds(newest) else None
 
         return self.client.wait(found, f'{choice}')
 

@@ -191,5 +191,9 @@ def test_known_distribution_survives_restarts(suite):
     assert known(only_known=True) == before
     assert known(drops=200) == before  # without only_known, nothing is dropped either
     suite.nodes['drop_simulator'].end()
+    assert known(only_known=True) == before  # the default surface is still known
     suite.restart('aspect_classifier')
+    unnamed = suite.client.ask(**asked, only_known=True).status
+    assert unnamed.code == Status.NOT_AVAILABLE
+    assert 'no drop_simulator answers' in unnamed.message
     assert known(only_known=True, surface='rubber_mat') == before

@@ -76,29 +76,6 @@ def test_log_contains_every_published_message(suite, folder, received, way):
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
 
 
-# Last: it ends the recorder.
-def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received):
-    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=9)
-
-    def of_the_run():
-        return [batch for batch in received['resting_poses'] if batch.run.seed == 9]
-
-    def logged():
-        log = next(iter(suite.logs.glob(f'*_{of_the_run()[0].run.run_id}')), None)
-        return log and log.stat().st_size and len(of_the_run()) >= 2
-
-    suite.client.wait(lambda: of_the_run() and logged(), 'second batch')
-    suite.nodes['drop_recorder'].end()
-    suite.client.canceled(drop)
-    folder = suite.log_of(of_the_run()[0].run.run_id)
-    batches = read(folder)[f'{suite.namespace}/resting_poses']
-    assert len(batches) >= 1
-    for one, other in zip(batches, of_the_run(), strict=False):
-        assert plain(one) == plain(other)
-    drops = sum(len(batch.status) for batch in batches)
-    assert recorded_outcome(folder) == LogOutcome(drops, whole=False)
-
-
 # -- without nodes ------------------------------------------------------------------------------
 
 TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))

@@ -133,20 +133,3 @@ def test_default_surface_is_that_of_the_simulator(suite, surface, surfaces):
     # A request that names a surface is not affected.
     named = suite.client.ask(drops=3, seed=[101], surface='rubber_mat').distribution
     assert named.run.conditions.surface == 'rubber_mat'
-
-
-@pytest.mark.slow
-def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
-    names = ('ros.goal_client.STARTUP_TIMEOUT', 'nodes.aspect_classifier.known.QUIET_PERIOD')
-    quick = {'aspect_classifier': dict.fromkeys(names, 1.0)}
-    suite = fresh_suite(quick, workers=1, surface='steel')
-    first = suite.client.ask(drops=2).distribution
-    suite.log_of(first.run.run_id)
-    suite.nodes['drop_simulator'].end()
-    known = suite.client.ask(drops=2, only_known=True).distribution
-    assert known.run.conditions == first.run.conditions
-    # A classifier that has received no default conditions has no default.
-    suite.restart('aspect_classifier')
-    unnamed = suite.client.ask(drops=2, only_known=True).status
-    assert unnamed.code == Status.NOT_AVAILABLE
-    assert 'no drop_simulator answers' in unnamed.message

@@ -18,12 +18,11 @@ def test_nodes_work_without_a_clock_publisher(
     start, connect, namespace, parameters_of, few_parts, tmp_path
 ):
     client = connect(namespace)
-    for node, folder in (
-        ('drop_simulator', {'parts_folder': few_parts('tetrahedron')}),
-        ('aspect_classifier', {'log_folder': tmp_path}),
-        ('drop_recorder', {'log_folder': tmp_path}),
-    ):
-        start(node, namespace, {'use_sim_time': 'true', **folder})
+    for node in NODES:
+        given = {'log_folder': tmp_path}
+        if node == 'drop_simulator':
+            given = {'parts_folder': few_parts('tetrahedron')}
+        start(node, namespace, {'use_sim_time': 'true', **given})
     assert parameters_of(client, 'drop_recorder').get('use_sim_time')
     received = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
     diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
