@@ -182,17 +182,6 @@ def test_async_callback_awaits_several_responses(cell, wait):
     assert str(closed) == 'this client is closed'
 
 
-def test_future_works_with_spin_until_future_complete(suite, spinning):
-    rclpy.init()
-    try:
-        node = rclpy.create_node('script', namespace=suite.namespace)
-        answer = RestingAspectsClient(node).list_parts_async()
-        rclpy.spin_until_future_complete(node, answer, timeout_sec=DEADLINE)
-        assert answer.result()[-1] == 'u_bracket'
-    finally:
-        rclpy.shutdown()
-
-
 @pytest.mark.parametrize('timeout', [None, 600.0])
 def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     """Its drops are kept, after a cancel and after a timeout."""

@@ -43,15 +43,20 @@ def test_answer_is_that_of_the_python_interface(first):
     assert list(classes) == [tuple(row) for row in expected.model.by_class]
 
 
-def test_known_distribution_needs_no_drop(suite, first):
+def test_known_distribution_needs_no_drop(suite, first, surfaces):
     received = suite.client.poses()
     suite.client.wait(lambda: received and received[-1].last, 'the first run')
     before = len(received)
-    again = suite.client.ask('tetrahedron', 260, seed=[7])
-    fewer = suite.client.ask('tetrahedron', 100, seed=[7])
-    any_seed = suite.client.ask('tetrahedron', 260)
-    only_known = suite.client.ask('tetrahedron', 260, only_known=True)
-    for answer in (again, fewer, any_seed, only_known):
+    named = conditions_msg(surfaces.get())
+    named.surface = 'my own name for it'
+    for drops, fields in (
+        (260, {'seed': [7]}),
+        (100, {'seed': [7]}),
+        (260, {}),
+        (260, {'only_known': True}),
+        (260, {'conditions': [named]}),
+    ):
+        answer = suite.client.ask('tetrahedron', drops, **fields)
         assert answer.status.code == Status.OK
         assert answer.distribution.run == first.distribution.run
         assert answer.distribution.drops == 260
@@ -72,14 +77,6 @@ def test_only_known_drops_nothing(suite, first, fields, expected):
     answer = suite.client.ask(**fields, only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
     assert re.search(expected, answer.status.message)
-
-
-def test_conditions_equal_to_a_surface_are_known(suite, first, surfaces):
-    same = conditions_msg(surfaces.get())
-    same.surface = 'my own name for it'
-    answer = suite.client.ask(drops=260, conditions=[same], only_known=True)
-    assert answer.status.code == Status.OK
-    assert answer.distribution.run == first.distribution.run
 
 
 def test_run_from_the_middle_does_not_match_its_seed(suite):

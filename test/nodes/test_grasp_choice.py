@@ -13,7 +13,6 @@ from resting_aspects_ros.feeding.grasps import Detection, gripper_poses
 from resting_aspects_ros.feeding.tray_state import Image, advise_image
 from resting_aspects_ros.nodes.feeder_controller.model_updates import (
     PARAMETERS,
-    pickable_ids,
     read_fed_part,
     settings_from,
 )
@@ -110,11 +109,6 @@ def test_unknown_outline_near_the_gripper_blocks_it(fed, advise):
         first, near = beside(fed, 0, length - 0.002, **UNKNOWN)
         advice = advise(dataclasses.replace(first, clearance=clearance), near)
         assert [len(pick.grasps) for pick in advice.picks] == [grasps]
-
-
-def test_pickable_class_without_a_grasp_is_an_error(fed):
-    with pytest.raises(InvalidValueError, match='expected one for pickable aspect 3'):
-        pickable_ids(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """The markers of aspects and of surroundings, and the current poses, as RViz shows them."""
 
-import copy
 import dataclasses
 
 import numpy as np
@@ -30,7 +29,7 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
 from resting_aspects_ros.simulation.surroundings import surroundings_names
-from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.statistics.distribution import no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 STAMP = Time(sec=12, nanosec=34)
@@ -116,17 +115,6 @@ def test_meshes_do_not_touch_and_classes_share_a_colour(part):
     of_classes = [{colours[a.id] for a in members} for members in aspects.classes()]
     assert [len(each) for each in of_classes] == [1, 1]
     assert len(set(colours.values())) == 2
-
-
-def test_new_distribution_changes_only_texts_and_stamps(part):
-    part = part('tetrahedron')
-    aspects = find_aspects(part)
-    markers = PartMarkers(part, aspects)
-    before = copy.deepcopy(markers.message(no_drops(aspects), Time()))
-    counted = Distribution(aspects, np.array([1, 2, 3, 4]), 0, 0, 0)
-    _, texts = split(markers.message(counted, STAMP))
-    assert [text.text for text in texts.values()] == labels(counted)
-    assert markers.message(no_drops(aspects), Time()) == before
 
 
 def test_markers_are_published_with_distributions(suite):

@@ -14,18 +14,11 @@ from shapely import affinity
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
-from resting_aspects_ros.client import (
-    RestingAspectsClient,
-)
+from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.discovery import announce
-from resting_aspects_ros.ros.interface import (
-    DROP_SIMULATOR,
-    IDENTIFY_PART,
-    LATCHED,
-    OUTLINES,
-)
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
 
 PART = 'l_bracket'
@@ -58,14 +51,6 @@ def vision(suite):
     return vision
 
 
-@pytest.fixture(scope='module')
-def seen(part):
-    """Return the outline of the part in an aspect, at (0.1, 0.05) m and a yaw of 1 rad."""
-    outline = known_part(part(PART)).outlines[1].polygon
-    return affinity.translate(affinity.rotate(outline, 1, (0, 0), use_radians=True), 0.1, 0.05)
-
-
-@pytest.mark.slow
 def test_latched_outlines_are_those_of_the_part(vision, part):
     result = ra.outlines(part(PART))
     expected = outlines_msg(result.part, result.outlines, result.look_alikes)
@@ -74,15 +59,14 @@ def test_latched_outlines_are_those_of_the_part(vision, part):
     assert received == deserialize_message(serialize_message(expected), PartOutlines)
 
 
-def test_prior_is_the_newest_distribution(vision, part, seen):
+def test_prior_is_the_newest_distribution(vision, part):
     name = 'u_bracket'
     loaded = part(name)
     vision.outlines(name)
     outline = known_part(loaded).outlines[0].polygon
     before = vision.identify(outline, name).candidates[0].prior
     distribution = vision.client.ask(name, 30, seed=[18], surface='steel').distribution
-    counts = np.array([each.count for each in distribution.aspects]) + 0.5
-    by_aspect = {k: float(count) for k, count in enumerate(counts, start=1)}
+    by_aspect = {k: each.count + 0.5 for k, each in enumerate(distribution.aspects, start=1)}
     expected = identify_part(outline, known_part(loaded, by_aspect)).candidates[0]
     found = vision.identify(outline, name).candidates[0]
     assert found.prior == pytest.approx(expected.prior)
@@ -107,10 +91,12 @@ def test_invalid_request_is_rejected_with_the_reason(vision, points, parts, code
     assert math.isnan(found.touching_probability)
 
 
-def test_client_identifies(suite, vision, seen):
+def test_client_identifies(suite, vision, part):
+    outline = known_part(part(PART)).outlines[1].polygon
+    turned = affinity.rotate(outline, 1, (0, 0), use_radians=True)
+    seen = affinity.translate(turned, 0.1, 0.05)
     # A service may be given one camera at most.
-    position = Point(x=0.02, y=0.03, z=0.4)
-    twice = vision.identify(seen, PART, camera=[position, position])
+    twice = vision.identify(seen, PART, camera=[Point(z=0.4), Point(z=0.4)])
     assert twice.status.code == Status.INVALID
     points = {'outer': np.asarray(seen.exterior.coords)}
     with RestingAspectsClient(suite.client.node) as spun:
@@ -125,8 +111,8 @@ def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespa
     client = connect(namespace)
     announce(client.node, DROP_SIMULATOR)
     description = client.node.create_publisher(PartDescription, 'parts/thing', LATCHED)
-    constants = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.1}
-    classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, constants)
+    quick = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.1}
+    classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, quick)
     vision, box = Vision(client), dataclasses.replace(part('box_10x20x30'), name='thing')
     description.publish(part_msg(dataclasses.replace(part('tetrahedron'), name='thing')))
     received = vision.outlines('thing')
@@ -136,13 +122,12 @@ def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespa
     assert received[-1].part_sha256 == box.part_sha256
     outline = known_part(box).outlines[1].polygon
     found = vision.identify(outline, 'thing').candidates[0]
-    assert (found.symmetry_class, found.posterior) == (2, pytest.approx(1, abs=0.01))
-    assert len(found.poses) == 2
+    assert (found.symmetry_class, len(found.poses)) == (2, 2)
 
     broken = part_msg(box)
     broken.mesh = list(b'no mesh')
     description.publish(broken)
     client.wait(lambda: 'cannot be used' in classifier.output, 'warning')
-    answer = vision.identify(outline, 'thing')
-    assert answer.status.code == Status.INVALID
-    assert "part 'thing' cannot be used: " in answer.status.message
+    status = vision.identify(outline, 'thing').status
+    assert status.code == Status.INVALID
+    assert "part 'thing' cannot be used: " in status.message

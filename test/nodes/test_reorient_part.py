@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import (
-    FeederAction,
-    PartDescription,
-    Status,
-    TransitionMatrix,
-)
+from resting_aspects_interfaces.msg import FeederAction, PartDescription, Status, TransitionMatrix
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.client import (
-    transition_matrix_from,
-)
+from resting_aspects_ros.client import transition_matrix_from
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
@@ -42,7 +35,7 @@ def found(goal):
     return goal.result.transitions
 
 
-def test_matrix_and_run_are_those_of_the_python_interface(found, part):
+def test_matrix_and_run_are_those_of_the_python_interface(goal, found, part):
     expected = ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert list(found.actions) == [60, 60, 60, 60]
@@ -57,13 +50,9 @@ def test_matrix_and_run_are_those_of_the_python_interface(found, part):
     values = dict(zip(found.action.names, found.action.values, strict=True))
     assert values.items() <= expected.action.values.items()
     assert (found.action.name, found.action.kind) == ('tap', 'kick')
-
-
-def test_feedback_counts_drops_then_actions(goal):
     progress = [(each.drops, each.done) for each in goal.feedback]
     assert progress == sorted(set(progress))
     assert progress[0] == (100, 0)
-    assert progress[-1][1] <= 240
     assert {each.total for each in goal.feedback} == {240}
 
 
@@ -157,11 +146,6 @@ def test_client_returns_transitions_of_own_action_and_conditions(client, part, s
             {'action': FeederAction(kind='kick', names=['speed'], values=[101.0])},
             Status.INVALID,
             'invalid speed 101.0: expected 0 to 100 m/s',
-        ),
-        (
-            {'action': FeederAction(name='tap', names=['speed'], values=[1.0])},
-            Status.INVALID,
-            "invalid values of action 'tap': expected none without a kind",
         ),
         ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
     ],
