@@ -313,10 +313,6 @@ class Client:
         goal.cancel()
         return self.finished(goal)
 
-    def dropping_in_bullet(self, part='tetrahedron', drops=100, **fields):
-        """Start a goal whose drops are made by worker processes; the kernel has threads."""
-        return self.dropping(part, drops, surroundings='bowl_track', **fields)
-
     def reorienting(self, part='tetrahedron', action='tap', per_aspect=60, drops=100, **fields):
         """Start a goal; the action is a name or a FeederAction."""
         send = functools.partial(self._reorient.send_goal_async, ReorientPart.Goal())

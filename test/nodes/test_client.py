@@ -7,7 +7,7 @@ import threading
 
 import pytest
 import rclpy
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 from scipy.spatial.transform import Rotation
@@ -127,15 +127,13 @@ def test_exception_of_progress_ends_the_wait(client):
 # With a node that is spun
 
 
-@pytest.fixture(
-    params=[SingleThreadedExecutor, pytest.param(MultiThreadedExecutor, marks=pytest.mark.slow)]
-)
-def cell(request, suite, spinning):
+@pytest.fixture
+def cell(suite, spinning):
     """A node that an executor spins in a thread."""
     context = rclpy.Context()
     context.init([])
     node = Node('cell', namespace=suite.namespace, context=context)
-    executor = request.param(context=context)
+    executor = MultiThreadedExecutor(context=context)
     executor.add_node(node)
     over = threading.Event()
 

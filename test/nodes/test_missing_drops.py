@@ -111,7 +111,6 @@ def simulator(fake, engine, seeds=itertools.count(1)):  # noqa: B008 - one for a
     return fake
 
 
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('sent', 'asked'),
     [

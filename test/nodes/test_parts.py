@@ -12,11 +12,8 @@ from resting_aspects_ros.system import parts_folder
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('parts')
-    for name in ('box_10x20x30.stl', 'tetrahedron.stl'):
-        shutil.copy(parts_folder() / name, folder)
-    return folder
+def folder(few_parts):
+    return few_parts('box_10x20x30', 'tetrahedron')
 
 
 @pytest.fixture(scope='module')
@@ -27,59 +24,42 @@ def suite(fresh_suite, folder):
 
 @pytest.fixture
 def listed(suite):
-    """Wait until these parts are offered, and return their descriptions."""
+    """Wait until these parts are offered."""
+    parts = suite.client.parts
+    return lambda *names: suite.client.wait(lambda: list(parts()) == [*names], f'list of {names}')
 
-    def listed(*names):
+
+@pytest.mark.slow
+def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
+    def answered(code, **fields):
+        """Wait for a status, which comes when the classifier has read the parts."""
+
         def found():
-            parts = suite.client.parts()
-            return list(parts) == list(names) and parts
-
-        return suite.client.wait(found, f'list of {names}')
-
-    return listed
-
-
-@pytest.fixture
-def answers(suite):
-    """Wait until a request is answered with a status, when the classifier has read the parts."""
-
-    def answers(name, code, **fields):
-        def found():
-            status = suite.client.ask(name, 3, seed=[1], **fields).status
+            status = suite.client.ask('hex_nut', 3, seed=[1], **fields).status
             return status if status.code == code else None
 
         return suite.client.wait(found, f'status {code}').message
 
-    return answers
-
-
-@pytest.mark.slow
-def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
+    listed('box_10x20x30', 'hex_nut', 'tetrahedron')
     suite.client.wait(lambda: received, 'description of the new part')
-    assert received[-1].part_sha256 == before == PartLibrary(folder).load('hex_nut').part_sha256
+    before = received[-1].part_sha256
+    assert before == PartLibrary(folder).load('hex_nut').part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
-
-    def changed():
-        return suite.client.parts()['hex_nut'].part_sha256 not in ('', before)
-
-    suite.client.wait(changed, 'another hash')
     suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    answers('hex_nut', Status.NOT_AVAILABLE, only_known=True)
+    answered(Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
-    (folder / 'hex_nut.stl').unlink()
-    (folder / 'hex_nut.yaml').unlink()
+    for name in ('hex_nut.stl', 'hex_nut.yaml'):
+        (folder / name).unlink()
     listed('box_10x20x30', 'tetrahedron')
-    message = answers('hex_nut', Status.UNKNOWN_PART)
-    assert 'known parts: box_10x20x30, tetrahedron' in message
+    assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
 
 
 def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder, diagnostics_of):
