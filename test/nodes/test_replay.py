@@ -197,20 +197,6 @@ def test_pause_delays_the_following_messages(log):
     assert later == whole.times()[count:]
 
 
-def test_position_follows_the_clock(log):
-    player = Player(log, 4.0)
-    length = COUNT * GAP / SECOND
-    start = player.replay.position
-    assert (start.seconds, start.length, start.messages, start.over) == (0, length, 0, False)
-    player.run(until=START + SECOND // 8)
-    middle = player.replay.position
-    assert (middle.seconds, middle.messages) == (0.5, 6)
-    assert middle.time == start.time + SECOND // 2  # the time in the log
-    player.run()
-    end = player.replay.position
-    assert (end.seconds, end.messages, end.over) == (length, COUNT + 1, True)
-
-
 def test_loop_repeats_after_a_second(log):
     player = Player(log, 10.0, loop=True)
     player.run(until=20 * SECOND)
@@ -220,9 +206,3 @@ def test_loop_repeats_after_a_second(log):
     assert all(data[k] == data[k % once] for k in range(len(data)))
     assert player.times(PART)[1] - player.times()[COUNT - 1] == PAUSE_BEFORE
     assert player.replay.position.round == len(data) // once + 1
-
-
-def test_full_speed_publishes_without_pauses(log):
-    player = Player(log)
-    player.run()
-    assert player.times() == COUNT * [START]
