@@ -82,19 +82,15 @@ def test_first_drops_of_a_log_with_gaps_are_counted(write, run, counted):
 @pytest.mark.parametrize(
     ('given', 'expected'),
     [
-        ({'pieces': [(10, 20)]}, 'it does not contain the first drops'),
-        ({'pieces': []}, 'it contains no drops'),
-        ({'described': 'washer'}, 'it does not describe its part'),
+        ({'pieces': [(10, 20)], 'whole': False}, 'it does not contain the first drops'),
+        ({'pieces': [], 'whole': False}, 'it contains no drops'),
+        ({'described': 'washer', 'whole': False}, 'it does not describe its part'),
+        ({'drops': 1}, 'expected 1 drops in aspects'),
     ],
 )
-def test_log_without_the_first_drops_is_rejected(write, given, expected):
-    with pytest.raises(LogError, match=expected):
-        load_log(write(whole=False, **given))
-
-
-def test_inconsistent_log_is_rejected(write):
-    with pytest.raises(InvalidValueError, match='invalid drops'):
-        load_log(write(drops=1))
+def test_log_without_the_first_drops_or_inconsistent_is_rejected(write, given, expected):
+    with pytest.raises((LogError, InvalidValueError), match=expected):
+        load_log(write(**given))
 
 
 def test_newest_log_of_each_part_is_read_first(tmp_path):
