@@ -45,13 +45,7 @@ SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # The modules of the nodes.
 NODES = {
     kind: importlib.import_module(f'resting_aspects_ros.nodes.{kind}.node')
-    for kind in (
-        *SUITE,
-        'log_replayer',
-        'feeder_controller',
-        'camera_simulator',
-        'vision_example',
-    )
+    for kind in [*SUITE, 'log_replayer', 'feeder_controller', 'camera_simulator', 'vision_example']
 }
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 300.0
@@ -100,9 +94,9 @@ class Graph:
         else:
             time.sleep(0.01)
 
-    def wait(self, condition, what, seconds=DEADLINE):
+    def wait(self, condition, what):
         """Spin until a condition holds; return its value."""
-        return self._wait(condition, what, seconds, self.step)
+        return self._wait(condition, what, DEADLINE, self.step)
 
     @contextmanager
     def spinning(self):
@@ -224,7 +218,7 @@ class Client:
         self._parts = {}
         take = self._parts.__setitem__
         TopicDiscovery(self.node, PARTS, PartDescription, take, gone=self._parts.pop)
-        self._met = set()
+        self.met = set()
         self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
         self._reorient = ActionClient(self.node, ReorientPart, 'reorient_part', **ACTION_SERVICES)
         self._transitions = self._service(GetTransitions, 'get_transitions')
@@ -245,7 +239,7 @@ class Client:
 
     def meet(self, name, ready, send):
         """Wait until a server responds: it may be discovered before it discovers this client."""
-        if name in self._met:
+        if name in self.met:
             return
         self.wait(ready, f'{name} offered')
         answers, last = [], 0.0
@@ -258,20 +252,16 @@ class Client:
             return any(answer.done() for answer in answers)
 
         self.wait(answered, f'first answer of {name}')
-        self._met.add(name)
-
-    def forget(self):
-        """Wait for all servers again after a node was restarted."""
-        self._met.clear()
+        self.met.add(name)
 
     def meet_service(self, client):
         nothing = client.srv_type.Request()  # without part and drops: rejected
         self.meet(client.srv_name, client.service_is_ready, lambda: client.call_async(nothing))
 
-    def call(self, client, request, seconds=DEADLINE):
+    def call(self, client, request):
         self.meet_service(client)
         answer = client.call_async(request)
-        self.wait(answer.done, f'answer of {client.srv_name}', seconds)
+        self.wait(answer.done, f'answer of {client.srv_name}')
         return answer.result()
 
     def asking(self, part='tetrahedron', drops=100, **fields):
@@ -279,9 +269,8 @@ class Client:
         self.meet_service(self._ask)
         return self._ask.call_async(GetDistribution.Request(part=part, drops=drops, **fields))
 
-    def ask(self, part='tetrahedron', drops=100, seconds=DEADLINE, **fields):
-        request = GetDistribution.Request(part=part, drops=drops, **fields)
-        return self.call(self._ask, request, seconds)
+    def ask(self, part='tetrahedron', drops=100, **fields):
+        return self.call(self._ask, GetDistribution.Request(part=part, drops=drops, **fields))
 
     def known(self, part='tetrahedron', drops=1, **fields):
         """Return the distribution of a part once this number of its drops is known."""
@@ -379,7 +368,7 @@ class Suite:
         """Restart a stopped node with the same parameters."""
         assert not self.nodes[node].running
         self.nodes[node] = self._start(node)
-        self.client.forget()
+        self.client.met.clear()  # its servers are waited for again
 
     def restart(self, *nodes):
         """Stop nodes, and start them again: without their memory and their latched messages."""
