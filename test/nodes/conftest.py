@@ -8,15 +8,20 @@ import time
 from contextlib import closing
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from ros_graph import Diagnostics, Graphs, Parameters, Suite, new_namespace
 from ros_processes import processes, run_command, start_process  # noqa: F401  # fixtures
 
 from resting_aspects_ros.api import model_range
+from resting_aspects_ros.api.plan import named_action
+from resting_aspects_ros.api.reorient import ReorientResult
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.client import RestingAspectsClient, connection
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.bag import OUTCOME
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
 from resting_aspects_ros.ros import diagnostics
@@ -24,6 +29,8 @@ from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 from resting_aspects_ros.system import parts_folder
 
 # Number of drops in each message of the fixture ``batches``.
@@ -203,6 +210,22 @@ def engine(part, surfaces):
     return engine
 
 
+@pytest.fixture(scope='session')
+def invented(part, surfaces):
+    """Return a function that makes a result from counts of drops and of actions (k, k)."""
+
+    def invented(name, drops, moved, action='flip', run_id='a', unsettled=0):
+        solid = part(name)
+        aspects = find_aspects(solid)
+        drop = Distribution(aspects, np.array(drops), 0, unsettled, 0)
+        given = {'seed': 1, 'drops': drop.drops, 'run_id': run_id, 'started': 10**9}
+        run = plan_run(solid, surfaces.get(), **given)[1]
+        matrix = TransitionMatrix(aspects, np.hstack([moved, np.zeros((len(aspects), 4), int)]))
+        return ReorientResult(matrix, named_action(action), run, solid, drop, complete=True)
+
+    return invented
+
+
 @pytest.fixture
 def quick(surfaces):
     """Return conditions for short drops: from a low height, without bounces."""
@@ -249,6 +272,27 @@ def write_log(part):
         return log.path.parent
 
     return write_log
+
+
+@pytest.fixture(scope='session')
+def write_run(part):
+    """Write the log of a run with its part, batches and distribution; return its folder."""
+
+    def write_run(folder, run, outcome, batches=(), distribution=None, described=''):
+        with closing(RunLog(folder, f'{run.part}_20200101T000000Z_{run.run_id}')) as log:
+
+            def write(name, kind, message):
+                log.write(Topic(f'/{name}', kind, Qos(1)), serialize_message(message), 1)
+
+            write(f'parts/{run.part}', PART_TYPE, part_msg(part(described or run.part)))
+            for batch in batches:
+                write('resting_poses', POSES_TYPE, batch)
+            if distribution is not None:
+                write(f'aspect_distributions/{run.part}', DISTRIBUTION_TYPE, distribution)
+            log.add_metadata(OUTCOME, outcome.record())
+        return log.path.parent
+
+    return write_run
 
 
 @pytest.fixture

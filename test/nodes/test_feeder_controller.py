@@ -20,14 +20,9 @@ from scipy.stats import binomtest
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
-from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix
 
 MISSING_PART = r'parts/\w+ has (no publisher|not arrived yet)'
 PART = 'l_bracket'
@@ -96,11 +91,6 @@ def seen(class_id='1', x=0.0, clearance=0.05, **fields):
     return Detection(class_id=class_id, x=x, clearance=clearance, **fields)
 
 
-@pytest.fixture(scope='module')
-def bracket(part):
-    return known_part(part(PART), {1: 1.0})
-
-
 @pytest.fixture
 def begin(start, connect, namespace):
     """Start a controller and return its cell."""
@@ -114,13 +104,13 @@ def begin(start, connect, namespace):
 
 
 @pytest.fixture(scope='module')
-def running(start, connect, part, bracket, surfaces):
+def running(start, connect, part, drops_of):
     """A controller that knows drops of its part, in a module."""
     namespace = f'/test_feeder_controller_{os.getpid()}'
     start('feeder_controller', namespace, {'part': PART, 'spread_time': 0.4}, PATIENT)
     cell = Cell(connect(namespace))
     cell.parts.publish(part_msg(part(PART)))
-    cell.drops.publish(drops_of(bracket, DROPS, surfaces.get()))
+    cell.drops.publish(drops_of(DROPS))
     cell.advice('WAIT', lambda advice: 'no image' in advice.reason)
     return cell
 
@@ -136,26 +126,18 @@ def cell(running):
     return cell
 
 
-def drops_of(known, counts, condition, run_id='a'):
-    """A complete distribution of drops, of which one did not come to rest."""
-    found = Distribution(known.aspects, np.array(counts), 0, 1, 0)
-    started = {'seed': 1, 'run_id': run_id, 'started': SECOND}
-    run = plan_run(known.part, condition, drops=found.drops, **started)[1]
-    return distribution_msg(found, run, Time(sec=1), complete=True)
+@pytest.fixture(scope='module')
+def drops_of(invented):
+    """Return a function that makes a distribution of drops, of which one did not come to rest."""
+
+    def drops_of(counts, run_id='a'):
+        found = invented(PART, counts, np.zeros((5, 5), int), run_id=run_id, unsettled=1)
+        return distribution_msg(found.drop, found.run, Time(sec=1), complete=True)
+
+    return drops_of
 
 
-def flips_of(known, name, condition):
-    """100 actions, which bring the part from each aspect into any."""
-    k = len(known.aspects)
-    counts = np.hstack([np.full((k, k), 100 // k**2), np.zeros((k, 4), np.int64)])
-    run = plan_run(known.part, condition, seed=1, drops=100, run_id='flips', started=SECOND)[1]
-    drop = Distribution(known.aspects, np.ones(k, np.int64), 0, 0, 0)
-    matrix = Matrix(known.aspects, counts)
-    result = ReorientResult(matrix, named_action(name), run, known.part, drop, complete=True)
-    return transitions_msg(result, Time(sec=1), ended=True)
-
-
-def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, bracket):
+def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, part):
     advice = cell.advice_for(
         seen('1', 0.01, score=0.9, yaw=1.0),
         seen('2', 0.05),
@@ -165,7 +147,7 @@ def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, bracket):
         choice='PICK',
     )
     assert [(pick.detection, pick.symmetry_class) for pick in advice.picks] == [(4, 1), (0, 1)]
-    (expected,) = bracket.placements[0].poses(0.15, 0.02, -2.0)
+    (expected,) = known_part(part(PART), {1: 1.0}).placements[0].poses(0.15, 0.02, -2.0)
     (pose,) = advice.picks[0].poses
     p, q = pose.position, pose.orientation
     assert [p.x, p.y, p.z] == pytest.approx(expected.position.tolist())
@@ -207,28 +189,31 @@ def test_invalid_input_is_reported_and_makes_nothing_valid(cell, diagnostics_of)
 
 
 @pytest.mark.slow
-def test_model_follows_drops_and_flips(begin, part, bracket, surfaces):
+def test_model_follows_drops_and_flips(begin, part, invented, drops_of):
+    def flips_of(action):
+        found = invented(PART, np.ones(5, int), np.full((5, 5), 4), action, 'flips')
+        return transitions_msg(found, Time(sec=1), ended=True)
+
     cell, process = begin(pickable_classes=[1, 3])
     # It depends on what the node has discovered yet.
     cell.advice('WAIT', lambda advice: re.search(MISSING_PART, advice.reason))
     cell.parts.publish(part_msg(part(PART)))
     cell.advice('WAIT', lambda advice: 'get_distribution is not served' in advice.reason)
     assert math.isnan(cell.received[-1].pickable_share)
-    condition = surfaces.get()
     # Without a drop in an aspect, nothing is known either.
-    cell.drops.publish(drops_of(bracket, [0] * 5, condition, 'none'))
+    cell.drops.publish(drops_of([0] * 5, 'none'))
     cell.advice('WAIT', lambda advice: f'no drop of {PART} has come to rest' in advice.reason)
-    cell.drops.publish(drops_of(bracket, [10, 20, 30, 40, 99], condition))
+    cell.drops.publish(drops_of([10, 20, 30, 40, 99]))
     advice = cell.advice('WAIT', lambda advice: advice.drops == 199)
     interval = binomtest(40, 200).proportion_ci(method='wilson')
     found = [advice.pickable_share, advice.lower, advice.upper]
     assert found == pytest.approx([0.2, interval.low, interval.high])
 
     # Fewer drops, as of an older run, and another action.
-    cell.drops.publish(drops_of(bracket, [1, 0, 0, 0, 0], condition, 'b'))
-    cell.flips.publish(flips_of(bracket, 'tap', condition))
+    cell.drops.publish(drops_of([1, 0, 0, 0, 0], 'b'))
+    cell.flips.publish(flips_of('tap'))
     cell.client.wait(lambda: 'invalid action tap: expected flip' in process.output, 'its refusal')
-    cell.flips.publish(flips_of(bracket, 'flip', condition))
+    cell.flips.publish(flips_of('flip'))
     advice = cell.advice('WAIT', lambda advice: advice.actions == 100)
     assert advice.drops == 199
 
@@ -258,11 +243,11 @@ def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
 
 
 @pytest.mark.slow
-def test_camera_that_stops_is_reported_and_may_continue(begin, part, bracket, surfaces):
+def test_camera_that_stops_is_reported_and_may_continue(begin, part, drops_of):
     times = dict.fromkeys(('robot_time', 'vibrate_time', 'settle_time', 'image_time'), 0.01)
     cell, process = begin({TIMEOUT: 0.3, **QUICK}, **times)
     cell.parts.publish(part_msg(part(PART)))
-    cell.drops.publish(drops_of(bracket, DROPS, surfaces.get()))
+    cell.drops.publish(drops_of(DROPS))
     cell.advice('WAIT', lambda advice: 'If the tray is empty, supply' in advice.reason)
     image = cell.show(*(seen('1', 0.05 * k) for k in range(3)))
     advice = cell.advice('WAIT', lambda advice: 'no valid image has arrived for' in advice.reason)

@@ -6,7 +6,6 @@ import os
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import (
     ObservedCounts,
     PartDescription,
@@ -20,19 +19,13 @@ from std_msgs.msg import Header
 from resting_aspects_ros.api.compare import watch_drift
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.forecast import cycle_times, forecast_from, with_live_counts
-from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.feeding.footprint import Tray
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, Topic
+from resting_aspects_ros.logs.bag import LogOutcome
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
-from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
-from resting_aspects_ros.run_logs.recorder import RunRecorder
-from resting_aspects_ros.simulation.job import plan_run
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
-from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.transitions import TransitionMatrix as Matrix
 
 PART = 'hex_nut'
 SECOND = 10**9
@@ -46,39 +39,23 @@ QUICK = {
 
 
 @pytest.fixture(scope='module')
-def simulated(part, surfaces):
+def simulated(part, invented):
     """An action on a nut, and its drops: invented counts of a run."""
-    nut = part(PART)
-    aspects = find_aspects(nut)
-    members = [[each.id - 1 for each in alike] for alike in aspects.classes()]
-    assert len(members) == 2
-    counts = np.zeros(len(aspects), np.int64)
-    counts[[each[0] for each in members]] = 7200, 2800
-    drop = Distribution(aspects, counts, 0, 0, 0)
-    moved = np.zeros((len(aspects), len(aspects) + 4), np.int64)
-    moved[:, members[0][0]], moved[:, members[1][0]] = 60, 40
-    given = {'seed': 1, 'run_id': 'a', 'started': SECOND}
-    run = plan_run(nut, surfaces.get('rubber_mat'), drops=drop.drops, **given)[1]
-    return ReorientResult(
-        Matrix(aspects, moved), named_action('flip'), run, nut, drop, complete=True
-    )
+    aspects = find_aspects(part(PART))
+    first, second = (alike[0].id - 1 for alike in aspects.classes())
+    counts, moved = np.zeros(len(aspects), int), np.zeros((len(aspects), len(aspects)), int)
+    counts[[first, second]] = 7200, 2800
+    moved[:, [first, second]] = 60, 40
+    return invented(PART, counts, moved)
 
 
 @pytest.fixture(scope='module')
-def logs(simulated, tmp_path_factory):
+def logs(simulated, tmp_path_factory, write_run):
     """The folder with the log of the drops."""
-    folder = tmp_path_factory.mktemp('logs')
-    log = RunRecorder(folder, simulated.run)
-    described = part_msg(simulated.part)
-    qos = offered_qos(LATCHED)
-    log.write_part(
-        Topic(f'/parts/{PART}', PART_TYPE, qos), serialize_message(described), described, 1
-    )
     message = distribution_msg(simulated.drop, simulated.run, Time(sec=1), complete=True)
-    topic = Topic(f'/aspect_distributions/{PART}', DISTRIBUTION_TYPE, qos)
-    log.write(topic, serialize_message(message), 1, 1)
-    log.drops = simulated.drop.drops
-    assert log.close(whole=True) is not None
+    outcome = LogOutcome(simulated.drop.drops, whole=True)
+    folder = tmp_path_factory.mktemp('logs')
+    write_run(folder, simulated.run, outcome, distribution=message)
     return folder
 
 

@@ -2,20 +2,16 @@
 
 import os
 import shutil
-from contextlib import closing
 
 import pytest
-from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.errors import InvalidValueError, LogError
-from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.bag import LogOutcome
 from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
-from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import count_poses
@@ -37,25 +33,17 @@ def counted(part, engine):
 
 
 @pytest.fixture
-def write(tmp_path, part, run, counted, engine):
+def write(tmp_path, run, counted, engine, write_run):
     """Return a function that writes a log and returns its folder."""
 
-    def write(pieces=((0, 125),), *, whole=True, described='tetrahedron', **changes):
+    def write(pieces=((0, 125),), *, whole=True, described='', **changes):
         message = distribution_msg(counted(), run, time_msg(1), complete=True)
         for name, value in changes.items():
             setattr(message, name, value)
-        with closing(RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c')) as log:
-            topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
-            log.write(topic, serialize_message(part_msg(part(described))), 1)
-            for first, end in pieces:
-                poses = engine(125, SEED).between(first, end)
-                (batch,) = poses_msgs(poses, run, time_msg(1), last=False)
-                log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), serialize_message(batch), 2)
-            if whole:
-                topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
-                log.write(topic, serialize_message(message), 3)
-            log.add_metadata(OUTCOME, LogOutcome(125, whole).record())
-        return log.path.parent
+        poses = [engine(125, SEED).between(*piece) for piece in pieces]
+        batches = [b for each in poses for b in poses_msgs(each, run, time_msg(1), last=False)]
+        outcome = LogOutcome(125, whole)
+        return write_run(tmp_path, run, outcome, batches, message if whole else None, described)
 
     return write
 
