@@ -111,7 +111,7 @@ def test_camera_info_is_the_camera_of_the_simulator():
         camera_from(CameraInfo())
 
 
-def test_transform_to_the_optical_frame_gives_the_pixels_of_the_camera():
+def test_transform_to_the_camera_gives_its_pixels():
     camera = TrayCamera((0.2, 0.1), 4.0)
     transform = camera_transform('tray', 'camera_optical_frame')
     frames = (transform.header.frame_id, transform.child_frame_id)

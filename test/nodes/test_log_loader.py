@@ -76,7 +76,7 @@ def test_first_drops_of_a_log_with_gaps_are_counted(write, run, counted):
         ({'drops': 1}, 'expected 1 drops in aspects'),
     ],
 )
-def test_log_without_the_first_drops_or_inconsistent_is_rejected(write, given, expected):
+def test_incomplete_or_inconsistent_log_is_rejected(write, given, expected):
     with pytest.raises((LogError, InvalidValueError), match=expected):
         load_log(write(**given))
 

@@ -48,21 +48,16 @@ def suite(processes):
 # -- starting and stopping ------------------------------------------------------------------------
 
 
-@pytest.fixture
-def nodes(run_command, wait, namespace, tmp_path):
-    """`resting_aspects nodes`, the suite in one process."""
-    ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path / "logs"}')
-    process = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
-    wait(lambda: process.output.count('ready') == 3 or not process.running, 'three nodes')
-    assert process.running, process.output
-    return process
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=SLOW)])
 def test_command_answers_a_request_and_ends_in_order_during_a_run(
-    nodes, connect, namespace, wait, tmp_path, capfd, number
+    run_command, connect, namespace, wait, tmp_path, capfd
 ):
+    """`resting_aspects nodes` is the suite in one process."""
     ros = ('--ros-args', '-r', f'__ns:={namespace}')
+    logs = tmp_path / 'logs'
+    command = (sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
+    nodes = run_command(*command, '-p', f'log_folder:={logs}')
+    wait(lambda: nodes.output.count('ready') == 3 or not nodes.running, 'three nodes')
+    assert nodes.running, nodes.output
     arguments = ('request', 'tetrahedron', '--drops', '30', '--seed', '3', '--json')
     assert main([*arguments, *ros]) == 0
     document = json.loads(capfd.readouterr().out)
@@ -73,14 +68,12 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
 
     def log():
         runs = {batch.run.run_id for batch in received if batch.run.seed == 4}
-        return [(run, each) for run in runs for each in (tmp_path / 'logs').glob(f'*_{run}')]
+        return [(run, each) for run in runs for each in logs.glob(f'*_{run}')]
 
     client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')
     ((run_id, folder),) = log()
-    if number == signal.SIGINT:
-        nodes.send_to_group(number)  # a terminal sends it to the workers, too
-        number = 0
-    assert nodes.end(number) == 0
+    nodes.send_to_group(signal.SIGINT)  # a terminal sends it to the workers, too
+    assert nodes.end(0) == 0
     assert not TRACEBACK.search(nodes.output), nodes.output
     wait(lambda: nodes.group() == [], 'end of all its processes')
     assert re.search(
@@ -108,7 +101,7 @@ def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, 
 
 
 # How many mixed requests are made: many by hand, fewer with all other tests.
-REQUESTS = int(os.environ.get('RESTING_ASPECTS_REQUESTS', '150'))
+REQUESTS = int(os.environ.get('RESTING_ASPECTS_REQUESTS', '90'))
 
 
 def resident(suite):

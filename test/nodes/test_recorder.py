@@ -120,7 +120,7 @@ def test_problem_states_what_is_recorded_on_a_full_disk(record, recorded, asked,
     assert log.problem().startswith(expected)
 
 
-def test_incomplete_log_is_followed_by_another_and_a_whole_one_by_none(record):
+def test_only_an_incomplete_log_is_followed_by_another(record):
     """As of recorders that were killed, and of one that was started after the run."""
     first, second = record(3, 10), record(4, 10)
     assert second.folder.name == f'{first.folder.name}_2'

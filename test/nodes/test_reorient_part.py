@@ -123,7 +123,7 @@ def test_log_has_the_matrix_and_the_part(suite, found, part):
     assert list(messages(folder, POSES_TYPE)) == []
 
 
-def test_client_returns_transitions_of_own_action_and_conditions(client, part, surfaces):
+def test_client_returns_transitions_of_own_actions(client, part, surfaces):
     conditions = surfaces.get('steel').changed(friction=0.31)
     action, options = Kick(speed=0.6, spin=20.0), {'drops': 30, 'seed': 3}
     done = []

@@ -171,7 +171,7 @@ def log(batches, write_log, tmp_path_factory):
 @pytest.mark.parametrize(
     ('rate', 'late'), [(0.001, 0), (1.0, 0), (1000.0, 0), (2.0, 1), (2.0, GAP // 4 - 1)]
 )
-def test_messages_have_their_time_over_the_rate_and_delays_do_not_add_up(log, rate, late):
+def test_messages_have_their_time_and_delays_do_not_add_up(log, rate, late):
     player = Player(log, rate)
     player.run(late=late)
     due = [START + k * GAP / rate + late for k in range(1, COUNT + 1)]
