@@ -231,10 +231,10 @@ class Client:
         self._reorient.destroy()
         self._graph.remove(self.node)
 
-    def listen(self, kind, topic, qos):
+    def listen(self, kind, topic, qos, *, raw=False):
         """Return a list that receives the messages of a topic while this client waits."""
         received = []
-        self.node.create_subscription(kind, topic, received.append, qos)
+        self.node.create_subscription(kind, topic, received.append, qos, raw=raw)
         return received
 
     def meet(self, name, ready, send):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from ros_graph import Diagnostics, Graphs, Parameters, Suite, new_namespace
+from ros_graph import Graphs, Suite, new_namespace
 from ros_processes import processes, run_command, start_process  # noqa: F401  # fixtures
 
 from resting_aspects_ros.api import model_range
@@ -187,18 +187,6 @@ def ahead(monkeypatch):
 
 
 @pytest.fixture(scope='session')
-def diagnostics_of():
-    """Return the class that receives the diagnostics in the namespace of a client."""
-    return Diagnostics
-
-
-@pytest.fixture(scope='session')
-def parameters_of():
-    """Return the class that accesses the parameters of a running node."""
-    return Parameters
-
-
-@pytest.fixture(scope='session')
 def engine(part, surfaces):
     """Return the poses of the first drops of a seed, made without nodes."""
 
@@ -304,17 +292,3 @@ def replay(start, namespace):
         return start('log_replayer', namespace, {**given, 'log': log}, arguments=arguments)
 
     return replay
-
-
-@pytest.fixture(scope='session')
-def listen_raw():
-    """Return a list that receives the bytes of the messages of a topic."""
-
-    def listen_raw(client, kind, topic, qos):
-        received = []
-        client.node.create_subscription(
-            kind, topic, lambda data: received.append(bytes(data)), qos, raw=True
-        )
-        return received
-
-    return listen_raw

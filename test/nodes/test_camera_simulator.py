@@ -11,6 +11,7 @@ import pytest
 import yaml
 from rclpy.qos import ReliabilityPolicy
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from ros_graph import Diagnostics
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
@@ -90,8 +91,8 @@ def test_parts_are_picked_in_simulated_time(cell):
 
 
 @pytest.mark.slow
-def test_vision_that_stops_is_named_and_continued(cell, diagnostics_of):
-    diagnostics = diagnostics_of(cell.client)
+def test_vision_that_stops_is_named_and_continued(cell):
+    diagnostics = Diagnostics(cell.client)
     cell.vision.end()
     diagnostics.wait('camera_simulator', lambda _, text, __: 'no advice' in text, 'no vision')
     time = cell.clock[-1].clock

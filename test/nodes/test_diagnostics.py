@@ -5,6 +5,7 @@ import re
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses
+from ros_graph import Diagnostics, Parameters
 
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES
@@ -16,8 +17,8 @@ def suite(fresh_suite):
 
 
 @pytest.fixture(scope='module')
-def diagnostics(suite, diagnostics_of):
-    return diagnostics_of(suite.client)
+def diagnostics(suite):
+    return Diagnostics(suite.client)
 
 
 @pytest.mark.slow
@@ -48,10 +49,10 @@ def test_nodes_publish_diagnostics(suite, diagnostics):
 
 
 def test_missing_and_uncounted_drops_are_reported(
-    start, connect, diagnostics_of, namespace, batches, part, tmp_path
+    start, connect, namespace, batches, part, tmp_path
 ):
     client = connect(namespace)
-    diagnostics = diagnostics_of(client)
+    diagnostics = Diagnostics(client)
     start('aspect_classifier', namespace, {'log_folder': tmp_path})
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
     first, _, third, _ = batches(4)
@@ -81,10 +82,10 @@ def test_missing_and_uncounted_drops_are_reported(
     ],
 )
 def test_duplicate_nodes_report_each_other(
-    start, connect, diagnostics_of, namespace, few_parts, tmp_path_factory, node, level, advice
+    start, connect, namespace, few_parts, tmp_path_factory, node, level, advice
 ):
     client = connect(namespace)
-    diagnostics = diagnostics_of(client)
+    diagnostics = Diagnostics(client)
 
     def begin():
         given = {'parts_folder': few_parts('tetrahedron')}
@@ -108,11 +109,11 @@ def test_duplicate_nodes_report_each_other(
 
 
 # Last: it leaves an error.
-def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
+def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path):
     # A log that is closed later would end the error.
     diagnostics.forget()
     diagnostics.wait('drop_recorder', lambda *status: status[2]['logs open'] == '0', 'closed logs')
-    recorder = parameters_of(suite.client, 'drop_recorder')
+    recorder = Parameters(suite.client, 'drop_recorder')
     assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
     (tmp_path / 'disk').rmdir()
     (tmp_path / 'disk').write_bytes(b'')  # no folder can be created there

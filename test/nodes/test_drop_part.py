@@ -45,7 +45,7 @@ def assert_same_poses(batches, expected):
         np.testing.assert_array_equal(getattr(poses, field.name), getattr(expected, field.name))
 
 
-def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
+def test_goal_publishes_the_drops_of_the_engine(drop, batches, engine, part, surfaces):
     result = drop.result
     assert (drop.outcome, result.status) == ('succeeded', Status(code=Status.OK))
     codes = [code for batch in batches for code in batch.status]
@@ -56,22 +56,16 @@ def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
     # On a busy machine, a message can be published before it has all drops of the run.
     assert len(batches) <= 2
+    assert_same_poses(batches, engine(DROPS, 11))
 
-
-def test_every_batch_describes_its_run(drop, batches, part, surfaces):
-    run = batches[0].run
-    assert all(batch.run == run for batch in batches)
-    given = {'seed': 11, 'drops': DROPS, 'run_id': drop.result.run_id}
-    started = nanoseconds(run.started)
-    expected = plan_run(part('tetrahedron'), surfaces.get(), started=started, **given)[1]
-    assert run_from(run) == expected
+    # Every batch describes the run.
+    started = nanoseconds(batches[0].run.started)
+    given = {'seed': 11, 'drops': DROPS, 'run_id': result.run_id, 'started': started}
+    expected = plan_run(part('tetrahedron'), surfaces.get(), **given)[1]
     for batch in batches:
+        assert run_from(batch.run) == expected
         assert batch.header.frame_id == FRAME == 'tray'
         assert nanoseconds(batch.header.stamp) >= started > 0
-
-
-def test_published_poses_equal_those_of_the_engine(batches, engine):
-    assert_same_poses(batches, engine(DROPS, 11))
 
 
 def test_drops_from_the_middle_equal_a_slice_of_the_run(suite, batches_of, engine):

@@ -16,6 +16,7 @@ from resting_aspects_interfaces.msg import (
     PickResult,
     TransitionMatrix,
 )
+from ros_graph import Diagnostics
 from scipy.stats import binomtest
 from std_msgs.msg import Header
 
@@ -169,8 +170,8 @@ def test_picks_are_worked_off_and_the_action_follows(cell):
     assert 'All chosen parts' in advice.reason
 
 
-def test_invalid_input_is_reported_and_makes_nothing_valid(cell, diagnostics_of):
-    diagnostics = diagnostics_of(cell.client)
+def test_invalid_input_is_reported_and_makes_nothing_valid(cell):
+    diagnostics = Diagnostics(cell.client)
 
     def reported(text):
         return diagnostics.wait('feeder_controller', lambda _, found, __: text in found, text)
@@ -229,9 +230,9 @@ def test_drops_are_requested_once_if_none_are_known(fresh_suite, start):
     assert (run.part, run.drops, run.conditions.surface) == ('tetrahedron', 1000, 'rubber_mat')
 
 
-def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
+def test_class_that_the_part_lacks_is_an_error(begin, part):
     cell, _ = begin(pickable_classes=[1, 6])
-    diagnostics = diagnostics_of(cell.client)
+    diagnostics = Diagnostics(cell.client)
     cell.parts.publish(part_msg(part(PART)))
     message = f'invalid pickable_classes [1, 6]: expected symmetry classes of {PART}, 1 to 5'
     cell.advice('WAIT', lambda advice: message in advice.reason)

@@ -14,6 +14,7 @@ from resting_aspects_interfaces.msg import (
     TransitionMatrix,
 )
 from resting_aspects_interfaces.srv import FeederForecast
+from ros_graph import Diagnostics
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.compare import watch_drift
@@ -95,9 +96,9 @@ def machine(start, connect, simulated, logs):
 
 
 @pytest.fixture(scope='module')
-def status(machine, diagnostics_of):
+def status(machine):
     """Wait for the status of the classifier."""
-    diagnostics = diagnostics_of(machine.client)
+    diagnostics = Diagnostics(machine.client)
     return lambda holds: diagnostics.wait('aspect_classifier', holds, 'status')
 
 

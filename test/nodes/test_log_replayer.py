@@ -10,6 +10,7 @@ from resting_aspects_interfaces.msg import (
     PartDescription,
     RestingPoses,
 )
+from ros_graph import Diagnostics
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -95,29 +96,29 @@ def test_new_classifier_counts_the_replayed_drops(
 
 
 def test_late_subscriber_receives_latched_topics_after_the_end(
-    connect, namespace, replay, listen_raw, log, recorded, diagnostics_of
+    connect, namespace, replay, log, recorded
 ):
     replayer = replay(log, as_fast_as_possible=True)
     client = connect(namespace)
     client.wait(lambda: 'replayed in ' in replayer.output, 'end of the log')
     count = sum(map(len, recorded.values()))
     assert f': {count} messages; latched topics stay available' in replayer.output
-    topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
+    topics = {
+        name: client.listen(kind, name, qos, raw=True) for name, (kind, qos) in TOPICS.items()
+    }
     client.wait(lambda: all(topics.values()) and len(topics['resting_poses']) == 3, 'all latched')
     assert topics['resting_poses'] == recorded['resting_poses']
     assert topics[PART] == recorded[PART]
     assert topics[DISTRIBUTION] == recorded[DISTRIBUTION][-1:]
     call = replayer_services(client)
     assert [call(name)[:2] for name in ('pause', 'resume')] == [(False, 'over')] * 2
-    _, _, values = diagnostics_of(client).wait('log_replayer', lambda _, m, __: m == 'over', 'end')
+    _, _, values = Diagnostics(client).wait('log_replayer', lambda _, m, __: m == 'over', 'end')
     assert (values['log'], values['messages published']) == (str(log), str(count))
 
 
-def test_clock_follows_the_log_and_a_second_one_is_reported(
-    connect, namespace, replay, log, diagnostics_of
-):
+def test_clock_follows_the_log_and_a_second_one_is_reported(connect, namespace, replay, log):
     client = connect(namespace)
-    diagnostics = diagnostics_of(client)
+    diagnostics = Diagnostics(client)
     clock = f'{namespace}/clock'
     received = client.listen(Clock, clock, 10)
     recording = Recording(log)
@@ -133,9 +134,9 @@ def test_clock_follows_the_log_and_a_second_one_is_reported(
     diagnostics.wait('log_replayer', lambda _, m, __: problem in m, 'second clock')
 
 
-def test_services_pause_and_resume(connect, namespace, replay, listen_raw, log):
+def test_services_pause_and_resume(connect, namespace, replay, log):
     client = connect(namespace)
-    parts = listen_raw(client, PartDescription, PART, ALL_LATCHED)
+    parts = client.listen(PartDescription, PART, ALL_LATCHED, raw=True)
     replayer = replay(log, rate=0.05)
     call = replayer_services(client)
     assert call('resume')[:2] == (True, 'not paused')

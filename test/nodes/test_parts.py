@@ -5,6 +5,7 @@ import shutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
+from ros_graph import Diagnostics
 
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.interface import LATCHED
@@ -62,8 +63,8 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
 
 
-def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder, diagnostics_of):
-    simulator, diagnostics = suite.nodes['drop_simulator'], diagnostics_of(suite.client)
+def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder):
+    simulator, diagnostics = suite.nodes['drop_simulator'], Diagnostics(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')
     shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
     expected = '2 meshes are not offered'

@@ -14,6 +14,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import RestingPoses, Status
+from ros_graph import Diagnostics
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.api.conditions import with_surroundings
@@ -177,8 +178,8 @@ def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypa
 
 # Last test of the suite: ROS lists a killed node for another 20 s.
 @SLOW
-def test_killed_simulator_is_reported(suite, diagnostics_of):
-    client, diagnostics = suite.client, diagnostics_of(suite.client)
+def test_killed_simulator_is_reported(suite):
+    client, diagnostics = suite.client, Diagnostics(suite.client)
     received = client.poses()
     client.dropping('tetrahedron', MANY, seed=90)
 
@@ -269,7 +270,7 @@ def test_killed_recorder_loses_no_reported_drops(
 
 @SLOW
 def test_replay_at_full_speed_loses_nothing(
-    start_process, connect, namespace, wait, listen_raw, batches, write_log, part, tmp_path
+    start_process, connect, namespace, wait, batches, write_log, part, tmp_path
 ):
     written = list(batches(160))
     once = count_poses(
@@ -278,7 +279,7 @@ def test_replay_at_full_speed_loses_nothing(
     )
     start_process('aspect_classifier', namespace, {'log_folder': "''"})
     client = connect(namespace)
-    received = listen_raw(client, RestingPoses, 'resting_poses', POSES)
+    received = client.listen(RestingPoses, 'resting_poses', POSES, raw=True)
     given = {'log': write_log(tmp_path, written, gap=0.4), 'as_fast_as_possible': True}
     replayer = start_process('log_replayer', namespace, given)
     wait(lambda: 'replayed in ' in replayer.output, 'end of the log')  # the client does not spin

@@ -49,29 +49,29 @@ def names(recording):
     return {topic.recorded: topic.name for topic in topics}, skipped
 
 
-@pytest.mark.parametrize('namespace', ['', '/plant/cell_1', '/parts'])
-def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
-    kinds = {
-        'resting_poses': 'poses',
-        'parts/nut': 'part',
-        'aspect_distributions/nut': 'distribution',
-        'transitions/nut': 'transitions',
-        'markers': 'markers',
-        'camera/left/note': 'text',
-    }
+ONE = {
+    'resting_poses': 'poses',
+    'parts/nut': 'part',
+    'aspect_distributions/nut': 'distribution',
+    'transitions/nut': 'transitions',
+    'markers': 'markers',
+    'camera/left/note': 'text',
+}
+SEVERAL = {
+    'cell_1/resting_poses': 'poses',
+    'cell_2/resting_poses': 'poses',
+    'cell_2/sub/parts/nut': 'part',
+    'note': 'text',
+}
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'kinds'),
+    [('', ONE), ('/plant/cell_1', ONE), ('/parts', ONE), ('/plant', SEVERAL)],
+)
+def test_names_are_relative_to_the_namespace_of_all_suites(recording, namespace, kinds):
     log = recording({f'{namespace}/{name}': kind for name, kind in kinds.items()})
     assert names(log) == ({f'{namespace}/{name}': name for name in kinds}, [])
-
-
-def test_several_suites_keep_their_namespaces(recording):
-    kinds = {
-        'cell_1/resting_poses': 'poses',
-        'cell_2/resting_poses': 'poses',
-        'cell_2/sub/parts/nut': 'part',
-        'note': 'text',
-    }
-    log = recording({f'/plant/{name}': kind for name, kind in kinds.items()})
-    assert names(log) == ({f'/plant/{name}': name for name in kinds}, [])
 
 
 @pytest.mark.parametrize(

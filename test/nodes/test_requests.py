@@ -6,6 +6,7 @@ from importlib import import_module
 import pytest
 from rcl_interfaces.msg import ParameterType
 from resting_aspects_interfaces.msg import DropConditions, Status
+from ros_graph import Parameters
 
 from resting_aspects_ros.ros.conversions import conditions_from
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
@@ -66,8 +67,8 @@ def test_invalid_run_id(suite):
 
 
 @pytest.mark.parametrize('node', ['drop_simulator', 'aspect_classifier', 'drop_recorder'])
-def test_node_describes_its_parameters_as_declared(suite, parameters_of, node):
-    access = parameters_of(suite.client, node)
+def test_node_describes_its_parameters_as_declared(suite, node):
+    access = Parameters(suite.client, node)
     declared = import_module(f'resting_aspects_ros.nodes.{node}.node').PARAMETERS
     assert access.names() == {*(each.name for each in declared), *EVERY_NODE_HAS}
     for parameter in declared:
@@ -96,8 +97,8 @@ NO_FOLDER = "invalid log_folder '{}': expected a folder that exists or can be ma
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_invalid_value_is_rejected_with_a_reason(suite, parameters_of, node, name, value, message):
-    parameters = parameters_of(suite.client, node)
+def test_invalid_value_is_rejected_with_a_reason(suite, node, name, value, message):
+    parameters = Parameters(suite.client, node)
     before = parameters.get(name)
     (reason,) = parameters.set(**{name: value})
     assert message in reason
@@ -108,9 +109,9 @@ def test_invalid_value_is_rejected_with_a_reason(suite, parameters_of, node, nam
 
 
 @pytest.fixture
-def surface(suite, parameters_of):
+def surface(suite):
     """Set the surface of the simulator; it is the default again after the test."""
-    parameters = parameters_of(suite.client, 'drop_simulator')
+    parameters = Parameters(suite.client, 'drop_simulator')
     yield lambda name: parameters.set(surface=name)
     assert parameters.set(surface='rubber_mat') == []
 
