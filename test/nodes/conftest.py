@@ -188,12 +188,12 @@ def ahead(monkeypatch):
 
 @pytest.fixture(scope='session')
 def engine(part, surfaces):
-    """Return the poses of the first drops of a seed, made without nodes."""
+    """Return the poses of the first drops of the tetrahedron, made without nodes."""
 
     @functools.cache
-    def engine(drops, seed, name='tetrahedron'):
+    def engine(drops, seed):
         given = {'seed': seed, 'drops': drops, 'run_id': '', 'started': 0}
-        return drop_range(plan_run(part(name), surfaces.get(), **given)[0], 0, drops)
+        return drop_range(plan_run(part('tetrahedron'), surfaces.get(), **given)[0], 0, drops)
 
     return engine
 
@@ -224,14 +224,10 @@ def quick(surfaces):
 def batches(part, surfaces, engine):
     """Create serialized batches of a run of the tetrahedron; each repeats the first drops."""
 
-    def plan(count, run_id):
-        given = {'seed': 1, 'drops': count * BATCH, 'run_id': run_id, 'started': 10**18}
-        return plan_run(part('tetrahedron'), surfaces.get(), **given)
-
-    poses = engine(BATCH, 1)
-
     def batches(count, run_id='recorded'):
-        (batch,) = poses_msgs(poses, plan(count, run_id)[1], time_msg(7), last=False)
+        given = {'seed': 1, 'drops': count * BATCH, 'run_id': run_id, 'started': 10**18}
+        run = plan_run(part('tetrahedron'), surfaces.get(), **given)[1]
+        (batch,) = poses_msgs(engine(BATCH, 1), run, time_msg(7), last=False)
         for k in range(count):
             batch.first_drop = k * BATCH
             batch.last = k == count - 1
@@ -248,7 +244,7 @@ def write_log(part):
     gap : time between two batches, and between the part and the first batch, s
     """
 
-    def write_log(folder, batches, gap=0.0):
+    def write_log(folder, batches, gap):
         latched, deep = (Qos(depth, durability='transient_local') for depth in (1, 2000))
         described = Topic('/cell/parts/tetrahedron', PART_TYPE, latched)
         poses = Topic('/cell/resting_poses', POSES_TYPE, deep)
