@@ -30,13 +30,6 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, PartDescription, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions
 
-from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
-from resting_aspects_ros.nodes.camera_simulator.node import CameraSimulator
-from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
-from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
-from resting_aspects_ros.nodes.feeder_controller.node import FeederController
-from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
-from resting_aspects_ros.nodes.vision_example.node import VisionExample
 from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
@@ -49,14 +42,10 @@ from resting_aspects_ros.ros.interface import (
 )
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+# The modules of the nodes.
 NODES = {
-    'drop_simulator': DropSimulator,
-    'aspect_classifier': AspectClassifier,
-    'drop_recorder': DropRecorder,
-    'log_replayer': LogReplayer,
-    'feeder_controller': FeederController,
-    'camera_simulator': CameraSimulator,
-    'vision_example': VisionExample,
+    kind: importlib.import_module(f'resting_aspects_ros.nodes.{kind}.node')
+    for kind in [*SUITE, 'log_replayer', 'feeder_controller', 'camera_simulator', 'vision_example']
 }
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 300.0
@@ -105,9 +94,9 @@ class Graph:
         else:
             time.sleep(0.01)
 
-    def wait(self, condition, what, seconds=DEADLINE):
+    def wait(self, condition, what):
         """Spin until a condition holds; return its value."""
-        return self._wait(condition, what, seconds, self.step)
+        return self._wait(condition, what, DEADLINE, self.step)
 
     @contextmanager
     def spinning(self):
@@ -146,7 +135,7 @@ class LocalNode:
             word for name, value in dict(parameters).items() for word in ('-p', f'{name}:={value}')
         ]
         cli_args = ['--ros-args', *map(str, arguments), *words]
-        self.node = NODES[kind](
+        self.node = getattr(NODES[kind], kind.title().replace('_', ''))(
             namespace=graph.namespace,
             cli_args=cli_args,
             use_global_arguments=False,
@@ -221,44 +210,36 @@ class Client:
 
     def __init__(self, graph):
         self._graph = graph
-        self.node = graph.add(
-            rclpy.create_node(
-                f'test_{next(_serial)}', namespace=graph.namespace, context=graph.context
-            )
-        )
+        name = f'test_{next(_serial)}'
+        node = rclpy.create_node(name, namespace=graph.namespace, context=graph.context)
+        self.node = graph.add(node)
         self.wait = graph.wait
-        self._ask = self.node.create_client(
-            GetDistribution, 'get_distribution', qos_profile=SERVICES
-        )
+        self._ask = self._service(GetDistribution, 'get_distribution')
         self._parts = {}
         take = self._parts.__setitem__
         TopicDiscovery(self.node, PARTS, PartDescription, take, gone=self._parts.pop)
-        self._met = set()
+        self.met = set()
         self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
         self._reorient = ActionClient(self.node, ReorientPart, 'reorient_part', **ACTION_SERVICES)
-        self._transitions = self.node.create_client(
-            GetTransitions, 'get_transitions', qos_profile=SERVICES
-        )
+        self._transitions = self._service(GetTransitions, 'get_transitions')
+
+    def _service(self, kind, name):
+        return self.node.create_client(kind, name, qos_profile=SERVICES)
 
     def destroy(self):
         self._drop.destroy()
         self._reorient.destroy()
         self._graph.remove(self.node)
 
-    def spin(self, seconds):
-        """Spin for a time, for what must not happen within it."""
-        end = time.monotonic() + seconds
-        self.wait(lambda: time.monotonic() > end, 'the end')
-
-    def listen(self, kind, topic, qos):
+    def listen(self, kind, topic, qos, *, raw=False):
         """Return a list that receives the messages of a topic while this client waits."""
         received = []
-        self.node.create_subscription(kind, topic, received.append, qos)
+        self.node.create_subscription(kind, topic, received.append, qos, raw=raw)
         return received
 
     def meet(self, name, ready, send):
         """Wait until a server responds: it may be discovered before it discovers this client."""
-        if name in self._met:
+        if name in self.met:
             return
         self.wait(ready, f'{name} offered')
         answers, last = [], 0.0
@@ -271,20 +252,16 @@ class Client:
             return any(answer.done() for answer in answers)
 
         self.wait(answered, f'first answer of {name}')
-        self._met.add(name)
-
-    def forget(self):
-        """Wait for all servers again after a node was restarted."""
-        self._met.clear()
+        self.met.add(name)
 
     def meet_service(self, client):
         nothing = client.srv_type.Request()  # without part and drops: rejected
         self.meet(client.srv_name, client.service_is_ready, lambda: client.call_async(nothing))
 
-    def call(self, client, request, seconds=DEADLINE):
+    def call(self, client, request):
         self.meet_service(client)
         answer = client.call_async(request)
-        self.wait(answer.done, f'answer of {client.srv_name}', seconds)
+        self.wait(answer.done, f'answer of {client.srv_name}')
         return answer.result()
 
     def asking(self, part='tetrahedron', drops=100, **fields):
@@ -292,9 +269,8 @@ class Client:
         self.meet_service(self._ask)
         return self._ask.call_async(GetDistribution.Request(part=part, drops=drops, **fields))
 
-    def ask(self, part='tetrahedron', drops=100, seconds=DEADLINE, **fields):
-        request = GetDistribution.Request(part=part, drops=drops, **fields)
-        return self.call(self._ask, request, seconds)
+    def ask(self, part='tetrahedron', drops=100, **fields):
+        return self.call(self._ask, GetDistribution.Request(part=part, drops=drops, **fields))
 
     def known(self, part='tetrahedron', drops=1, **fields):
         """Return the distribution of a part once this number of its drops is known."""
@@ -325,10 +301,6 @@ class Client:
     def canceled(self, goal):
         goal.cancel()
         return self.finished(goal)
-
-    def dropping_in_bullet(self, part='tetrahedron', drops=100, **fields):
-        """Start a goal whose drops are made by worker processes; the kernel has threads."""
-        return self.dropping(part, drops, surroundings='bowl_track', **fields)
 
     def reorienting(self, part='tetrahedron', action='tap', per_aspect=60, drops=100, **fields):
         """Start a goal; the action is a name or a FeederAction."""
@@ -396,7 +368,7 @@ class Suite:
         """Restart a stopped node with the same parameters."""
         assert not self.nodes[node].running
         self.nodes[node] = self._start(node)
-        self.client.forget()
+        self.client.met.clear()  # its servers are waited for again
 
     def restart(self, *nodes):
         """Stop nodes, and start them again: without their memory and their latched messages."""
@@ -478,10 +450,7 @@ class Diagnostics:
             reported = (status.level, status.message, values)
             return reported if holds(*reported) else None
 
-        try:
-            return self._client.wait(found, what)
-        except AssertionError:
-            raise AssertionError(f'{what}: {self._newest.get(name)}') from None
+        return self._client.wait(found, what)
 
 
 class Parameters:

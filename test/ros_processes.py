@@ -12,7 +12,7 @@ from ros_graph import DEADLINE, NODES, Suite, new_namespace
 
 # An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
 FORKSERVER = multiprocessing.get_context('forkserver')
-FORKSERVER.set_forkserver_preload([kind.__module__ for kind in NODES.values()])
+FORKSERVER.set_forkserver_preload([module.__name__ for module in NODES.values()])
 # First statements of a forked process; it also forks the process in which a node reads files.
 FORKED = """
 import multiprocessing, os, sys
@@ -155,7 +155,7 @@ def start_process(run_command, wait):
         words = [kind, '--ros-args', '-r', f'__ns:={namespace}', *map(str, arguments)]
         for name, value in dict(parameters).items():
             words += ['-p', f'{name}:={value}']
-        lines = [f'sys.argv = {words!r}', f'import {NODES[kind].__module__} as node']
+        lines = [f'sys.argv = {words!r}', f'import {NODES[kind].__name__} as node']
         for name, value in dict(constants).items():
             module, _, constant = name.rpartition('.')
             lines += [

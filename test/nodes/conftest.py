@@ -3,20 +3,25 @@
 `start_process` and `processes` start real processes, for what only these show.
 """
 
-import re
+import functools
 import time
 from contextlib import closing
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from ros_graph import Diagnostics, Graphs, Parameters, Suite, new_namespace
+from ros_graph import Graphs, Suite, new_namespace
 from ros_processes import processes, run_command, start_process  # noqa: F401  # fixtures
 
 from resting_aspects_ros.api import model_range
-from resting_aspects_ros.client import connection
+from resting_aspects_ros.api.plan import named_action
+from resting_aspects_ros.api.reorient import ReorientResult
+from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.client import RestingAspectsClient, connection
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.bag import OUTCOME
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
 from resting_aspects_ros.ros import diagnostics
@@ -24,6 +29,8 @@ from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.statistics.transitions import TransitionMatrix
 from resting_aspects_ros.system import parts_folder
 
 # Number of drops in each message of the fixture ``batches``.
@@ -149,13 +156,20 @@ def spinning(graphs, suite):
         yield
 
 
+@pytest.fixture
+def in_namespace():
+    """Return the arguments of a Python client of the suite in a namespace."""
+    return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
+
+
+@pytest.fixture
+def client(suite, in_namespace, spinning):
+    """A Python client of the suite, with a private node."""
+    with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+        yield client
+
+
 # -- what tests see and send ----------------------------------------------------------------------
-
-
-@pytest.fixture(scope='session')
-def traceback():
-    """Return a function that finds a traceback in an output."""
-    return lambda text: re.search(r'Traceback|Exception ignored|never retrieved', text)
 
 
 @pytest.fixture
@@ -173,27 +187,31 @@ def ahead(monkeypatch):
 
 
 @pytest.fixture(scope='session')
-def diagnostics_of():
-    """Return the class that receives the diagnostics in the namespace of a client."""
-    return Diagnostics
+def engine(part, surfaces):
+    """Return the poses of the first drops of the tetrahedron, made without nodes."""
+
+    @functools.cache
+    def engine(drops, seed):
+        given = {'seed': seed, 'drops': drops, 'run_id': '', 'started': 0}
+        return drop_range(plan_run(part('tetrahedron'), surfaces.get(), **given)[0], 0, drops)
+
+    return engine
 
 
 @pytest.fixture(scope='session')
-def parameters_of():
-    """Return the class that accesses the parameters of a running node."""
-    return Parameters
+def invented(part, surfaces):
+    """Return a function that makes a result from counts of drops and of actions (k, k)."""
 
+    def invented(name, drops, moved, action='flip', run_id='a', unsettled=0):
+        solid = part(name)
+        aspects = find_aspects(solid)
+        drop = Distribution(aspects, np.array(drops), 0, unsettled, 0)
+        given = {'seed': 1, 'drops': drop.drops, 'run_id': run_id, 'started': 10**9}
+        run = plan_run(solid, surfaces.get(), **given)[1]
+        matrix = TransitionMatrix(aspects, np.hstack([moved, np.zeros((len(aspects), 4), int)]))
+        return ReorientResult(matrix, named_action(action), run, solid, drop, complete=True)
 
-@pytest.fixture(scope='session')
-def counts():
-    """Return all counts of a distribution as one tuple."""
-
-    def counts(distribution):
-        of_aspects = tuple(aspect.count for aspect in distribution.aspects)
-        others = ('unclassified', 'unsettled', 'failed')
-        return (*of_aspects, *(getattr(distribution, name) for name in others))
-
-    return counts
+    return invented
 
 
 @pytest.fixture
@@ -203,17 +221,13 @@ def quick(surfaces):
 
 
 @pytest.fixture(scope='session')
-def batches(part, surfaces):
+def batches(part, surfaces, engine):
     """Create serialized batches of a run of the tetrahedron; each repeats the first drops."""
 
-    def plan(count, run_id):
-        given = {'seed': 1, 'drops': count * BATCH, 'run_id': run_id, 'started': 10**18}
-        return plan_run(part('tetrahedron'), surfaces.get(), **given)
-
-    poses = drop_range(plan(1, '')[0], 0, BATCH)
-
     def batches(count, run_id='recorded'):
-        (batch,) = poses_msgs(poses, plan(count, run_id)[1], time_msg(7), last=False)
+        given = {'seed': 1, 'drops': count * BATCH, 'run_id': run_id, 'started': 10**18}
+        run = plan_run(part('tetrahedron'), surfaces.get(), **given)[1]
+        (batch,) = poses_msgs(engine(BATCH, 1), run, time_msg(7), last=False)
         for k in range(count):
             batch.first_drop = k * BATCH
             batch.last = k == count - 1
@@ -230,7 +244,7 @@ def write_log(part):
     gap : time between two batches, and between the part and the first batch, s
     """
 
-    def write_log(folder, batches, gap=0.0):
+    def write_log(folder, batches, gap):
         latched, deep = (Qos(depth, durability='transient_local') for depth in (1, 2000))
         described = Topic('/cell/parts/tetrahedron', PART_TYPE, latched)
         poses = Topic('/cell/resting_poses', POSES_TYPE, deep)
@@ -244,6 +258,27 @@ def write_log(part):
     return write_log
 
 
+@pytest.fixture(scope='session')
+def write_run(part):
+    """Write the log of a run with its part, batches and distribution; return its folder."""
+
+    def write_run(folder, run, outcome, batches=(), distribution=None, described=''):
+        with closing(RunLog(folder, f'{run.part}_20200101T000000Z_{run.run_id}')) as log:
+
+            def write(name, kind, message):
+                log.write(Topic(f'/{name}', kind, Qos(1)), serialize_message(message), 1)
+
+            write(f'parts/{run.part}', PART_TYPE, part_msg(part(described or run.part)))
+            for batch in batches:
+                write('resting_poses', POSES_TYPE, batch)
+            if distribution is not None:
+                write(f'aspect_distributions/{run.part}', DISTRIBUTION_TYPE, distribution)
+            log.add_metadata(OUTCOME, outcome.record())
+        return log.path.parent
+
+    return write_run
+
+
 @pytest.fixture
 def replay(start, namespace):
     """Start a replayer in the namespace of the test."""
@@ -253,17 +288,3 @@ def replay(start, namespace):
         return start('log_replayer', namespace, {**given, 'log': log}, arguments=arguments)
 
     return replay
-
-
-@pytest.fixture(scope='session')
-def listen_raw():
-    """Return a list that receives the bytes of the messages of a topic."""
-
-    def listen_raw(client, kind, topic, qos):
-        received = []
-        client.node.create_subscription(
-            kind, topic, lambda data: received.append(bytes(data)), qos, raw=True
-        )
-        return received
-
-    return listen_raw

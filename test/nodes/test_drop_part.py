@@ -8,10 +8,9 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.ros.conversions import MAX_POSES, nanoseconds, poses_from
+from resting_aspects_ros.ros.conversions import nanoseconds, poses_from, run_from
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 DROPS = 1000
@@ -39,18 +38,6 @@ def batches(drop, batches_of):
     return batches_of(drop.result.run_id)
 
 
-@pytest.fixture(scope='module')
-def engine(part, surfaces):
-    """Return the poses of the engine without a node."""
-
-    @functools.cache
-    def engine(name, first, end, seed):
-        job, _ = plan_run(part(name), surfaces.get(), seed=seed, drops=end, run_id='', started=0)
-        return drop_range(job, first, end)
-
-    return engine
-
-
 def assert_same_poses(batches, expected):
     poses = RestingPoses.join([poses_from(batch) for batch in batches])
     assert (poses.first_drop, poses.end) == (expected.first_drop, expected.end)
@@ -58,77 +45,51 @@ def assert_same_poses(batches, expected):
         np.testing.assert_array_equal(getattr(poses, field.name), getattr(expected, field.name))
 
 
-def test_result_counts_every_drop_and_messages_are_consecutive(drop, batches):
+def test_goal_publishes_the_drops_of_the_engine(drop, batches, engine, part, surfaces):
     result = drop.result
-    assert drop.outcome == 'succeeded'
-    assert result.status == Status(code=Status.OK)
-    assert result.drops == DROPS
+    assert (drop.outcome, result.status) == ('succeeded', Status(code=Status.OK))
     codes = [code for batch in batches for code in batch.status]
-    assert result.settled == codes.count(RestingPosesMsg.SETTLED)
+    assert result.settled == codes.count(RestingPosesMsg.SETTLED) > 0
     assert result.unsettled == codes.count(RestingPosesMsg.UNSETTLED)
     assert result.failed == codes.count(RestingPosesMsg.FAILED)
-    assert result.settled + result.unsettled + result.failed == DROPS
-    assert result.settled > 0
-    ends = [batch.first_drop + len(batch.status) for batch in batches]
-    assert [batch.first_drop for batch in batches] == [0, *ends[:-1]]
+    assert result.settled + result.unsettled + result.failed == result.drops == DROPS
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
     # On a busy machine, a message can be published before it has all drops of the run.
     assert len(batches) <= 2
+    assert_same_poses(batches, engine(DROPS, 11))
 
-
-@pytest.mark.slow
-def test_messages_of_a_long_run_are_bounded(suite, batches_of, quick):
-    drop = suite.client.drop('tetrahedron', 2 * MAX_POSES + 5, seed=15, conditions=quick)
-    sizes = [len(batch.status) for batch in batches_of(drop.result.run_id)]
-    assert sum(sizes) == 2 * MAX_POSES + 5
-    assert min(sizes) > 0
-    assert max(sizes) <= MAX_POSES
-
-
-def test_every_batch_describes_its_run(drop, batches, part, surfaces):
-    run = batches[0].run
-    assert all(batch.run == run for batch in batches)
-    assert run.run_id == drop.result.run_id
-    assert (run.part, run.part_sha256) == ('tetrahedron', part('tetrahedron').part_sha256)
-    assert (run.seed, run.first_drop, run.drops, run.precision) == (11, 0, DROPS, 0.0)
-    assert run.conditions.height == surfaces.get().height
-    assert run.conditions.surface == 'rubber_mat'
-    assert run.time_step > 0
+    # Every batch describes the run.
+    started = nanoseconds(batches[0].run.started)
+    given = {'seed': 11, 'drops': DROPS, 'run_id': result.run_id, 'started': started}
+    expected = plan_run(part('tetrahedron'), surfaces.get(), **given)[1]
     for batch in batches:
+        assert run_from(batch.run) == expected
         assert batch.header.frame_id == FRAME == 'tray'
-        assert nanoseconds(batch.header.stamp) >= nanoseconds(run.started) > 0
-
-
-def test_published_poses_equal_those_of_the_engine(batches, engine):
-    assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11))
+        assert nanoseconds(batch.header.stamp) >= started > 0
 
 
 def test_drops_from_the_middle_equal_a_slice_of_the_run(suite, batches_of, engine):
     drop = suite.client.drop('tetrahedron', 40, first_drop=230, seed=11)
     batches = batches_of(drop.result.run_id)
     assert batches[0].run.first_drop == 230
-    assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11).between(230, 270))
+    assert_same_poses(batches, engine(DROPS, 11).between(230, 270))
 
 
 def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     drop = suite.client.dropping('tetrahedron', 2_000_000, seed=13)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
-    drop.cancel()
-    suite.client.wait(lambda: drop.done, 'canceled goal')
-    result = drop.result
-    assert drop.outcome == 'canceled'
-    assert result.status.code == Status.CANCELED
-    assert result.status.message == (
-        f'canceled after {result.drops} of 2000000 drops; these are kept'
-    )
+    result = suite.client.canceled(drop).result
+    assert (drop.outcome, result.status.code) == ('canceled', Status.CANCELED)
+    expected = f'canceled after {result.drops} of 2000000 drops; these are kept'
+    assert result.status.message == expected
     assert 0 < result.drops < 2_000_000
     batches = batches_of(result.run_id)
-    assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
+    assert batches[-1].last
     assert all(batch.run.drops == 2_000_000 for batch in batches)
     poses = RestingPoses.join([poses_from(batch) for batch in batches])
     assert (poses.first_drop, len(poses)) == (0, result.drops)
     assert result.settled == int((poses.status == RestStatus.SETTLED).sum())
-    assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].status), seed=13))
+    assert_same_poses(batches[:1], engine(len(batches[0].status), 13))
 
 
 def test_drops_of_a_run_are_published_again(suite, received, drop, batches):

@@ -22,7 +22,7 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
+from resting_aspects_ros.ros.interface import CELL, LATCHED
 
 PART = 'hex_nut'
 SMALL = {
@@ -30,7 +30,6 @@ SMALL = {
     'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
     'ros.diagnostics.PERIOD': 0.1,
 }
-QUICK = {'nodes.aspect_classifier.live.PERIOD': 0.05}
 TOPICS = {
     'detections': (DetectionArray, CELL),
     'pick_result': (PickResult, CELL),
@@ -52,10 +51,8 @@ class Cell:
         }
         self.outputs[f'parts/{PART}'].publish(description)
         self.sent = []
-
-    def meet(self):
         for output in self.outputs.values():
-            self.client.wait(output.get_subscription_count, 'recorder')
+            client.wait(output.get_subscription_count, 'recorder')
 
     def send(self, name, **fields):
         """Publish a message, and wait until it is in a log."""
@@ -77,18 +74,12 @@ class Cell:
 
 
 @pytest.fixture(scope='module')
-def cell(start, connect, part, tmp_path_factory):
+def shift(start, connect, part, tmp_path_factory):
+    """The folder with the logs of a shift of two images, two sessions and a change of the log."""
     namespace = f'/test_feeder_logs_{os.getpid()}'
     folder = tmp_path_factory.mktemp('logs')
+    recorder = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
     cell = Cell(connect(namespace), folder, part_msg(part(PART)))
-    cell.recorder = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
-    cell.meet()
-    return cell
-
-
-@pytest.fixture(scope='module')
-def shift(cell):
-    """The folder with the logs of a shift of two images, two sessions and a change of the log."""
     seen = [Detection(part=PART, class_id=str(k)) for k in (1, 2, 2)]
     for k, total in enumerate(([1, 0], [3, 4], [5, 5], [5, 9]), 1):
         cell.send('detections', image=k, detections=seen)
@@ -97,7 +88,7 @@ def shift(cell):
         cell.send(f'observed_counts/{PART}', part=PART, supplied=total, session='a')
         cell.send(f'posterior/{PART}', part=PART, parts=sum(total), observed=total)
     cell.send('pick_result', image=4, result=PickResult.MISSED, detection=1)
-    cell.recorder.end()
+    recorder.end()
     return cell
 
 
@@ -112,11 +103,10 @@ def test_logs_have_every_message_and_what_is_latched(shift):
             first = next(bag.messages())[0]
             if log != shift.logs()[0]:
                 assert first.msgtype.endswith('PartDescription')
-        counted = yaml.safe_load((log / 'metadata.yaml').read_text())
-        topics = counted['rosbag2_bagfile_information']['topics_with_message_count']
-        for each in (topic['topic_metadata'] for topic in topics):
-            name = each['name'].partition('_logs_')[2].partition('/')[2]
-            offered = each['offered_qos_profiles'][0]
+        written = yaml.safe_load((log / 'metadata.yaml').read_text())
+        for topic in written['rosbag2_bagfile_information']['topics_with_message_count']:
+            name = topic['topic_metadata']['name'].partition('_logs_')[2].partition('/')[2]
+            offered = topic['topic_metadata']['offered_qos_profiles'][0]
             of_cell = name in ('detections', 'pick_result')
             expected = ('volatile', 10) if of_cell else ('transient_local', 1)
             assert (offered['durability'], offered['depth']) == expected
@@ -148,20 +138,3 @@ def test_drift_is_tested_from_the_logs(shift):
     assert last.totals.tolist() == [5, 9]
     with pytest.raises(InvalidValueError, match=r'observed_counts of cube, found .hex_nut'):
         read_observed(shift.folder, [1, 2], part='cube')
-
-
-@pytest.mark.slow
-def test_replayed_counts_give_the_same_posterior(shift, start, connect):
-    """The messages pass through a replayer and a classifier."""
-    namespace = f'/test_feeder_replay_{os.getpid()}'
-    client = connect(namespace)
-    received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
-    start('aspect_classifier', namespace, {'log_folder': "''"}, QUICK)
-    start('log_replayer', namespace, {'log': shift.logs()[-1], 'as_fast_as_possible': True})
-
-    def posterior():
-        # The recorded ones have no prior.
-        return [each for each in received if each.prior_weight and each.parts == 14]
-
-    found = client.wait(posterior, 'posterior')[-1]
-    assert list(found.concentration) == [6, 10]  # without drops, all shares are equally probable

@@ -2,139 +2,97 @@
 
 import os
 import shutil
-from contextlib import closing
 
 import pytest
-from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.errors import InvalidValueError, LogError
-from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
-from resting_aspects_ros.logs.topics import (
-    DISTRIBUTION_TYPE,
-    PART_TYPE,
-    POSES_TYPE,
-    Qos,
-    Topic,
-)
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.bag import LogOutcome
 from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
-from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 SEED = 5
 
 
 @pytest.fixture(scope='module')
-def run_of(part, surfaces):
-    """Return a run of the tetrahedron and its poses."""
-    job, run = plan_run(
-        part('tetrahedron'), surfaces.get(), seed=SEED, drops=125, run_id='4f1c', started=10**18
-    )
-    return run, drop_range(job, 0, 125)
+def run(part, surfaces):
+    given = {'seed': SEED, 'drops': 125, 'run_id': '4f1c', 'started': 10**18}
+    return plan_run(part('tetrahedron'), surfaces.get(), **given)[1]
 
 
 @pytest.fixture(scope='module')
-def aspects(part):
-    return find_aspects(part('tetrahedron'))
+def counted(part, engine):
+    """Return the distribution of the first drops of the run."""
+    aspects = find_aspects(part('tetrahedron'))
+    return lambda end=125: count_poses(aspects, engine(125, SEED).between(0, end))
 
 
 @pytest.fixture
-def write(tmp_path, part, run_of, aspects):
+def write(tmp_path, run, counted, engine, write_run):
     """Return a function that writes a log and returns its folder."""
-    run, poses = run_of
 
-    def write(pieces=((0, 125),), *, whole=True, change=None, described='tetrahedron'):
-        counted = count_poses(aspects, poses)
-        message = distribution_msg(counted, run, time_msg(1), complete=True)
-        if change is not None:
-            change(message)
-        with closing(RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c')) as log:
-            topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
-            log.write(topic, serialize_message(part_msg(part(described))), 1)
-            for first, end in pieces:
-                (batch,) = poses_msgs(poses.between(first, end), run, time_msg(1), last=False)
-                log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), serialize_message(batch), 2)
-            if whole:
-                topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
-                log.write(topic, serialize_message(message), 3)
-            log.add_metadata(OUTCOME, LogOutcome(125, whole).record())
-        return log.path.parent
+    def write(pieces=((0, 125),), *, whole=True, described='', **changes):
+        message = distribution_msg(counted(), run, time_msg(1), complete=True)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        poses = [engine(125, SEED).between(*piece) for piece in pieces]
+        batches = [b for each in poses for b in poses_msgs(each, run, time_msg(1), last=False)]
+        outcome = LogOutcome(125, whole)
+        return write_run(tmp_path, run, outcome, batches, message if whole else None, described)
 
     return write
 
 
-def double(message):
-    """Change the counts, so that they differ from those of the drops."""
-    message.aspects[0].count += 125
-    message.drops += 125
+@pytest.mark.parametrize('numbering', [ASPECT_NUMBERING, ASPECT_NUMBERING + 1])
+def test_drops_are_recounted_only_for_another_numbering(write, run, counted, numbering):
+    # The distribution differs from the drops of the log.
+    aspects = distribution_msg(counted(), run, time_msg(1), complete=True).aspects
+    aspects[0].count += 125
+    written = {'aspects': aspects, 'drops': 250, 'aspect_numbering': numbering}
+    found_run, found = load_log(write(**written))
+    recounted = numbering != ASPECT_NUMBERING
+    assert (found_run, found.drops) == (run, 125 if recounted else 250)
+    assert (found.counts.tolist() == counted().counts.tolist()) == recounted
 
 
-def test_distribution_of_a_complete_log_is_used(write, run_of):
-    run, found = load_log(write(change=double))
-    assert (run, found.drops) == (run_of[0], 2 * 125)
-
-
-def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
-    def renumber(message):
-        double(message)
-        message.aspect_numbering = ASPECT_NUMBERING + 1
-
-    run, found = load_log(write(change=renumber))
-    counted = count_poses(aspects, run_of[1])
-    assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
-
-
-def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
+def test_first_drops_of_a_log_with_gaps_are_counted(write, run, counted):
     """The pieces are in any order, without drops 100 to 109."""
-    run, found = load_log(write([(0, 40), (110, 125), (40, 100)], whole=False))
-    counted = count_poses(aspects, run_of[1].between(0, 100))
-    assert run == run_of[0]
-    assert found.counts.tolist() == counted.counts.tolist()
+    found_run, found = load_log(write([(0, 40), (110, 125), (40, 100)], whole=False))
+    assert found_run == run
+    assert found.counts.tolist() == counted(100).counts.tolist()
 
 
 @pytest.mark.parametrize(
     ('given', 'expected'),
     [
-        ({'pieces': [(10, 20)]}, 'it does not contain the first drops'),
-        ({'pieces': []}, 'it contains no drops'),
-        ({'described': 'washer'}, 'it does not describe its part'),
+        ({'pieces': [(10, 20)], 'whole': False}, 'it does not contain the first drops'),
+        ({'pieces': [], 'whole': False}, 'it contains no drops'),
+        ({'described': 'washer', 'whole': False}, 'it does not describe its part'),
+        ({'drops': 1}, 'expected 1 drops in aspects'),
     ],
 )
-def test_log_without_the_first_drops_is_rejected(write, given, expected):
-    with pytest.raises(LogError, match=expected):
-        load_log(write(whole=False, **given))
-
-
-def test_unclosed_and_inconsistent_logs_are_rejected(write):
-    log = write(change=lambda message: setattr(message, 'drops', 1))
-    with pytest.raises(InvalidValueError):
-        load_log(log)
-    (file,) = log.glob('*.mcap')
-    file.write_bytes(file.read_bytes()[:-100])
-    with pytest.raises(LogError, match='it is not closed'):
-        load_log(log)
+def test_incomplete_or_inconsistent_log_is_rejected(write, given, expected):
+    with pytest.raises((LogError, InvalidValueError), match=expected):
+        load_log(write(**given))
 
 
 def test_newest_log_of_each_part_is_read_first(tmp_path):
     names = [
-        'box_20200101T000000Z_1',
-        'nut_20200101T000000Z_2',
-        'nut_20210101T000000Z_3',
         'nut_20220101T000000Z_4',
-        'no_log',
+        'box_20200101T000000Z_1',
+        'nut_20210101T000000Z_3',
+        'nut_20200101T000000Z_2',
     ]
-    for name in names:
+    for name in (*sorted(names), 'no_log'):
         (tmp_path / name).mkdir()
     (tmp_path / 'file_20200101T000000Z_5').write_bytes(b'')
     (tmp_path / 'link_20200101T000000Z_6').symlink_to('x' * 300)
-    order = [names.index(log.name) for log in logs_in(tmp_path)]
-    assert order == [3, 0, 2, 1]
+    assert [log.name for log in logs_in(tmp_path)] == names
     assert logs_in(tmp_path / 'none') == []
 
 

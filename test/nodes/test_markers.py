@@ -1,31 +1,45 @@
-"""The RViz markers: their geometry and texts, and their publication over DDS."""
+"""The markers of aspects and of surroundings, and the current poses, as RViz shows them."""
 
-import copy
-from itertools import pairwise
+import dataclasses
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from resting_aspects_interfaces.msg import AspectDistribution
+from geometry_msgs.msg import PoseArray
+from rclpy.serialization import deserialize_message
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
+    BODIES,
+    MAX_SHOWN,
     MESHES,
+    NAMES,
+    PATCH,
     TEXTS,
+    CurrentPosesPublisher,
     PartMarkers,
     labels,
+    plane_patch,
+    serialized_markers,
 )
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
-from resting_aspects_ros.ros.interface import ALL_LATCHED
-from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
+from resting_aspects_ros.simulation.surroundings import surroundings_names
+from resting_aspects_ros.statistics.distribution import no_drops
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 STAMP = Time(sec=12, nanosec=34)
 
 
 def vector(message):
     return np.array([message.x, message.y, message.z])
+
+
+# -- of aspects -----------------------------------------------------------------------------------
 
 
 def in_tray(marker, points):
@@ -52,20 +66,17 @@ def split(message):
 
 
 def assert_stands(mesh, part, aspect):
-    """Check that a mesh stands on z = 0 in an Aspect, of the suite or of a message."""
+    """Check that a mesh stands on z = 0 in an aspect."""
     triangles = corners(mesh)
     radius = part.hull_radius
     assert abs(triangles[..., 2].min()) < 1e-9 * radius
-    slack = 2e-3 if getattr(aspect.sweep, 'curved', aspect.sweep) else 1e-9
+    slack = 2e-3 if aspect.sweep.curved else 1e-9
     assert in_tray(mesh, part.centre_of_mass)[2] == pytest.approx(
         aspect.com_height, abs=slack * radius
     )
     a, b, c = np.moveaxis(triangles - triangles.mean(axis=(0, 1)), 1, 0)
     volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
     assert volume == pytest.approx(part.volume, rel=1e-6)  # closed, with outward normals
-
-
-# Without DDS
 
 
 @pytest.mark.quick_cases(1)
@@ -81,7 +92,6 @@ def test_meshes_show_the_part_in_each_aspect(part, name):
         assert mesh.type == Marker.TRIANGLE_LIST
         np.testing.assert_array_equal(vector(mesh.scale), 1)  # otherwise RViz shows nothing
         assert text.type == Marker.TEXT_VIEW_FACING
-        assert text.scale.z > 0.1 * part.hull_radius
         where = in_tray(mesh, part.centre_of_mass)
         np.testing.assert_allclose(vector(text.pose.position)[:2], where[:2], atol=1e-12)
         top = corners(mesh)[..., 2].max()
@@ -107,38 +117,129 @@ def test_meshes_do_not_touch_and_classes_share_a_colour(part):
     assert len(set(colours.values())) == 2
 
 
-def test_new_distribution_changes_only_texts_and_stamps(part):
-    part = part('tetrahedron')
-    aspects = find_aspects(part)
-    markers = PartMarkers(part, aspects)
-    before = copy.deepcopy(markers.message(no_drops(aspects), Time()))
-    counted = Distribution(aspects, np.array([1, 2, 3, 4]), 0, 0, 0)
-    _, texts = split(markers.message(counted, STAMP))
-    assert [text.text for text in texts.values()] == labels(counted)
-    assert markers.message(no_drops(aspects), Time()) == before
-
-
-# Over DDS
-
-
-@pytest.mark.slow
 def test_markers_are_published_with_distributions(suite):
     markers = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
-    distributions = suite.client.listen(
-        AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED
+    found = suite.client.ask('u_bracket', 20, seed=[9006]).distribution
+    expected = labels(distribution_from(found))
+
+    def shown():
+        # Only the part that has changed last is shown.
+        _, texts = split(markers[-1]) if markers else ({}, {})
+        return [text.text for text in texts.values()] == expected
+
+    suite.client.wait(shown, 'markers')
+
+
+# -- of surroundings ------------------------------------------------------------------------------
+
+
+def area(corners):
+    a, b, c = corners[:1], corners[1:-1], corners[2:]
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
+    found = plane_patch(np.array([0.6, 0.0, 0.8, -0.1]), [], 2.0)
+    np.testing.assert_allclose(found @ [0.6, 0.0, 0.8], 0.1)
+    np.testing.assert_allclose(found.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
+    assert area(found) == pytest.approx(16.0)
+    level = np.array([0.0, 0.0, 1.0, 0.0])
+    wall = np.array([0.0, 1.0, 0.0, 0.5])  # the half-space y <= -0.5
+    found = plane_patch(level, [wall], 2.0)
+    assert found[:, 1].min() == pytest.approx(-0.5)
+    assert area(found) == pytest.approx(4 * 2.5)
+    # A plane inside another body has none.
+    assert len(plane_patch(level, [np.array([0.0, 0.0, 1.0, -1.0])], 2.0)) == 0
+
+
+@pytest.fixture
+def markers_in(part, surfaces):
+    """Return the serialized markers of the l_bracket in surroundings."""
+
+    def markers_in(name):
+        conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
+        return serialized_markers(part('l_bracket'), conditions, None, 'cell')
+
+    return markers_in
+
+
+def test_a_chute_has_two_patches_with_names(part, markers_in):
+    _, *markers = deserialize_message(markers_in('l_chute'), MarkerArray).markers
+    assert [each.text for each in markers if each.ns == NAMES] == ['belt, 0.1 m/s', 'wall']
+    belt, wall = (
+        np.array([vector(p) for p in each.points]) for each in markers if each.ns == BODIES
     )
-    answer = suite.client.ask('u_bracket', 30_000, seed=[9006])
-    run = answer.distribution.run
-    suite.client.wait(lambda: any(d.complete and d.run == run for d in distributions), 'the last')
-    last = distributions[-1]
-    assert last.run == answer.distribution.run
-    suite.client.wait(lambda: markers[-1].markers[0].header.stamp == last.header.stamp, 'markers')
-    stamps = [(s.sec, s.nanosec) for s in (m.markers[0].header.stamp for m in markers)]
-    of_run = [d.header.stamp for d in distributions if d.run == last.run]
-    published = [(stamp.sec, stamp.nanosec) for stamp in of_run]
-    assert stamps[-len(published) :] == published
-    assert len(published) > 1
-    assert all(one < other for one, other in pairwise(stamps))
-    # Only the part that has changed last is shown.
-    _, texts = split(markers[-1])
-    assert [text.text for text in texts.values()] == labels(distribution_from(last))
+    # The chute is rolled by 45 degrees: both patches rise from its axis, to different sides.
+    size = PATCH * part('l_bracket').hull_radius
+    for points in (belt, wall):
+        assert points[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert points[:, 2].max() == pytest.approx(size * np.sqrt(0.5))
+    assert belt[:, 1].mean() * wall[:, 1].mean() < 0
+
+
+@pytest.mark.parametrize('name', [each for each in surroundings_names() if each != 'plane'])
+def test_markers_have_what_rviz_and_foxglove_require(markers_in, name):
+    """Read by another implementation of CDR, with its own message definitions."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kind = 'visualization_msgs/msg/MarkerArray'
+    first, *markers = store.deserialize_cdr(markers_in(name), kind).markers
+    assert (first.action, first.header.frame_id) == (Marker.DELETEALL, 'cell')
+    assert markers
+    for each in markers:
+        assert (each.action, each.header.frame_id) == (Marker.ADD, 'cell')
+        assert (each.lifetime.sec, each.lifetime.nanosec) == (0, 0)  # until it is deleted
+        assert 0 < each.color.a <= 1
+        assert np.linalg.norm(dataclasses.astuple(each.pose.orientation)[:4]) == pytest.approx(1)
+        assert np.isfinite(vector(each.pose.position)).all()
+        if each.type == Marker.TEXT_VIEW_FACING:
+            assert each.scale.z > 0
+            assert each.text
+            continue
+        assert each.type == Marker.TRIANGLE_LIST
+        assert vector(each.scale).min() > 0
+        assert len(each.points) > 0
+        assert len(each.points) % 3 == 0
+        assert len(each.colors) in (0, len(each.points))  # one of each point, or none
+        assert np.isfinite([vector(p) for p in each.points]).all()
+    assert len({(each.ns, each.id) for each in markers}) == len(markers)
+
+
+# -- current poses --------------------------------------------------------------------------------
+
+
+def batch(first, status):
+    """Return poses whose x is their index."""
+    count = len(status)
+    return RestingPoses(
+        first,
+        np.arange(first, first + count)[:, None] * np.array([1.0, 0.0, 0.0]),
+        np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+        np.array(status, dtype=np.uint8),
+        np.zeros(count, dtype=np.uint8),
+        np.zeros(count),
+        np.zeros(count),
+    )
+
+
+def test_only_settled_drops_up_to_the_maximum_are_shown(connect, namespace):
+    client, listener = connect(namespace), connect(namespace)
+    current = CurrentPosesPublisher(client.node, lambda: None)
+    received = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
+    topic = f'{namespace}/{CURRENT_POSES}'
+    client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
+    S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
+    for k, (run, poses, shown) in enumerate(
+        [
+            ('a', batch(0, [S, U, S, F]), [0, 2]),
+            ('a', batch(4, [F, S]), [0, 2, 5]),
+            ('a', batch(6, [S] * (MAX_SHOWN - 2)), [2, 5, *range(6, 6 + MAX_SHOWN - 2)]),
+            ('a', batch(500, [S] * (MAX_SHOWN + 7)), list(range(507, 507 + MAX_SHOWN))),
+            ('b', batch(0, [U, S]), [1]),
+            ('c', batch(0, [F]), []),
+        ],
+        start=1,
+    ):
+        current.take(run, poses, Time(sec=k))
+        listener.wait(lambda k=k: current.publish() or len(received) == k, f'message {k}')
+        assert [pose.position.x for pose in received[-1].poses] == shown
+        assert received[-1].header.stamp.sec == k

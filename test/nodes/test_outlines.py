@@ -14,26 +14,15 @@ from shapely import affinity
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
-from resting_aspects_ros.client import (
-    RestingAspectsClient,
-)
+from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.discovery import announce
-from resting_aspects_ros.ros.interface import (
-    DROP_SIMULATOR,
-    IDENTIFY_PART,
-    LATCHED,
-    OUTLINES,
-)
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
 
 PART = 'l_bracket'
 SQUARE = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])
-
-
-def polygon(points):
-    return Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in points])
 
 
 class Vision:
@@ -41,8 +30,7 @@ class Vision:
 
     def __init__(self, client):
         self.client = client
-        node = client.node
-        self._identify = node.create_client(IdentifyPart, IDENTIFY_PART)
+        self._identify = client.node.create_client(IdentifyPart, IDENTIFY_PART)
 
     def outlines(self, part):
         """Return the messages of outlines/<part>, after the first has arrived."""
@@ -52,9 +40,8 @@ class Vision:
 
     def identify(self, seen, *parts, **fields):
         rings = polygon_msgs(seen) if isinstance(seen, shapely.Polygon) else {'outer': seen}
-        return self.client.call(
-            self._identify, IdentifyPart.Request(parts=parts, **rings, **fields)
-        )
+        request = IdentifyPart.Request(parts=parts, **rings, **fields)
+        return self.client.call(self._identify, request)
 
 
 @pytest.fixture(scope='module')
@@ -64,14 +51,6 @@ def vision(suite):
     return vision
 
 
-@pytest.fixture(scope='module')
-def seen(part):
-    """Return the outline of the part in an aspect, at (0.1, 0.05) m and a yaw of 1 rad."""
-    outline = known_part(part(PART)).outlines[1].polygon
-    return affinity.translate(affinity.rotate(outline, 1, (0, 0), use_radians=True), 0.1, 0.05)
-
-
-@pytest.mark.slow
 def test_latched_outlines_are_those_of_the_part(vision, part):
     result = ra.outlines(part(PART))
     expected = outlines_msg(result.part, result.outlines, result.look_alikes)
@@ -80,15 +59,14 @@ def test_latched_outlines_are_those_of_the_part(vision, part):
     assert received == deserialize_message(serialize_message(expected), PartOutlines)
 
 
-def test_prior_is_the_newest_distribution(vision, part, seen):
+def test_prior_is_the_newest_distribution(vision, part):
     name = 'u_bracket'
     loaded = part(name)
     vision.outlines(name)
     outline = known_part(loaded).outlines[0].polygon
     before = vision.identify(outline, name).candidates[0].prior
     distribution = vision.client.ask(name, 30, seed=[18], surface='steel').distribution
-    counts = np.array([each.count for each in distribution.aspects]) + 0.5
-    by_aspect = {k: float(count) for k, count in enumerate(counts, start=1)}
+    by_aspect = {k: each.count + 0.5 for k, each in enumerate(distribution.aspects, start=1)}
     expected = identify_part(outline, known_part(loaded, by_aspect)).candidates[0]
     found = vision.identify(outline, name).candidates[0]
     assert found.prior == pytest.approx(expected.prior)
@@ -96,43 +74,36 @@ def test_prior_is_the_newest_distribution(vision, part, seen):
 
 
 @pytest.mark.parametrize(
-    ('points', 'reason'),
+    ('points', 'parts', 'code', 'reason'),
     [
-        (SQUARE[[0, 2, 1, 3]], 'expected a boundary that does not cross itself'),
-        (np.tile(SQUARE, (MAX_POINTS, 1)), f'expected at most {MAX_POINTS}'),
+        (SQUARE[[0, 2, 1, 3]], [PART], Status.INVALID, 'expected a boundary that does not cross'),
+        (np.tile(SQUARE, (MAX_POINTS, 1)), [PART], Status.INVALID, f'at most {MAX_POINTS}'),
+        (SQUARE, [PART, 'gizmo'], Status.UNKNOWN_PART, "'gizmo'"),
     ],
 )
-def test_invalid_polygon_is_rejected_with_the_reason(vision, points, reason):
-    found = vision.identify(polygon(points), PART)
-    assert found.status.code == Status.INVALID
+def test_invalid_request_is_rejected_with_the_reason(vision, points, parts, code, reason):
+    outer = Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in points])
+    found = vision.identify(outer, *parts)
+    assert found.status.code == code
     assert reason in found.status.message
     assert not found.candidates
     assert math.isnan(found.none_probability)
     assert math.isnan(found.touching_probability)
 
 
-def test_unknown_part_is_rejected(vision, seen):
-    assert vision.identify(seen, PART, 'gizmo').status.code == Status.UNKNOWN_PART
-
-
-# Through the client
-
-
-def test_client_identifies(suite, vision, part, seen):
-    spun = RestingAspectsClient(suite.client.node)
-    points = {'outer': np.asarray(seen.exterior.coords)}
+def test_client_identifies(suite, vision, part):
+    outline = known_part(part(PART)).outlines[1].polygon
+    turned = affinity.rotate(outline, 1, (0, 0), use_radians=True)
+    seen = affinity.translate(turned, 0.1, 0.05)
     # A service may be given one camera at most.
-    position = Point(x=0.02, y=0.03, z=0.4)
-    twice = vision.identify(seen, PART, camera=[position, position])
+    twice = vision.identify(seen, PART, camera=[Point(z=0.4), Point(z=0.4)])
     assert twice.status.code == Status.INVALID
-    asked = spun.identify_part_async(points, PART, camera=[0, 0, 1e6], timeout=600)
-    suite.client.wait(asked.done, 'identification')
+    points = {'outer': np.asarray(seen.exterior.coords)}
+    with RestingAspectsClient(suite.client.node) as spun:
+        asked = spun.identify_part_async(points, PART, camera=[0, 0, 1e6], timeout=600)
+        suite.client.wait(asked.done, 'identification')
     best = asked.result().candidates[0]
     assert (best.x, best.y, best.yaw) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
-    spun.close()
-
-
-# Changed parts
 
 
 @pytest.mark.slow
@@ -140,8 +111,8 @@ def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespa
     client = connect(namespace)
     announce(client.node, DROP_SIMULATOR)
     description = client.node.create_publisher(PartDescription, 'parts/thing', LATCHED)
-    constants = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.1}
-    classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, constants)
+    quick = {'nodes.aspect_classifier.known.QUIET_PERIOD': 0.1}
+    classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, quick)
     vision, box = Vision(client), dataclasses.replace(part('box_10x20x30'), name='thing')
     description.publish(part_msg(dataclasses.replace(part('tetrahedron'), name='thing')))
     received = vision.outlines('thing')
@@ -151,13 +122,12 @@ def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespa
     assert received[-1].part_sha256 == box.part_sha256
     outline = known_part(box).outlines[1].polygon
     found = vision.identify(outline, 'thing').candidates[0]
-    assert (found.symmetry_class, found.posterior) == (2, pytest.approx(1, abs=0.01))
-    assert len(found.poses) == 2
+    assert (found.symmetry_class, len(found.poses)) == (2, 2)
 
     broken = part_msg(box)
     broken.mesh = list(b'no mesh')
     description.publish(broken)
     client.wait(lambda: 'cannot be used' in classifier.output, 'warning')
-    answer = vision.identify(outline, 'thing')
-    assert answer.status.code == Status.INVALID
-    assert "part 'thing' cannot be used: " in answer.status.message
+    status = vision.identify(outline, 'thing').status
+    assert status.code == Status.INVALID
+    assert "part 'thing' cannot be used: " in status.message

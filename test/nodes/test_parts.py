@@ -5,6 +5,7 @@ import shutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
+from ros_graph import Diagnostics
 
 from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.interface import LATCHED
@@ -12,106 +13,70 @@ from resting_aspects_ros.system import parts_folder
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('parts')
-    for name in ('box_10x20x30.stl', 'tetrahedron.stl'):
-        shutil.copy(parts_folder() / name, folder)
-    return folder
+def folder(few_parts):
+    return few_parts('box_10x20x30', 'tetrahedron')
 
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
-    return fresh_suite(
-        {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}},
-        parts_folder=folder,
-        workers=1,
-    )
+    quick = {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}}
+    return fresh_suite(quick, parts_folder=folder, workers=1)
 
 
 @pytest.fixture
 def listed(suite):
-    """Wait until these parts are offered, and return their descriptions."""
+    """Wait until these parts are offered."""
+    parts = suite.client.parts
+    return lambda *names: suite.client.wait(lambda: list(parts()) == [*names], f'list of {names}')
 
-    def listed(*names):
+
+@pytest.mark.slow
+def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
+    def answered(code, **fields):
+        """Wait for a status, which comes when the classifier has read the parts."""
+
         def found():
-            parts = suite.client.parts()
-            return list(parts) == list(names) and parts
-
-        return suite.client.wait(found, f'list of {names}')
-
-    return listed
-
-
-@pytest.fixture
-def answers(suite):
-    """Wait until a request is answered with a status, when the classifier has read the parts."""
-
-    def answers(name, code, **fields):
-        def found():
-            status = suite.client.ask(name, 3, seed=[1], **fields).status
+            status = suite.client.ask('hex_nut', 3, seed=[1], **fields).status
             return status if status.code == code else None
 
         return suite.client.wait(found, f'status {code}').message
 
-    return answers
-
-
-@pytest.mark.slow
-def test_parts_can_be_added_changed_and_removed(suite, listed, answers, folder):
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
+    listed('box_10x20x30', 'hex_nut', 'tetrahedron')
     suite.client.wait(lambda: received, 'description of the new part')
-    assert received[-1].part_sha256 == before == PartLibrary(folder).load('hex_nut').part_sha256
+    before = received[-1].part_sha256
+    assert before == PartLibrary(folder).load('hex_nut').part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
-
-    def changed():
-        return suite.client.parts()['hex_nut'].part_sha256 not in ('', before)
-
-    suite.client.wait(changed, 'another hash')
-    suite.client.wait(
-        lambda: received[-1].part_sha256 != before, 'description of the changed part'
-    )
+    suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    answers('hex_nut', Status.NOT_AVAILABLE, only_known=True)
+    answered(Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
-    (folder / 'hex_nut.stl').unlink()
-    (folder / 'hex_nut.yaml').unlink()
+    for name in ('hex_nut.stl', 'hex_nut.yaml'):
+        (folder / name).unlink()
     listed('box_10x20x30', 'tetrahedron')
-    message = answers('hex_nut', Status.UNKNOWN_PART)
-    assert 'known parts: box_10x20x30, tetrahedron' in message
+    assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
 
 
-def test_broken_mesh_is_reported_once(suite, listed, folder):
-    simulator = suite.nodes['drop_simulator']
+def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder):
+    simulator, diagnostics = suite.nodes['drop_simulator'], Diagnostics(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')
-    suite.client.wait(lambda: 'broken.stl' in simulator.output, 'warning')
-    assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
-    listed('box_10x20x30', 'tetrahedron')
-    # Several scans have been made when the added part is offered.
-    shutil.copy(parts_folder() / 'washer.stl', folder)
-    listed('box_10x20x30', 'tetrahedron', 'washer')
-    (folder / 'washer.stl').unlink()
-    listed('box_10x20x30', 'tetrahedron')
-    assert simulator.output.count('broken.stl') == 1
-    (folder / 'broken.stl').unlink()
-
-
-def test_diagnostics_list_meshes_that_are_not_offered(suite, folder, diagnostics_of):
-    diagnostics = diagnostics_of(suite.client)
-    (folder / 'empty.stl').write_bytes(b'no mesh either')
     shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
     expected = '2 meshes are not offered'
     level, _, values = diagnostics.wait('drop_simulator', lambda _, m, __: m == expected, expected)
     assert level == DiagnosticStatus.WARN
-    assert 'empty.stl' in values['not offered: empty']
+    assert 'broken.stl' in values['not offered: broken']
     assert 'expected a name of lower case' in values['not offered: My Washer.stl']
-    (folder / 'empty.stl').unlink()
-    diagnostics.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
-    (folder / 'My Washer.stl').unlink()
+    assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
+    # Several scans have been made when the added part is offered.
+    shutil.copy(parts_folder() / 'washer.stl', folder)
+    listed('box_10x20x30', 'tetrahedron', 'washer')
+    assert simulator.output.count('broken.stl') == 1
+    for name in ('washer.stl', 'broken.stl', 'My Washer.stl'):
+        (folder / name).unlink()
     diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')

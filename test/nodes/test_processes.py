@@ -14,6 +14,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import RestingPoses, Status
+from ros_graph import Diagnostics
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.api.conditions import with_surroundings
@@ -36,6 +37,7 @@ QUICK = {
     },
     'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 1.0},
 }
+TRACEBACK = re.compile('Traceback|Exception ignored|never retrieved')
 SLOW = pytest.mark.slow
 
 
@@ -47,24 +49,16 @@ def suite(processes):
 # -- starting and stopping ------------------------------------------------------------------------
 
 
-@pytest.fixture
-def nodes(run_command, wait, namespace, tmp_path):
-    """`resting_aspects nodes`, the suite in one process."""
-    ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path / "logs"}')
-    process = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
-    wait(lambda: process.output.count('ready') == 3 or not process.running, 'three nodes')
-    assert process.running, process.output
-    return process
-
-
-@pytest.mark.parametrize(
-    'number',
-    [signal.SIGINT, *(pytest.param(n, marks=SLOW) for n in (signal.SIGTERM, signal.SIGHUP))],
-)
 def test_command_answers_a_request_and_ends_in_order_during_a_run(
-    nodes, connect, namespace, wait, traceback, tmp_path, capfd, number
+    run_command, connect, namespace, wait, tmp_path, capfd
 ):
+    """`resting_aspects nodes` is the suite in one process."""
     ros = ('--ros-args', '-r', f'__ns:={namespace}')
+    logs = tmp_path / 'logs'
+    command = (sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
+    nodes = run_command(*command, '-p', f'log_folder:={logs}')
+    wait(lambda: nodes.output.count('ready') == 3 or not nodes.running, 'three nodes')
+    assert nodes.running, nodes.output
     arguments = ('request', 'tetrahedron', '--drops', '30', '--seed', '3', '--json')
     assert main([*arguments, *ros]) == 0
     document = json.loads(capfd.readouterr().out)
@@ -75,15 +69,13 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
 
     def log():
         runs = {batch.run.run_id for batch in received if batch.run.seed == 4}
-        return [(run, each) for run in runs for each in (tmp_path / 'logs').glob(f'*_{run}')]
+        return [(run, each) for run in runs for each in logs.glob(f'*_{run}')]
 
     client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')
     ((run_id, folder),) = log()
-    if number == signal.SIGINT:
-        nodes.send_to_group(number)  # a terminal sends it to the workers, too
-        number = 0
-    assert nodes.end(number) == 0
-    assert not traceback(nodes.output), nodes.output
+    nodes.send_to_group(signal.SIGINT)  # a terminal sends it to the workers, too
+    assert nodes.end(0) == 0
+    assert not TRACEBACK.search(nodes.output), nodes.output
     wait(lambda: nodes.group() == [], 'end of all its processes')
     assert re.search(
         rf'run {run_id} of tetrahedron was interrupted: the closed log {folder} has \d+ of {MANY}',
@@ -91,48 +83,69 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
     )
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('node', 'parameters', 'message'),
-    [
-        ('drop_simulator', {'workers': 2000}, 'workers out of range. Min: 0, Max: 1024'),
-        ('log_replayer', {'log': '{tmp}/broken'}, 'is damaged, or not an MCAP file'),
-    ],
-)
-def test_node_that_cannot_start_prints_one_error_line(
-    start_process, namespace, tmp_path, traceback, node, parameters, message
-):
-    (tmp_path / 'broken').write_text('no log', encoding='utf-8')
-    given = {name: str(value).format(tmp=tmp_path) for name, value in parameters.items()}
-    process = start_process(node, namespace, given, ready='')
+def test_node_that_cannot_start_prints_one_error_line(start_process, namespace):
+    process = start_process('drop_simulator', namespace, {'workers': 2000}, ready='')
     assert process.end(0) == 2
     (line,) = [line for line in process.output.splitlines() if line.startswith('error: ')]
-    assert message in line
-    assert not traceback(process.output)
+    assert 'workers out of range. Min: 0, Max: 1024' in line
+    assert not TRACEBACK.search(process.output)
 
 
 @SLOW
 def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, wait):
     simulator = start_process('drop_simulator', namespace, {'workers': 1})
     client = connect(namespace)
-    client.finished(client.dropping_in_bullet('tetrahedron', 1))
+    client.drop('tetrahedron', 1, surroundings='bowl_track')  # the kernel has threads
     assert simulator.send_to_workers(0) == 1
     simulator.end(signal.SIGKILL)
     wait(lambda: simulator.group() == [], 'end of its workers')
+
+
+# How many mixed requests are made: many by hand, fewer with all other tests.
+REQUESTS = int(os.environ.get('RESTING_ASPECTS_REQUESTS', '90'))
+
+
+def resident(suite):
+    """MB of each node."""
+    page = os.sysconf('SC_PAGE_SIZE') / 1e6
+    return {
+        name: int(Path(f'/proc/{process.pid}/statm').read_text().split()[1]) * page
+        for name, process in suite.nodes.items()
+    }
+
+
+@SLOW
+def test_memory_does_not_grow_under_mixed_requests(suite, quick):
+    client, rng, codes = suite.client, random.Random(8), set()
+
+    def ask(count):
+        for _ in range(count):
+            name = rng.choice(['tetrahedron', 'box_10x20x30', 'nothing'])
+            seed = rng.randrange(10**9)
+            if rng.randrange(5):
+                answer = client.ask(name, rng.randint(1, 60), seed=[seed], conditions=quick)
+            else:
+                goal = client.dropping(name, 20_000, seed=seed, conditions=quick)
+                answer = client.canceled(goal).result
+            codes.add(answer.status.code)
+
+    ask(REQUESTS // 3)
+    before = resident(suite)
+    ask(REQUESTS - REQUESTS // 3)
+    after = resident(suite)
+    assert codes <= {Status.OK, Status.UNKNOWN_PART, Status.CANCELED}
+    for name, mb in after.items():
+        assert mb < 1.1 * before[name], (before, after)
 
 
 # -- nodes that die -------------------------------------------------------------------------------
 
 
 @SLOW
-@pytest.mark.parametrize('action', [False, True])
-def test_repeatedly_killed_workers_fail_the_goal(suite, action):
+def test_repeatedly_killed_workers_fail_the_goal(suite):
     client, simulator = suite.client, suite.nodes['drop_simulator']
-    if action:
-        goal = client.reorienting('box_10x20x30', 'tap', 100_000, 20, surroundings='bowl_track')
-        client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'actions')
-    else:
-        goal = client.dropping_in_bullet('tetrahedron', 100_000, seed=16)
+    goal = client.reorienting('box_10x20x30', 'tap', 100_000, 20, surroundings='bowl_track')
+    client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'actions')
 
     def ended():
         simulator.send_to_workers(signal.SIGKILL)  # there may be none that is alive
@@ -141,9 +154,8 @@ def test_repeatedly_killed_workers_fail_the_goal(suite, action):
     client.wait(ended, 'goal that fails')
     assert (goal.outcome, goal.result.status.code) == ('aborted', Status.FAILED)
     assert 'died in a row' in goal.result.status.message
-    if action:
-        found = goal.result.transitions
-        assert (found.complete, found.ended, sum(found.actions) > 0) == (False, True, True)
+    found = goal.result.transitions
+    assert (found.complete, found.ended, sum(found.actions) > 0) == (False, True, True)
     assert client.drop('tetrahedron', 5).outcome == 'succeeded'
 
 
@@ -166,10 +178,9 @@ def test_restarted_classifier_answers_a_waiting_client(suite, surfaces, monkeypa
 
 # Last test of the suite: ROS lists a killed node for another 20 s.
 @SLOW
-def test_killed_simulator_is_reported(suite, diagnostics_of):
-    client, diagnostics = suite.client, diagnostics_of(suite.client)
+def test_killed_simulator_is_reported(suite):
+    client, diagnostics = suite.client, Diagnostics(suite.client)
     received = client.poses()
-    asked = client.asking('tetrahedron', MANY, seed=[43])
     client.dropping('tetrahedron', MANY, seed=90)
 
     def runs():
@@ -183,19 +194,15 @@ def test_killed_simulator_is_reported(suite, diagnostics_of):
         )
         client.wait(lambda: progress, 'progress')
         suite.nodes['drop_simulator'].end(signal.SIGKILL)
-        client.wait(asked.done, 'answer of the interrupted request')
-        assert asked.result().status.code == Status.NOT_AVAILABLE
-        assert 'the simulator stopped while it ' in asked.result().status.message
         client.wait(answer.done, 'error')
-        with pytest.raises(NotAvailableError, match='the simulator stopped'):
+        with pytest.raises(NotAvailableError, match='the simulator stopped while it '):
             answer.result()
     for node in ('aspect_classifier', 'drop_recorder'):
-        level, message, _ = diagnostics.wait(
-            node, lambda _, __, values: values['drop_simulators'] == '0', f'{node} misses it'
+        # A killed recorder that is still known can be named before.
+        level, *_ = diagnostics.wait(
+            node, lambda _, message, __: 'no drop_simulator' in message, f'{node} misses it'
         )
         assert level == DiagnosticStatus.WARN
-        # A killed recorder that is still known can be named before.
-        assert 'no drop_simulator' in message
         assert suite.nodes[node].running
     refused = client.ask(drops=MANY, seed=[99]).status
     assert refused.code == Status.NOT_AVAILABLE
@@ -207,7 +214,7 @@ def test_killed_simulator_is_reported(suite, diagnostics_of):
 
 # The recorder is killed after it reports at most this many of the batches: before it is done.
 BATCHES, LATEST, BATCH = 200, 100, 250
-KILLS = 5
+KILLS = 3
 
 
 def reported_drops(process):
@@ -263,7 +270,7 @@ def test_killed_recorder_loses_no_reported_drops(
 
 @SLOW
 def test_replay_at_full_speed_loses_nothing(
-    start_process, connect, namespace, wait, listen_raw, batches, write_log, part, tmp_path
+    start_process, connect, namespace, wait, batches, write_log, part, tmp_path
 ):
     written = list(batches(160))
     once = count_poses(
@@ -272,7 +279,7 @@ def test_replay_at_full_speed_loses_nothing(
     )
     start_process('aspect_classifier', namespace, {'log_folder': "''"})
     client = connect(namespace)
-    received = listen_raw(client, RestingPoses, 'resting_poses', POSES)
+    received = client.listen(RestingPoses, 'resting_poses', POSES, raw=True)
     given = {'log': write_log(tmp_path, written, gap=0.4), 'as_fast_as_possible': True}
     replayer = start_process('log_replayer', namespace, given)
     wait(lambda: 'replayed in ' in replayer.output, 'end of the log')  # the client does not spin
@@ -286,7 +293,7 @@ def test_replay_at_full_speed_loses_nothing(
 
 @SLOW
 def test_damage_during_a_replay_ends_it(
-    start_process, connect, namespace, batches, write_log, traceback, tmp_path
+    start_process, connect, namespace, batches, write_log, tmp_path
 ):
     log = write_log(tmp_path, batches(20), gap=0.2)
     path = Path(shutil.copy(next(log.glob('*.mcap')), tmp_path / 'copy.mcap'))
@@ -299,46 +306,4 @@ def test_damage_during_a_replay_ends_it(
     client.wait(lambda: not replayer.running, 'its end')
     assert replayer.end(0) == 1
     assert f"error: log '{path}' is damaged" in replayer.output
-    assert not traceback(replayer.output)
-
-
-# -- long use -------------------------------------------------------------------------------------
-
-# How long mixed requests go on: 30 minutes by hand, less with all other tests.
-MINUTES = float(os.environ.get('RESTING_ASPECTS_HARD_USE_MINUTES', '0.3'))
-
-
-def resident(suite):
-    """MB of each node."""
-    page = os.sysconf('SC_PAGE_SIZE') / 1e6
-    return {
-        name: int(Path(f'/proc/{process.pid}/statm').read_text().split()[1]) * page
-        for name, process in suite.nodes.items()
-    }
-
-
-@SLOW
-@pytest.mark.timeout(MINUTES * 60 + 300)
-def test_memory_does_not_grow_under_mixed_requests(processes, quick):
-    suite = processes()
-    client, rng, codes = suite.client, random.Random(8), []
-
-    def ask(seconds):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            name = rng.choice(['tetrahedron', 'box_10x20x30', 'nothing'])
-            if rng.randrange(5):
-                seed = [rng.randrange(10**9)]
-                answer = client.ask(name, rng.randint(1, 60), seed=seed, conditions=quick)
-            else:
-                goal = client.dropping(name, 20_000, seed=rng.randrange(10**9), conditions=quick)
-                answer = client.canceled(goal).result
-            codes.append(answer.status.code)
-
-    ask(MINUTES * 60 / 3)
-    before = resident(suite)
-    ask(MINUTES * 60 * 2 / 3)
-    after = resident(suite)
-    assert set(codes) <= {Status.OK, Status.UNKNOWN_PART, Status.CANCELED}
-    for name, mb in after.items():
-        assert mb < 1.1 * before[name], (before, after, len(codes))
+    assert not TRACEBACK.search(replayer.output)

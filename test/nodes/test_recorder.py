@@ -1,6 +1,5 @@
 """The log of every run, read with an independent reader, matches the received messages."""
 
-import csv
 import resource
 
 import pytest
@@ -8,12 +7,10 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
 from wire import plain
 
-from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.drop_recorder.node import FolderLock
-from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.run_logs.recorder import RunRecorder
 from resting_aspects_ros.simulation.job import RunDescription
@@ -40,31 +37,25 @@ def suite(fresh_suite):
 def received(suite):
     """Return all messages about the tetrahedron, received in parallel with the recorder."""
     name = 'aspect_distributions/tetrahedron'
-    suite.client.wait(
-        lambda: suite.client.node.count_publishers(f'{suite.namespace}/{name}'), 'topic'
-    )
     received = {
         'resting_poses': suite.client.poses(),
         name: suite.client.listen(AspectDistribution, name, LATCHED),
         'parts/tetrahedron': suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED),
     }
+    topic = f'{suite.namespace}/{name}'
+    suite.client.wait(lambda: suite.client.node.count_publishers(topic), 'topic')
     suite.client.wait(lambda: received['parts/tetrahedron'], 'description')
     return received
 
 
 @pytest.fixture(scope='module')
-def run(suite, received):
-    """Return the description of a run that was received and recorded."""
+def folder(suite, received):
+    """Return the log of a run that was received and recorded."""
     run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
     suite.client.wait(lambda: received['resting_poses'][-1].last, 'last batch')
     suite.client.wait(
         lambda: received['aspect_distributions/tetrahedron'][-1].complete, 'last distribution'
     )
-    return run
-
-
-@pytest.fixture(scope='module')
-def folder(suite, run):
     return suite.log_of(run.run_id)
 
 
@@ -79,61 +70,10 @@ def test_log_contains_every_published_message(suite, folder, received, way):
             expected = expected[-1:]  # noqa: PLW2901
             for each in (recorded[0], expected[0]):
                 each.header.stamp.sec = each.header.stamp.nanosec = 0
-        assert len(recorded) == len(expected), topic
-        for one, other in zip(recorded, expected, strict=True):
-            assert plain(one) == plain(other), topic
+        assert [plain(each) for each in recorded] == [plain(each) for each in expected], topic
     batches = messages[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.status) for batch in batches) == DROPS
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
-
-
-@pytest.mark.slow
-def test_drop_repeats_the_drops_of_a_log(suite, surfaces, tmp_path):
-    """The run has a precision and custom conditions; a cancel ends it early."""
-    conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
-    drop = suite.client.dropping(
-        precision=0.005,
-        drops=0,
-        seed=2**64 - 1,
-        conditions=[conditions_msg(conditions)],
-    )
-    suite.client.wait(lambda: drop.feedback, 'first feedback')
-    suite.client.canceled(drop)
-    folder = suite.log_of(drop.result.run_id)
-    assert main(['drop', '--from-log', str(folder), '--poses', str(tmp_path / 'again.csv')]) == 0
-    logged = [
-        [*batch.position[3 * k : 3 * k + 3], *batch.orientation[4 * k : 4 * k + 4]]
-        for batch in read(folder)[f'{suite.namespace}/resting_poses']
-        for k in range(len(batch.status))
-    ]
-    with (tmp_path / 'again.csv').open(newline='') as file:
-        made = [[float(value) for value in row[1:8]] for row in list(csv.reader(file))[1:]]
-    assert len(made) == drop.result.drops
-    assert made == logged
-
-
-# Last: it ends the recorder.
-def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received):
-    drop = suite.client.dropping('tetrahedron', 2_000_000, seed=9)
-
-    def of_the_run():
-        return [batch for batch in received['resting_poses'] if batch.run.seed == 9]
-
-    def logged():
-        log = next(iter(suite.logs.glob(f'*_{of_the_run()[0].run.run_id}')), None)
-        return log and log.stat().st_size and len(of_the_run()) >= 2
-
-    suite.client.wait(lambda: of_the_run() and logged(), 'second batch')
-    suite.nodes['drop_recorder'].end()
-    suite.client.canceled(drop)
-    folder = suite.log_of(of_the_run()[0].run.run_id)
-    for path in (folder, next(folder.glob('*.mcap'))):
-        batches = read(path)[f'{suite.namespace}/resting_poses']
-        assert len(batches) >= 1
-        for one, other in zip(batches, of_the_run(), strict=False):
-            assert plain(one) == plain(other)
-    drops = sum(len(batch.status) for batch in batches)
-    assert recorded_outcome(folder) == LogOutcome(drops, whole=False)
 
 
 # -- without nodes ------------------------------------------------------------------------------
@@ -146,12 +86,10 @@ def record(surfaces, tmp_path):
     """Return a function that begins the log of a run, and records drops of it."""
 
     def record(recorded, asked):
-        values = {'seed': 1, 'first_drop': 0, 'drops': asked, 'precision': 0.0, 'started': 10**18}
+        numbers = {'seed': 1, 'first_drop': 0, 'precision': 0.0, 'time_step': 1e-3}
         texts = ('engine', 'engine_version', 'suite_version', 'part_sha256')
-        run = RunDescription(
-            run_id='4f1c', part='nut', conditions=surfaces.get(''), time_step=1e-3,
-            **values, **dict.fromkeys(texts, 'x'),
-        )  # fmt: skip
+        named = {'run_id': '4f1c', 'part': 'nut', **numbers, **dict.fromkeys(texts, 'x')}
+        run = RunDescription(**named, drops=asked, conditions=surfaces.get(''), started=10**18)
         log = RunRecorder(tmp_path, run)
         if recorded:
             # A log has no times before the epoch, but a stamp can be before it.
@@ -162,24 +100,6 @@ def record(surfaces, tmp_path):
     return record
 
 
-@pytest.fixture
-def failed(record):
-    """Record drops of a run, then let the disk be full; gives the log."""
-
-    def failed(recorded, asked):
-        log = record(recorded, asked)
-        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
-        try:
-            log.write(TOPIC, bytes(100_000), 2, 2)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        assert log.error.endswith('cannot be written: File too large')
-        return log
-
-    return failed
-
-
 @pytest.mark.parametrize(
     ('recorded', 'asked', 'expected'),
     [
@@ -188,11 +108,19 @@ def failed(record):
         (0, 4000, 'run 4f1c of nut is not recorded: log '),
     ],
 )
-def test_problem_states_the_number_of_recorded_drops(failed, recorded, asked, expected):
-    assert failed(recorded, asked).problem().startswith(expected)
+def test_problem_states_what_is_recorded_on_a_full_disk(record, recorded, asked, expected):
+    log = record(recorded, asked)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        log.write(TOPIC, bytes(100_000), 2, 2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert log.error.endswith('cannot be written: File too large')
+    assert log.problem().startswith(expected)
 
 
-def test_incomplete_log_is_followed_by_another_and_a_whole_one_by_none(record):
+def test_only_an_incomplete_log_is_followed_by_another(record):
     """As of recorders that were killed, and of one that was started after the run."""
     first, second = record(3, 10), record(4, 10)
     assert second.folder.name == f'{first.folder.name}_2'

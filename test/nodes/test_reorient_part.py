@@ -7,28 +7,19 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import (
-    FeederAction,
-    PartDescription,
-    Status,
-    TransitionMatrix,
-)
+from resting_aspects_interfaces.msg import FeederAction, PartDescription, Status, TransitionMatrix
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.client import (
-    RestingAspectsClient,
-    transition_matrix_from,
-)
+from resting_aspects_ros.client import transition_matrix_from
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
-from resting_aspects_ros.ros.conversions import conditions_msg, run_from
+from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.actions import Kick
 
 SEED = 5
-FAST_KICK = FeederAction(kind='kick', names=['speed', 'spin'], values=[0.6, 20.0])
 
 
 @pytest.fixture(scope='module')
@@ -44,48 +35,24 @@ def found(goal):
     return goal.result.transitions
 
 
-@pytest.fixture(scope='module')
-def expected(part):
-    """Return the result of the Python interface."""
-    return ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
-
-
-@pytest.fixture
-def client(suite, spinning):
-    """Return the Python client, with a private node."""
-    with RestingAspectsClient(ros_args=['-r', f'__ns:={suite.namespace}']) as client:
-        yield client
-
-
-def test_counts_are_those_of_the_python_interface(found, expected):
+def test_matrix_and_run_are_those_of_the_python_interface(goal, found, part):
+    expected = ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert list(found.actions) == [60, 60, 60, 60]
     assert [aspect.count for aspect in found.aspects] == expected.drop.counts.tolist()
-    assert found.drops == 100
-    assert (found.complete, found.ended) == (True, True)
+    assert (found.drops, found.complete, found.ended) == (100, True, True)
     np.testing.assert_array_equal(
         transition_matrix_from(found).probability, expected.matrix.probability
     )
-
-
-def test_run_is_that_of_the_python_interface(found, expected):
     run = run_from(found.run)
     of_run = {'run_id': run.run_id, 'started': run.started}
     assert run == dataclasses.replace(expected.run, **of_run)
-    assert (run.drops, run.seed, run.conditions.surface) == (240, SEED, 'rubber_mat')
-    assert dict(zip(found.action.names, found.action.values, strict=True)) == {
-        name: value
-        for name, value in expected.action.values.items()
-        if name not in ('name', 'kind')
-    }
+    values = dict(zip(found.action.names, found.action.values, strict=True))
+    assert values.items() <= expected.action.values.items()
     assert (found.action.name, found.action.kind) == ('tap', 'kick')
-
-
-def test_feedback_counts_drops_then_actions(goal):
     progress = [(each.drops, each.done) for each in goal.feedback]
     assert progress == sorted(set(progress))
     assert progress[0] == (100, 0)
-    assert progress[-1][1] <= 240
     assert {each.total for each in goal.feedback} == {240}
 
 
@@ -99,15 +66,10 @@ def test_service_returns_the_matrix(suite, found):
 
 @pytest.mark.parametrize(
     ('part', 'action', 'code', 'message'),
-    # No test of the shared suite requests actions on the box.
     [
         ('tetrahedron', 'toss', Status.NOT_AVAILABLE, "by action 'toss' are known, .*: tap"),
-        (
-            'box_10x20x30',
-            '',
-            Status.NOT_AVAILABLE,
-            "no transitions of 'box_10x20x30' are known, request",
-        ),
+        # No test of the shared suite requests actions on the box.
+        ('box_10x20x30', '', Status.NOT_AVAILABLE, "no transitions of 'box_10x20x30' are known"),
         ('no_such_part', '', Status.UNKNOWN_PART, "part 'no_such_part' is not known; known "),
     ],
 )
@@ -152,36 +114,27 @@ def test_invalid_matrix_is_ignored(suite):
 
 def test_log_has_the_matrix_and_the_part(suite, found, part):
     folder = suite.log_of(found.run.run_id)
-    logged = [
-        deserialize_message(data, TransitionMatrix) for data in messages(folder, TRANSITIONS_TYPE)
-    ]
-    assert logged[-1] == found
-    described = [
-        deserialize_message(data, PartDescription) for data in messages(folder, PART_TYPE)
-    ]
-    assert [each.part_sha256 for each in described] == [part('tetrahedron').part_sha256]
+    *_, logged = messages(folder, TRANSITIONS_TYPE)
+    assert deserialize_message(logged, TransitionMatrix) == found
+    (described,) = messages(folder, PART_TYPE)
+    sha256 = deserialize_message(described, PartDescription).part_sha256
+    assert sha256 == part('tetrahedron').part_sha256
     assert recorded_outcome(folder) == LogOutcome(240, whole=True)
     assert list(messages(folder, POSES_TYPE)) == []
 
 
-def test_own_action_on_own_conditions(suite, part, surfaces):
+def test_client_returns_transitions_of_own_actions(client, part, surfaces):
     conditions = surfaces.get('steel').changed(friction=0.31)
-    goal = suite.client.reorient(
-        'u_bracket', FAST_KICK, 20, drops=30, conditions=[conditions_msg(conditions)]
+    action, options = Kick(speed=0.6, spin=20.0), {'drops': 30, 'seed': 3}
+    done = []
+    found = client.reorient_part(
+        'u_bracket', action, 20, conditions=conditions, progress=done.append, **options
     )
-    expected = ra.reorient(
-        part('u_bracket'),
-        Kick(speed=0.6, spin=20.0),
-        20,
-        drops=30,
-        surface=conditions,
-        seed=0,
-        workers=1,
-    )
-    found = goal.result.transitions
+    expected = ra.reorient(part('u_bracket'), action, 20, surface=conditions, workers=1, **options)
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert found.action.name == 'kick'
     assert run_from(found.run).conditions == conditions
+    assert done == sorted(done)
 
 
 @pytest.mark.parametrize(
@@ -193,11 +146,6 @@ def test_own_action_on_own_conditions(suite, part, surfaces):
             {'action': FeederAction(kind='kick', names=['speed'], values=[101.0])},
             Status.INVALID,
             'invalid speed 101.0: expected 0 to 100 m/s',
-        ),
-        (
-            {'action': FeederAction(name='tap', names=['speed'], values=[1.0])},
-            Status.INVALID,
-            "invalid values of action 'tap': expected none without a kind",
         ),
         ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
     ],
@@ -213,8 +161,7 @@ def test_actions_before_a_cancel_are_kept(suite):
     received = suite.client.listen(TransitionMatrix, 'transitions/box_10x20x30', LATCHED)
     goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20, seed=SEED)
     suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'first actions')
-    goal.cancel()
-    suite.client.wait(lambda: goal.done, 'canceled goal')
+    suite.client.canceled(goal)
     found, status = goal.result.transitions, goal.result.status
     made = sum(found.actions)
     assert (goal.outcome, status.code) == ('canceled', Status.CANCELED)
@@ -224,18 +171,3 @@ def test_actions_before_a_cancel_are_kept(suite):
     suite.client.wait(lambda: received and received[-1].ended, 'last matrix')
     assert received[-1] == found
     assert recorded_outcome(suite.log_of(found.run.run_id)) == LogOutcome(made, whole=True)
-
-
-# The Python client
-
-
-def test_client_returns_transitions(client, expected):
-    done = []
-    found = client.reorient_part('tetrahedron', drops=20, per_aspect=60, progress=done.append)
-    assert (found.action.name, found.run.seed, sum(found.actions)) == ('tap', 1, 240)
-    assert done == sorted(done)
-    fast = client.reorient_part(
-        'u_bracket', Kick(speed=0.6), 10, drops=20, seed=3, surface='steel'
-    )
-    assert run_from(fast.run).conditions.surface == 'steel'
-    assert dict(zip(fast.action.names, fast.action.values, strict=True))['speed'] == 0.6

@@ -1,50 +1,33 @@
-"""RViz's config names what the nodes publish. RViz is not on PyPI, so the config is read."""
+"""The configs of RViz and rosbag2 name what the nodes publish. They are read here."""
 
 from pathlib import Path
 
-import pytest
 import yaml
 from geometry_msgs.msg import PoseArray
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
+from resting_aspects_ros.logs.topics import Qos, qos_profiles
 from resting_aspects_ros.nodes.aspect_classifier.publishers import BODIES, NAMES
-from resting_aspects_ros.ros.interface import (
-    CURRENT_POSES,
-    FRAME,
-    LATCHED,
-    MARKERS,
-    SURROUNDINGS_MARKERS,
-)
+from resting_aspects_ros.ros import interface
+from resting_aspects_ros.ros.interface import FRAME, LATCHED
 
-FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'
+ROOT = Path(__file__).resolve().parents[2]
 # The types that these displays of rviz_default_plugins subscribe to.
 TYPES = {
     'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
     'rviz_default_plugins/PoseArray': 'geometry_msgs/msg/PoseArray',
 }
-# RViz's words for policies.
-POLICIES = {
-    'History Policy': {'Keep Last': HistoryPolicy.KEEP_LAST},
-    'Reliability Policy': {'Reliable': ReliabilityPolicy.RELIABLE},
-    'Durability Policy': {'Transient Local': DurabilityPolicy.TRANSIENT_LOCAL},
-}
 
 
-@pytest.fixture(scope='module')
-def manager():
-    return yaml.safe_load(FILE.read_text(encoding='utf-8'))['Visualization Manager']
+def read(path):
+    return yaml.safe_load((ROOT / path).read_text(encoding='utf-8'))
 
 
-@pytest.fixture(scope='module')
-def displays(manager):
-    """The displays that subscribe to something, by topic."""
-    return {each['Topic']['Value']: each for each in manager['Displays'] if 'Topic' in each}
-
-
-def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
+def test_displays_of_rviz_match_the_messages_of_the_classifier(suite):
+    manager = read('rviz/resting_aspects.rviz')['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == FRAME
+    displays = {each['Topic']['Value']: each for each in manager['Displays'] if 'Topic' in each}
     assert set(displays) == {'markers', 'surroundings_markers', 'current_poses'}  # relative
-    assert all(display['Enabled'] for display in displays.values())
     for topic, display in displays.items():
 
         def publishers(topic=topic):
@@ -57,21 +40,24 @@ def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
         assert publisher.node_name == 'aspect_classifier'
         assert publisher.topic_type == TYPES[display['Class']]
         offered, asked = publisher.qos_profile, display['Topic']
-        assert POLICIES['Reliability Policy'][asked['Reliability Policy']] == offered.reliability
-        assert POLICIES['Durability Policy'][asked['Durability Policy']] == offered.durability
-        assert asked['History Policy'] in POLICIES['History Policy']
-        assert asked['Depth'] == LATCHED.depth
-
-
-def test_frame_and_namespaces_match_the_messages(suite, manager, displays):
-    assert manager['Global Options']['Fixed Frame'] == FRAME
-    received = suite.client.listen(MarkerArray, MARKERS, LATCHED)
-    poses = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
+        for policy in ('Reliability', 'Durability'):
+            name = getattr(offered, policy.lower()).name
+            assert asked[f'{policy} Policy'].replace(' ', '_').upper() == name
+        assert (asked['History Policy'], asked['Depth']) == ('Keep Last', LATCHED.depth)
+    received = suite.client.listen(MarkerArray, interface.MARKERS, LATCHED)
+    poses = suite.client.listen(PoseArray, interface.CURRENT_POSES, LATCHED)
     suite.client.ask('tetrahedron', 20)
     suite.client.wait(lambda: received and poses, 'markers and poses')
     assert poses[-1].header.frame_id == FRAME
-    assert poses[-1].poses
     assert {marker.header.frame_id for marker in received[-1].markers} == {FRAME}
     shown = {marker.ns for marker in received[-1].markers if marker.ns}
-    assert set(displays[MARKERS]['Namespaces']) == shown
-    assert set(displays[SURROUNDINGS_MARKERS]['Namespaces']) == {BODIES, NAMES}
+    assert set(displays[interface.MARKERS]['Namespaces']) == shown
+    assert set(displays[interface.SURROUNDINGS_MARKERS]['Namespaces']) == {BODIES, NAMES}
+
+
+def test_rosbag2_receives_the_deep_topic_with_its_qos():
+    """All others have at most the depth 10 with which rosbag2 subscribes."""
+    ((topic, written),) = read('config/rosbag2_qos.yaml').items()
+    (expected,) = qos_profiles(Qos(interface.POSES.depth, durability='transient_local'))
+    assert topic == f'/{interface.RESTING_POSES}'
+    assert written.items() <= expected.items()

@@ -5,6 +5,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
+from ros_graph import Parameters
 
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.ros.interface import DIAGNOSTICS, LATCHED
@@ -14,17 +15,14 @@ YEAR = 365 * 86_400
 
 
 @pytest.mark.slow
-def test_nodes_work_without_a_clock_publisher(
-    start, connect, namespace, parameters_of, few_parts, tmp_path
-):
+def test_nodes_work_without_a_clock_publisher(start, connect, namespace, few_parts, tmp_path):
     client = connect(namespace)
-    for node, folder in (
-        ('drop_simulator', {'parts_folder': few_parts('tetrahedron')}),
-        ('aspect_classifier', {'log_folder': tmp_path}),
-        ('drop_recorder', {'log_folder': tmp_path}),
-    ):
-        start(node, namespace, {'use_sim_time': 'true', **folder})
-    assert parameters_of(client, 'drop_recorder').get('use_sim_time')
+    for node in NODES:
+        given = {'log_folder': tmp_path}
+        if node == 'drop_simulator':
+            given = {'parts_folder': few_parts('tetrahedron')}
+        start(node, namespace, {'use_sim_time': 'true', **given})
+    assert Parameters(client, 'drop_recorder').get('use_sim_time')
     received = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
     diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
     answer = client.ask('tetrahedron', 20)

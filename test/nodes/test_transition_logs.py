@@ -23,22 +23,12 @@ TOPIC = 'transitions/tetrahedron'
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite):
-    return fresh_suite(
-        {
-            'drop_simulator': {'nodes.drop_simulator.actions.MATRIX_PERIOD': 0.05},
-            'aspect_classifier': {'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0},
-            'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.5},
-        },
-        workers=1,
-    )
-
-
-@pytest.fixture(scope='module')
-def first(suite):
-    """Return the matrix of a recorded run."""
-    found = suite.client.reorient('tetrahedron', 'tap', 20, drops=20, seed=1).result.transitions
-    suite.log_of(found.run.run_id)
-    return found
+    constants = {
+        'drop_simulator': {'nodes.drop_simulator.actions.MATRIX_PERIOD': 0.05},
+        'aspect_classifier': {'nodes.aspect_classifier.known.QUIET_PERIOD': 1.0},
+        'drop_recorder': {'nodes.drop_recorder.node.IDLE_WITHOUT_SOURCE': 0.5},
+    }
+    return fresh_suite(constants, workers=1)
 
 
 def latched(suite, what):
@@ -56,7 +46,9 @@ def publishers(suite):
 
 
 @pytest.mark.slow
-def test_matrices_are_known_and_latched_after_a_restart(suite, first):
+def test_matrices_are_known_and_latched_after_a_restart(suite):
+    first = suite.client.reorient('tetrahedron', 'tap', 20, drops=20, seed=1).result.transitions
+    suite.log_of(first.run.run_id)
     suite.restart('drop_simulator', 'aspect_classifier')
     answer = suite.client.transitions('tetrahedron', 'tap')
     assert answer.status.code == Status.OK
@@ -86,34 +78,33 @@ def result(part):
     return ra.reorient(part('tetrahedron'), 'tap', 5, drops=10, seed=1, workers=1)
 
 
+MATRICES = Topic(f'/{TOPIC}', TRANSITIONS_TYPE, offered_qos(LATCHED))
+
+
 @pytest.fixture
 def write(result, part, tmp_path):
-    """Return a function that writes a log of matrices; it is not closed."""
+    """Return a function that writes a log of matrices, given by whether they are the last."""
 
-    def write(*given):
+    def write(*ended):
         log = RunRecorder(tmp_path, result.run, 'actions')
         described = part_msg(part('tetrahedron'))
         topic = Topic('/parts/tetrahedron', PART_TYPE, offered_qos(LATCHED))
         log.write_part(topic, serialize_message(described), described, 1)
-        topic = Topic(f'/{TOPIC}', TRANSITIONS_TYPE, offered_qos(LATCHED))
-        for k, message in enumerate(given, 2):
-            log.write(topic, serialize_message(message), k, k)
+        for k, last in enumerate(ended, 2):
+            message = transitions_msg(result, time_msg(1), ended=last)
+            log.write(MATRICES, serialize_message(message), k, k)
         return log
 
     return write
 
 
-def matrix(result, *, ended=True):
-    return transitions_msg(result, time_msg(1), ended=ended)
-
-
 @pytest.mark.parametrize('ended', [False, True])
-def test_log_that_was_cut_off_keeps_its_complete_messages(write, result, ended, tmp_path, capsys):
-    log = write(matrix(result, ended=False), matrix(result, ended=ended))
+def test_log_that_was_cut_off_keeps_its_complete_messages(write, ended, tmp_path, capsys):
+    log = write(False, ended)
     cut = shutil.copytree(log.folder, tmp_path / 'cut')
     (file,) = cut.glob('*.mcap')
     size = file.stat().st_size
-    log.write(Topic(f'/{TOPIC}', TRANSITIONS_TYPE, offered_qos(LATCHED)), bytes(1000), 9, 9)
+    log.write(MATRICES, bytes(1000), 9, 9)
     (written,) = log.folder.glob('*.mcap')
     file.write_bytes(written.read_bytes()[: size + 50])  # in the middle of the third message
     with pytest.raises(LogError, match='it is not closed: repair it'):
@@ -124,10 +115,6 @@ def test_log_that_was_cut_off_keeps_its_complete_messages(write, result, ended, 
     assert len(list(messages(cut, TRANSITIONS_TYPE))) == 2
     assert load_log(cut).ended == ended
     assert recorded_outcome(cut) == LogOutcome(20, whole=ended)
-
-
-def test_log_of_actions_has_no_drops(write, result):
-    log = write(matrix(result))
     log.close(whole=False)
     with pytest.raises(InvalidValueError, match='contains no drops'):
         ra.read_log(log.folder)
