@@ -94,13 +94,6 @@ def test_line_or_point_has_no_volume(scale):
     assert 'has no volume' in refusal(mesh, **ALL)
 
 
-def test_sheet_folded_onto_itself_encloses_no_volume():
-    """Both sides of two triangles at an angle: closed, with a hull, but no solid."""
-    corners = [(0, 0, 0), (10, 0, 0), (0, 10, 0), (0, 0, 10)]
-    sheet = Mesh(corners, [(0, 1, 2), (0, 2, 1), (0, 2, 3), (0, 3, 2)], process=False)
-    assert 'encloses no volume: it has each triangle twice' in refusal(sheet)
-
-
 def turned_bar():
     bar = box((10 * np.sqrt(2), 10 * np.sqrt(2), 20))
     return bar.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (0, 0, 1)))
