@@ -52,14 +52,6 @@ def scattered(seed):
     return unit(centres[which] + noise)
 
 
-def test_labels_of_a_small_example():
-    # Two chains of steps of 4 degrees, 6 degrees apart; a single one; two that are equal.
-    degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
-    assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
-        *(1, 2, 2, 2, 4, 1, 3, 3, 1, 1)
-    ]
-
-
 def test_equal_clusters_are_ordered_by_coordinates():
     axes = np.array([(0, 0, 1), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1), (0, 1, 0)])
     assert cluster_directions(axes.astype(float), TOLERANCE).tolist() == [4, 6, 2, 1, 3, 5]

@@ -267,7 +267,6 @@ TWO = both(box(SMALL, (60, 0, 0)), box())
             both(box(), inverted(box((16, 16, 16))), box((2, 2, 2))),  # a body in a cavity
             '2 bodies that do not touch each other (1: 40 x 30 x 20 mm, 2: 2 x 2 x 2 mm)',
         ),
-        (both(*bolt(), box((1, 1, 1), (30, 0, 0))), '2 bodies that do not touch'),
         (both(*(box((1, 1, 1), (3 * k, 0, 0)) for k in range(9))), '5: 1 x 1 x 1 mm, ...)'),
         (both(box(), box(SMALL, (25.01, 0, 0))), '2 bodies that do not touch'),
     ],

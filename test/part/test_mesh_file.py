@@ -144,6 +144,8 @@ BINARY = 'binary_little_endian'
 # The file, its format, and what the error says.
 BROKEN = {
     'nothing': (b'', 'stl', 'empty (0 bytes)'),
+    'a word': (b'hello', 'stl', "begins with b'hello'"),
+    'a few bytes': (b'\0' * 20, 'stl', '20 bytes'),
     'a picture': (b'\x89PNG\r\n\x1a\n' + bytes(range(200)), 'stl', 'header declares'),
     'unknown format': (STL, 'step', "'step'"),
     'binary STL cut': (STL[:-1], 'stl', 'declares 12 triangles, and there are 11'),
@@ -154,10 +156,12 @@ BROKEN = {
     ),
     'binary STL of nothing': (bytes(84), 'stl', 'no triangles'),
     'ASCII STL cut': (TEXT_STL[:700], 'stl', "0 'endsolid'"),
+    'ASCII STL, corner lost': (*text_stl(b'vertex', b'', 1), "35 'vertex'"),
     'ASCII STL, comma': (*text_stl(b'4.0', b'4,0'), '4,0'),
     'ASCII STL, underscore': (*text_stl(b'vertex 4.0 0.0', b'vertex 1_0 0.0', 1), f'line {LINE}'),
     'ASCII STL, nan': (*text_stl(b'vertex 4.0', b'vertex nan'), 'nan'),
     'ASCII STL, 1e300': (*text_stl(b'vertex 4.0', b'vertex 1e300'), '1e+297 m'),
+    'binary STL, nan': (STL[:96] + struct.pack('<f', np.nan) + STL[100:], 'stl', 'nan'),
     'STL called OBJ': (STL, 'obj', 'binary'),
     'OBJ, words': (*obj('v a b c\nf x y z\n'), "'v a b c'"),
     'OBJ, two corners': (*obj(V_LINES + 'f 1 2\n'), "'f 1 2'"),

@@ -125,6 +125,7 @@ def test_given_mass_properties_replace_those_of_the_solid():
         ({'centre_of_mass': (0, 0, float('inf'))}, ['centre of mass', 'inf', 'three finite']),
         ({'centre_of_mass': (5, 10, 15)}, ['[5.0, 10.0, 15.0]', 'inside the convex hull', '0.02']),
         ({'inertia': [1, 2, 3]}, ['inertia', '[1, 2, 3]', 'six finite numbers', 'ixx ixy ixz']),
+        ({'inertia': [[1, 2], [3]]}, ['inertia', '[[1, 2], [3]]', 'six finite numbers']),
         ({'inertia': [1e308] * 6}, ['inertia', '1e+308', 'six finite numbers']),
         ({'inertia': [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, ['inertia', 'symmetric']),
         ({'inertia': [1, 0, 0, -1, 0, 1]}, ['inertia', '-1', 'above 0']),
