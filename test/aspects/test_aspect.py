@@ -81,18 +81,6 @@ def test_aspects_are_numbered_by_height_then_share_then_direction(part):
                 assert along[np.abs(along) > step][0] > 0
 
 
-@given(turns)
-@few
-def test_ids_follow_a_rotation_of_an_asymmetric_mesh(solid, turn):
-    mesh = irregular(3)
-    plain = find_aspects(solid(mesh))
-    moved = find_aspects(solid(turned(mesh, turn, (30, -200, 5))))
-    assert len(plain) == len(moved) > 4
-    np.testing.assert_allclose(downs(moved), downs(plain) @ turn.T, atol=1e-4)  # float32
-    for a, b in zip(plain.aspects, moved.aspects, strict=True):
-        assert b.com_height == pytest.approx(a.com_height, rel=1e-4)
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['angle_45x30x8', 'u_bracket', None])
 def test_ids_do_not_depend_on_how_a_part_is_meshed(part, solid, name):
@@ -165,6 +153,7 @@ def test_aspects_of_the_example_parts(part):
 
 
 INVARIANT = [
+    ('irregular', (4,)),
     # With three steps a fillet has a minimum halfway, which falls to one side.
     ('rounded_prism', (8, 9, 1.5, 3)),
     ('half_round_bar', (32,)),
@@ -174,7 +163,7 @@ INVARIANT = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('name', 'arguments'), INVARIANT)
 def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, name, arguments):
     """The same aspects in the same order, turned, up to the symmetry of the part."""

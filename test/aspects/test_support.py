@@ -206,14 +206,11 @@ def test_sides_on_floor_and_wall_are_those_of_the_pose(block):
 def test_a_part_away_from_a_plane_does_not_touch_it(block):
     turn = Rotation.identity()
     assert found(block, turn) == [NONE, NONE]
-    far = ContactPlane('far', WALL.normal, 0.2)
-    assert found(block, turn, FLOOR, far) == [side(block, turn, FLOOR), NONE]
-    above = ContactPlane('top of a block beside the part', FLOOR.normal, 0.2)
     part, aspects = block
-    finder = ContactFinder(part, aspects, [FLOOR, above])
-    position = put(part, turn, FLOOR)
-    contacts = finder.find(position[None], turn.as_quat()[None])[0].tolist()
-    assert contacts == [side(block, turn, FLOOR), NONE]
+    beside = ContactPlane('far', WALL.normal, 0.2), ContactPlane('above', FLOOR.normal, 0.2)
+    finder = ContactFinder(part, aspects, [FLOOR, *beside])
+    contacts = finder.find(put(part, turn, FLOOR)[None], turn.as_quat()[None])[0].tolist()
+    assert contacts == [side(block, turn, FLOOR), NONE, NONE]
 
 
 @pytest.mark.parametrize(

@@ -78,16 +78,11 @@ def test_centre_of_mass_of_a_degenerate_part_is_exact(solid, l_bracket, seed):
         assert off < 1e-7 * part.hull_radius
 
 
-def test_hull_does_not_depend_on_the_order_in_the_file():
+def test_hull_does_not_depend_on_the_order_in_the_file(solid):
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=7)
-    mesh.vertices = mesh.vertices.astype(np.float32)
-    before = part_from_bytes(stl(mesh), 'stl', 'ball')
-    shuffled = np.random.default_rng(5).permutation(mesh.faces)
-    after = part_from_bytes(
-        stl(trimesh.Trimesh(mesh.vertices, np.roll(shuffled, 1, axis=1), process=False)),
-        'stl',
-        'ball',
-    )
+    before = solid(mesh)
+    shuffled = np.roll(np.random.default_rng(5).permutation(mesh.faces), 1, axis=1)
+    after = solid(trimesh.Trimesh(mesh.vertices, shuffled, process=False))
     assert before.mesh_sha256 != after.mesh_sha256
     np.testing.assert_array_equal(before.hull_vertices, after.hull_vertices)
     order = np.lexsort(before.hull_vertices.T[::-1])
