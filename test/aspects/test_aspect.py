@@ -13,11 +13,7 @@ from solids import a_turn, box, icosphere, irregular, tetrahedron, turned
 from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import STABLE_MARGIN, Landscape
-from resting_aspects_ros.rotations import (
-    down_in_part,
-    random_orientations,
-    rotate,
-)
+from resting_aspects_ros.rotations import down_in_part, random_orientations, rotate
 
 FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
 turns = st.integers(0, 2**32 - 1).map(

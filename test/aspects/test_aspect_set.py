@@ -6,10 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.aspects.aspect_set import (
-    Sweep,
-    unit_orientation,
-)
+from resting_aspects_ros.aspects.aspect_set import Sweep, unit_orientation
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from resting_aspects_ros.errors import InvalidValueError, PartError, UnknownPartError
+from resting_aspects_ros.errors import PartError, UnknownPartError
 from resting_aspects_ros.part import loading
 from resting_aspects_ros.part.library import PartLibrary
 
@@ -113,20 +113,6 @@ def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, expected
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ('text', 'expected'),
-    [
-        ('density: 1\nmass: 2', r'both a density \(1.0\) and a mass \(2.0\)'),
-        ('centre_of_mass: [0, 0, 15.1]', 'expected a point inside the convex hull'),
-        ('body: 2', '^invalid body .*: expected 1 to 1$'),
-    ],
-)
-def test_values_that_do_not_fit_the_part_are_reported(folder, text, expected):
-    (folder / 'pin.yaml').write_text(text)
-    with pytest.raises(InvalidValueError, match=expected):
-        PartLibrary(folder).load('pin')
-
-
 def test_a_part_is_read_once_until_its_files_change(folder):
     library = PartLibrary(folder)
     first = library.load('pin')
@@ -140,9 +126,7 @@ def test_a_part_is_read_once_until_its_files_change(folder):
     assert library.load('pin') is heavier
 
     trimesh.creation.box((10, 20, 60)).export(folder / 'pin.stl')
-    os.utime(
-        folder / 'pin.stl', ns=(0, 1)
-    )  # the change is detected even if the clock is too coarse
+    os.utime(folder / 'pin.stl', ns=(0, 1))  # or the clock might be too coarse
     longer = library.load('pin')
     assert longer.volume == pytest.approx(2 * first.volume)
 
