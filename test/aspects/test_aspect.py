@@ -156,6 +156,9 @@ INVARIANT = [
     ('revolved', (((10, 0), (0, 20)), 32)),
     ('binom3', ()),
     ('blocks', (5,)),
+    # Two moments of inertia are equal.
+    ('ratchet', (12,)),
+    ('disphenoid', ()),
 ]
 
 

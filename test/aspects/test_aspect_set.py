@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from solids import directions
 
 from resting_aspects_ros.aspects.aspect_set import Sweep, unit_orientation
 from resting_aspects_ros.aspects.find import find_aspects
@@ -15,11 +16,6 @@ from resting_aspects_ros.rotations import (
     orientation_with_down,
     random_orientations,
 )
-
-
-def directions(seed, n):
-    found = np.random.default_rng(seed).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def around(azimuth, tilt=0.0):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from solids import directions
 
 from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -23,11 +24,6 @@ SHAPES = [
     ('irregular', (2, 120)),
     *[('blocks', (seed,)) for seed in range(2)],
 ]
-
-
-def directions(seed, n):
-    found = np.random.default_rng(seed).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def rolled(corners, down, step, steps):
@@ -87,14 +83,6 @@ def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     there = along.max(axis=1) > np.cos(5e-3)  # a shallow valley takes more steps than these
     assert there.sum() > 40
     np.testing.assert_array_equal(along.argmax(axis=1)[there], found[inside][there])
-
-
-def test_descent_of_zero_one_and_many_directions(solids, solid):
-    landscape = Landscape(solid(solids.blocks(1)))
-    assert landscape.descend(np.zeros((0, 3))).shape == (0,)
-    down = directions(4, 200)
-    alone = [int(landscape.descend(each)[0]) for each in down]
-    assert landscape.descend(down).tolist() == alone
 
 
 def test_descent_from_critical_points_ends_beside_them(solids, solid):

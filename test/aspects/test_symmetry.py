@@ -52,13 +52,6 @@ def around(mesh_radius, count, size, sides=24, phase=0.3):
     return [circle(size, sides, c) for c in circle(mesh_radius, count, phase=phase)]
 
 
-def ratchet(teeth):
-    angle = 2 * np.pi * np.repeat(np.arange(teeth), 2) / teeth
-    angle[1::2] += 2 * np.pi * 0.05 / teeth
-    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return plate(outline * np.tile([9.0, 10.2], teeth)[:, None], 5)
-
-
 def pyramid(sides, height):
     return hull([*np.column_stack([circle(1, sides), np.zeros(sides)]), (0, 0, height)])
 
@@ -117,7 +110,7 @@ FINITE = {
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
     'disc_with_eight_holes': (lambda: plate(circle(10, 90), 5, around(7, 8, 1)), 16),
-    'ratchet': (lambda: ratchet(20), 20),
+    'ratchet': (lambda: solids.ratchet(20), 20),
     'prism_7': (lambda: plate(circle(10, 7), 11), 14),
     'pyramid_4': (lambda: pyramid(4, 3), 4),
     'blunt_prism': (blunt_prism, 12),

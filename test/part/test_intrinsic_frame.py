@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from solids import a_turn, turned
 
-from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.mass import (
     POWERS,
@@ -128,42 +127,6 @@ def pinwheel(arms, height=6.0):
     return trimesh.creation.extrude_polygon(
         shapely.union_all([shapely.Point(0, 0).buffer(6, 2 * arms), *turns]), height
     )
-
-
-def ratchet(teeth=12):
-    """A wheel with saw teeth: its lowest moment has the order of the teeth."""
-    angle = 2 * np.pi * np.arange(2 * teeth) / (2 * teeth)
-    angle[1::2] = angle[::2] + 0.05 / teeth
-    radius = np.tile([14.0, 20.0], teeth)
-    outline = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 5)
-
-
-def disphenoid():
-    """Rotoreflection by 90 degrees: its upper half is the lower one, mirrored and turned."""
-    upper = np.array([[12.0, 3, 10], [-12, -3, 10], [9, -8, 4], [-9, 8, 4]])
-    x, y, z = upper.T
-    return trimesh.convex.convex_hull(np.concatenate([upper, np.stack([-y, x, -z], axis=1)]))
-
-
-def assert_same_ids(found, expected, turn):
-    """Aspects of one class may change places: a rotation of the part maps them onto each other."""
-    assert len(found) == len(expected)
-    for a, b in zip(expected.aspects, found.aspects, strict=True):
-        assert (b.symmetry_class, b.multiplicity) == (a.symmetry_class, a.multiplicity)
-        ids, angles = found.locate(found.symmetry.rotations @ (turn @ a.down_in_part))
-        assert b.id in ids[angles <= POSE_ANGLE]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('make', [disphenoid, ratchet])
-def test_rotation_and_remeshing_keep_the_ids(solid, make):
-    mesh = make()
-    plain = find_aspects(solid(mesh))
-    turn = a_turn(0)
-    assert_same_ids(find_aspects(solid(turned(mesh, turn, (300, -80, 20)))), plain, turn)
-    half = np.diag([1.0, -1.0, -1.0])
-    assert_same_ids(find_aspects(solid(turned(mesh.subdivide(), half))), plain, half)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
+from solids import directions
 
 from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
@@ -18,11 +19,6 @@ FINE_SOLIDS = [
     ('filleted_box', ((10, 14, 20), 2, 24), 6),
     ('random_sphere', (3500, (3, 2, 1)), 2),
 ]
-
-
-def directions(n):
-    found = np.random.default_rng(1).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def shares_of(landscape):
@@ -63,7 +59,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
     np.testing.assert_allclose(sorted(found), sorted(shares), atol=1e-2)
     assert abs(few.heights.min() - full.heights.min()) <= part.hull_error
     # The error bounds the height in every direction.
-    down, corners = directions(2000), all_corners.hull_vertices
+    down, corners = directions(1, 2000), all_corners.hull_vertices
     lost = (down @ corners.T).max(axis=1) - (down @ part.hull_vertices.T).max(axis=1)
     assert lost.min() >= 0
     assert lost.max() <= part.hull_error
