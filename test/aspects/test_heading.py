@@ -38,7 +38,11 @@ def likeness(one, other):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('make', [example('l_bracket'), example('t_prism'), notched_disc, gear])
+@pytest.mark.parametrize(
+    'make',
+    [example('l_bracket'), example('t_prism'), notched_disc, gear],
+    ids=['l_bracket', 't_prism', 'notched_disc', 'gear'],
+)
 def test_outline_is_that_of_a_rotated_file(make):
     mesh = make()
     turned = mesh.copy()

@@ -102,10 +102,3 @@ def test_height_of_a_cylinder_is_its_circumscribed_radius(solids, solid):
         assert side.level == len(side.minima) == n
         assert side.step == pytest.approx(2 * np.pi / n, rel=1e-4)  # float32
         assert side.height * landscape.radius == pytest.approx(10e-3, rel=1e-6)
-
-
-def test_minima_of_a_group_are_in_order_of_height(solids, solid):
-    landscape = Landscape(solid(solids.random_sphere(300, (1, 1, 0.5))))
-    for group in join_minima(landscape):
-        assert (np.diff(group.minima) > 0).all()
-        assert (np.diff(landscape.heights[group.minima]) >= 0).all()
