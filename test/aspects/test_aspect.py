@@ -5,22 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 from solids import a_turn, box, icosphere, irregular, tetrahedron, turned
 
 from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import STABLE_MARGIN, Landscape
 from resting_aspects_ros.rotations import down_in_part, random_orientations, rotate
-
-FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
-turns = st.integers(0, 2**32 - 1).map(
-    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
-)
-some = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-few = settings(some, max_examples=settings.default.max_examples // 10)
 
 
 def mesh_of(part):
@@ -43,9 +33,9 @@ def test_platonic_solids_have_one_aspect_for_each_face(solid, mesh, faces):
     np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
 
 
-@given(turns, st.sampled_from(FORMATS))
-@few
-def test_l_bracket_has_five_aspects_in_any_file(part, solid, turn, ending):
+@pytest.mark.parametrize('ending', ['stl', 'stl_ascii', 'obj', 'ply'])
+def test_l_bracket_has_five_aspects_in_any_file(part, solid, ending):
+    turn = a_turn(len(ending))
     aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
     assert len(aspects) == 5
     # The centre of mass is over the edge of the long leg's end face: that one is unstable.

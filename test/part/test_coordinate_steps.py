@@ -11,7 +11,6 @@ from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.part.loading import part_from_bytes
 
 COARSE = 'are stored in steps of'
-PLACES = (1e4, 3e5)
 WASHERS = {
     'thin': lambda: trimesh.creation.annulus(5, 10, 2, sections=64),
     'thick': lambda: trimesh.creation.annulus(15, 40, 20, sections=48),
@@ -61,7 +60,7 @@ DOUBLE = {
 def test_coarse_coordinates_give_the_aspects_or_a_warning(file, washer, tilted):
     """A washer has three classes of aspects: two sides and the rim."""
     warned = 0
-    for distance in PLACES:
+    for distance in (1e4, 3e5):
         data, mesh_format = SINGLE[file](placed(WASHERS[washer](), distance, tilted=tilted))
         try:
             part = part_from_bytes(data, mesh_format, 'washer', unit='mm')

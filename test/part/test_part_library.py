@@ -156,18 +156,6 @@ def test_invalid_mesh_raises_until_it_is_repaired(folder, monkeypatch):
     assert library.load('pin').volume == pytest.approx(6e-6)
 
 
-def test_yaml_selects_a_body_of_the_mesh(folder):
-    two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation((50, 0, 0)).apply_scale(2)])
-    two.export(folder / 'pin.stl')
-    with pytest.raises(PartError, match='2 bodies that do not touch'):
-        PartLibrary(folder).load('pin')
-    volumes = []
-    for body in (1, 2):
-        (folder / 'pin.yaml').write_text(f'body: {body}')
-        volumes.append(PartLibrary(folder).load('pin').volume)
-    assert volumes == pytest.approx([48e-6, 6e-6])
-
-
 @pytest.mark.slow
 def test_invalid_file_does_not_affect_other_parts(folder):
     sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']

@@ -75,7 +75,7 @@ def test_cylinder_is_within_the_deviation_of_its_formula(save):
     np.testing.assert_allclose(part.centre_of_mass, (0, 0, 0.01), atol=1e-8)
 
 
-def test_cavity_belongs_to_its_solid(save):
+def test_cavity_belongs_to_its_solid():
     file = StepFile()
     inner = file.polygons(*box_faces((5, 5, 5), (2, 2, 2)))
     hollow = file.solid('hollow', file.polygons(*BOX), inner)
