@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from shapely.geometry import Polygon
 
 
 def hull(points):
@@ -156,6 +157,27 @@ def binom3():
 def irregular(seed, n=14):
     points = np.random.default_rng(seed).standard_normal((n, 3))
     return hull(points * [10, 14, 19])
+
+
+def ratchet(teeth):
+    """A wheel with saw teeth: its lowest moment has the order of the teeth."""
+    angle = 2 * np.pi * np.repeat(np.arange(teeth), 2) / teeth
+    angle[1::2] += 0.3 / teeth
+    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outline *= np.tile([9.0, 10.2], teeth)[:, None]
+    return trimesh.creation.extrude_polygon(Polygon(outline), 5)
+
+
+def disphenoid():
+    """Rotoreflection by 90 degrees: its upper half is the lower one, mirrored and turned."""
+    upper = np.array([[12.0, 3, 10], [-12, -3, 10], [9, -8, 4], [-9, 8, 4]])
+    x, y, z = upper.T
+    return hull(np.concatenate([upper, np.stack([-y, x, -z], axis=1)]))
+
+
+def directions(seed, n):
+    found = np.random.default_rng(seed).standard_normal((n, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 @pytest.fixture(scope='session')

@@ -1,32 +1,16 @@
 """Aspects of parts, held to symmetry, to what was measured, and to what must not matter."""
 
-import functools
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 from solids import a_turn, box, icosphere, irregular, tetrahedron, turned
 
-from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, Sweep
+from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import STABLE_MARGIN, Landscape
-from resting_aspects_ros.rotations import (
-    down_in_part,
-    orientation_with_down,
-    random_orientations,
-    rotate,
-)
-
-FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
-turns = st.integers(0, 2**32 - 1).map(
-    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
-)
-some = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-few = settings(some, max_examples=settings.default.max_examples // 10)
+from resting_aspects_ros.rotations import down_in_part, random_orientations, rotate
 
 
 def mesh_of(part):
@@ -49,9 +33,9 @@ def test_platonic_solids_have_one_aspect_for_each_face(solid, mesh, faces):
     np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
 
 
-@given(turns, st.sampled_from(FORMATS))
-@few
-def test_l_bracket_has_five_aspects_in_any_file(part, solid, turn, ending):
+@pytest.mark.parametrize('ending', ['stl', 'stl_ascii', 'obj', 'ply'])
+def test_l_bracket_has_five_aspects_in_any_file(part, solid, ending):
+    turn = a_turn(len(ending))
     aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
     assert len(aspects) == 5
     # The centre of mass is over the edge of the long leg's end face: that one is unstable.
@@ -83,20 +67,8 @@ def test_aspects_are_numbered_by_height_then_share_then_direction(part):
                 assert along[np.abs(along) > step][0] > 0
 
 
-@given(turns)
-@few
-def test_ids_follow_a_rotation_of_an_asymmetric_mesh(solid, turn):
-    mesh = irregular(3)
-    plain = find_aspects(solid(mesh))
-    moved = find_aspects(solid(turned(mesh, turn, (30, -200, 5))))
-    assert len(plain) == len(moved) > 4
-    np.testing.assert_allclose(downs(moved), downs(plain) @ turn.T, atol=1e-4)  # float32
-    for a, b in zip(plain.aspects, moved.aspects, strict=True):
-        assert b.com_height == pytest.approx(a.com_height, rel=1e-4)
-
-
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['angle_45x30x8', 'box_10x20x30', 'u_bracket', None])
+@pytest.mark.parametrize('name', ['angle_45x30x8', 'u_bracket', None])
 def test_ids_do_not_depend_on_how_a_part_is_meshed(part, solid, name):
     mesh = irregular(3) if name is None else mesh_of(part(name))
     order = np.random.default_rng(1).permutation(len(mesh.faces))
@@ -152,16 +124,11 @@ def test_classify_agrees_with_exhaustive_search(part):
     angle = np.arccos(np.clip(down_in_part(poses) @ downs(aspects).T, -1, 1))
     expected = np.where(angle.min(axis=1) <= POSE_ANGLE, angle.argmin(axis=1) + 1, 0)
     assert 0 < np.count_nonzero(expected) < 20_000
+    before = poses.copy()
     np.testing.assert_array_equal(aspects.classify(poses), expected)
-
-
-def test_classify_accepts_zero_or_one_pose(part):
-    aspects = find_aspects(part('l_bracket'))
-    assert aspects.classify(np.zeros((0, 4))).shape == (0,)
-    one = orientation_with_down(aspects[2].down_in_part)
-    before = one.copy()
-    assert aspects.classify(one).tolist() == [3]
-    np.testing.assert_array_equal(one, before)
+    np.testing.assert_array_equal(aspects.classify(poses[0]), expected[:1])
+    assert aspects.classify(poses[:0]).shape == (0,)
+    np.testing.assert_array_equal(poses, before)
 
 
 def test_aspects_of_the_example_parts(part):
@@ -172,62 +139,41 @@ def test_aspects_of_the_example_parts(part):
 
 
 INVARIANT = [
-    ('prism', (6, 7.5, 6.5)),
-    ('filleted_box', ((10, 14, 20), 2, 4)),
+    ('irregular', (4,)),
+    # With three steps a fillet has a minimum halfway, which falls to one side.
+    ('rounded_prism', (8, 9, 1.5, 3)),
     ('half_round_bar', (32,)),
-    ('d_shaft', (24, 8)),
     ('revolved', (((10, 0), (0, 20)), 32)),
     ('binom3', ()),
-    ('irregular', (4,)),
     ('blocks', (5,)),
+    # Two moments of inertia are equal.
+    ('ratchet', (12,)),
+    ('disphenoid', ()),
 ]
 
 
-def assert_same(found, expected, turn, scale=1.0):
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(('name', 'arguments'), INVARIANT)
+def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, name, arguments):
     """The same aspects in the same order, turned, up to the symmetry of the part."""
+    mesh = getattr(solids, name)(*arguments)
+    turn = solids.a_turn(7)
+    expected = find_aspects(solid(mesh))
+    found = find_aspects(solid(turned(mesh, turn, (1000, -300, 200)), unit='um'))
     assert len(found) == len(expected)
-    rotations = found.symmetry.rotations
     for a, b in zip(expected.aspects, found.aspects, strict=True):
-        # Noise of float32 at 1 m is 6e-8 m, of 10 mm 6e-6; shares change by a few times as much.
-        assert b.com_height == pytest.approx(scale * a.com_height, rel=1e-3)
+        # Noise of float32 at 1000 is 6e-5, of 10 it is 6e-6; shares change by a few times as much.
+        assert b.com_height == pytest.approx(1e-3 * a.com_height, rel=1e-3)
         assert b.basin_share == pytest.approx(a.basin_share, abs=1e-3)
         assert (b.symmetry_class, b.multiplicity) == (a.symmetry_class, a.multiplicity)
         assert (b.sweep, b.rolls) == (a.sweep, a.rolls)
         # Aspects of one class may change places; a symmetry takes one to the other.
-        images = rotations @ (turn @ a.down_in_part)
-        ids, angles = found.locate(images)
+        ids, angles = found.locate(found.symmetry.rotations @ (turn @ a.down_in_part))
         assert b.id in ids[angles <= POSE_ANGLE]
-
-
-@pytest.fixture(scope='module')
-def plain(solids, solid):
-    """Find the aspects of a solid, once."""
-    return functools.cache(
-        lambda name, arguments: find_aspects(solid(getattr(solids, name)(*arguments)))
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('name', 'arguments'), INVARIANT)
-def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(
-    solids, solid, plain, name, arguments
-):
-    mesh, expected = getattr(solids, name)(*arguments), plain(name, arguments)
-    turn = solids.a_turn(7)
-    far = turned(mesh, turn, (1000, -300, 200))
-    assert_same(find_aspects(solid(far)), expected, turn)
-    assert_same(find_aspects(solid(turned(mesh, turn), unit='um')), expected, turn, 1e-3)
-
-
-@pytest.mark.slow
-def test_shares_are_equal_in_a_class_and_sum_to_one(plain):
-    # With three steps a fillet has a minimum halfway, which falls to one side.
-    for name, arguments in (*INVARIANT[::3], ('rounded_prism', (8, 9, 1.5, 3))):
-        aspects = plain(name, arguments)
-        assert sum(a.basin_share for a in aspects) == pytest.approx(1, abs=1e-9)
-        for alike in aspects.classes():
-            assert {a.multiplicity for a in alike} == {len(alike)}
-            assert len({a.basin_share for a in alike}) == 1
+    assert sum(a.basin_share for a in expected) == pytest.approx(1, abs=1e-9)
+    for alike in expected.classes():
+        assert {a.multiplicity for a in alike} == {len(alike)}
+        assert len({a.basin_share for a in alike}) == 1
 
 
 def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
@@ -247,9 +193,8 @@ def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
         assert len(aspect.support) == 4
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid, seed):
-    box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(seed))
+def test_of_equal_barriers_the_neighbour_with_the_lowest_id_is_named(solids, solid):
+    box = solids.turned(trimesh.creation.box((10, 20, 30)), solids.a_turn(1))
     found = find_aspects(solid(box)).aspects
     assert [aspect.neighbour for aspect in found] == [3, 3, 1, 1, 1, 1]
 
@@ -265,33 +210,6 @@ def test_neighbours_of_a_pin_and_of_a_sphere(solids, solid):
         assert end.neighbour == side.id
     (sphere,) = find_aspects(solid(solids.icosphere(2))).aspects
     assert (sphere.neighbour, sphere.min_barrier) == (0, np.inf)
-
-
-def test_flats_of_a_curved_side_are_linked_in_a_ring(solids, solid):
-    ring = find_aspects(solid(solids.prism(16))).aspects[0]
-    assert ring.sweep is Sweep.RING
-    assert ring.directions.shape == (16, 3)
-    np.testing.assert_array_equal(ring.directions[0], ring.down_in_part)
-    np.testing.assert_array_equal(np.bincount(ring.links.ravel()), 2)
-    a, b = np.moveaxis(ring.directions[ring.links], 1, 0)
-    np.testing.assert_allclose((a * b).sum(axis=1), np.cos(2 * np.pi / 16), atol=1e-6)
-    assert np.abs(ring.axis) == pytest.approx([0, 0, 1], abs=1e-9)
-
-
-@pytest.mark.slow
-def test_rounded_disc_keeps_its_rim(solids, solid):
-    # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
-    found = find_aspects(solid(solids.rounded_cylinder(10, 6, 2, 48, 4)))
-    assert [x.sweep.name for x in found.aspects] == ['POINT', 'POINT', 'RING']
-
-
-@pytest.mark.slow
-def test_lens_rests_on_two_sides(solids, solid):
-    # Slivers at the pole have the centre of mass over their rim but for less than the margin.
-    slope = np.linspace(0, np.arcsin(10 / 60), 9)
-    top = [(60 * np.sin(a), 60 * (np.cos(a) - np.cos(slope[-1]))) for a in slope]
-    lens = solids.revolved([*top, *((r, -z) for r, z in top)], 48)
-    assert len(find_aspects(solid(lens))) == 2
 
 
 def test_binom3_rests_on_the_four_published_faces(solids, solid):
@@ -315,13 +233,3 @@ def test_ignored_barrier_of_a_round_side_is_that_of_its_flats(solids, solid):
     for aspect in find_aspects(solid(solids.prism(n, 10.0, 20.0))).aspects:
         expected = 10e-3 * (1 - np.cos(np.pi / n)) if aspect.rolls else 0
         assert aspect.merged == pytest.approx(expected, rel=1e-4, abs=1e-12)
-
-
-@pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
-@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
-def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
-    aspects = find_aspects(part('box_10x20x30'))
-    tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
-    for aspect in aspects:
-        pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
-        assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]

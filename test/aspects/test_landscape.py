@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from solids import directions
 
 from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
 
 SHAPES = [
     ('box', (10, 20, 30)),
-    ('box', (0.3, 0.2, 25)),
     ('box', (60, 50, 0.5)),
     ('prism', (7,)),
     ('prism', (16,)),
@@ -21,14 +21,9 @@ SHAPES = [
     ('binom3', ()),
     ('random_sphere', (300, (1, 1, 2))),
     ('random_cylinder', (300,)),
-    *[('irregular', (seed, n)) for seed, n in ((0, 10), (1, 40), (2, 120))],
-    *[('blocks', (seed,)) for seed in range(3)],
+    ('irregular', (2, 120)),
+    *[('blocks', (seed,)) for seed in range(2)],
 ]
-
-
-def directions(seed, n):
-    found = np.random.default_rng(seed).standard_normal((n, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def rolled(corners, down, step, steps):
@@ -49,16 +44,25 @@ def maxima(landscape):
 
 
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
-def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
-    # Morse: the Euler characteristic of the sphere of directions.
+def test_minima_follow_morse_and_no_descent_ends_higher(solids, solid, name, arguments):
     mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(1))
     landscape = Landscape(solid(mesh))
+    # Morse: the Euler characteristic of the sphere of directions.
     saddles = len(landscape.saddles.edges)
     assert len(landscape.minima) - saddles + maxima(landscape) == 2
+    down = directions(3, 2_000)
+    found = landscape.descend(down)
+    assert found.min() >= 0
+    assert found.max() < len(landscape.minima)
+    slack = 1e-9 * landscape.radius  # rounding
+    support = (down @ landscape.hull.points.T).max(axis=1) * landscape.radius
+    assert (landscape.heights[found] <= support + slack).all()
+    again = landscape.descend(landscape.directions)
+    np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-3:]])
+@pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], SHAPES[4], SHAPES[-1]])
 def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     part = solid(getattr(solids, name)(*arguments))
     landscape = Landscape(part)
@@ -79,29 +83,6 @@ def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     there = along.max(axis=1) > np.cos(5e-3)  # a shallow valley takes more steps than these
     assert there.sum() > 40
     np.testing.assert_array_equal(along.argmax(axis=1)[there], found[inside][there])
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('name', 'arguments'), SHAPES)
-def test_released_part_ends_in_a_minimum_that_is_not_higher(solids, solid, name, arguments):
-    landscape = Landscape(solid(getattr(solids, name)(*arguments)))
-    down = directions(3, 10_000)
-    found = landscape.descend(down)
-    assert found.min() >= 0
-    assert found.max() < len(landscape.minima)
-    slack = 1e-9 * landscape.radius  # rounding
-    support = (down @ landscape.hull.points.T).max(axis=1) * landscape.radius
-    assert (landscape.heights[found] <= support + slack).all()
-    again = landscape.descend(landscape.directions)
-    np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
-
-
-def test_descent_of_zero_one_and_many_directions(solids, solid):
-    landscape = Landscape(solid(solids.blocks(1)))
-    assert landscape.descend(np.zeros((0, 3))).shape == (0,)
-    down = directions(4, 200)
-    alone = [int(landscape.descend(each)[0]) for each in down]
-    assert landscape.descend(down).tolist() == alone
 
 
 def test_descent_from_critical_points_ends_beside_them(solids, solid):
@@ -128,7 +109,7 @@ def test_heights_of_minima_and_saddles_of_a_box(solids, solid):
         assert np.hypot(*landscape.heights[[a, b]]) == pytest.approx(height, rel=1e-6)
 
 
-@pytest.mark.parametrize('n', [3, 6, 7, 16])
+@pytest.mark.parametrize('n', [3, 16])
 def test_minima_and_saddles_of_a_prism_follow_its_outline(solids, solid, n):
     radius, height = 10e-3, 20e-3
     landscape = Landscape(solid(solids.turned(solids.prism(n), solids.a_turn(n))))
@@ -142,7 +123,7 @@ def test_minima_and_saddles_of_a_prism_follow_its_outline(solids, solid, n):
 # -- Shares of basins, held to solid angles, to symmetry, and to counts of directions -------------
 
 
-@pytest.mark.parametrize('sides', [(10, 20, 30), (10, 10, 40), (1, 100, 100), (1, 2, 100)])
+@pytest.mark.parametrize('sides', [(10, 20, 30), (1, 2, 100)])
 def test_shares_of_a_box_are_the_solid_angles_of_its_faces(solids, solid, sides):
     landscape = Landscape(solid(solids.turned(solids.box(*sides), solids.a_turn(1))))
     h, a, b = np.array([np.roll(np.sort(sides), -k) for k in range(3)]).T / 2
@@ -166,10 +147,8 @@ def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickn
     ('name', 'arguments'),
     [
         ('binom3', ()),
-        ('extruded', ([(0, 0), (30, 0), (0, 8)], 12)),
         ('random_sphere', (100, (1, 1, 2))),
         ('half_round_bar', (16,)),
-        ('irregular', (0, 30)),
         ('blocks', (1,)),
     ],
 )
@@ -187,10 +166,8 @@ def test_shares_agree_with_random_descents(solids, solid, name, arguments):
     ('name', 'arguments'),
     [
         ('filleted_box', ((10, 14, 20), 2, 6)),
-        ('random_sphere', (500,)),
         ('random_sphere', (500, (1, 1, 2))),
         ('random_cylinder', (500,)),
-        ('icosphere', (2,)),
         ('uv_sphere', (20,)),
         # Around their pole triangles are so narrow that some are one facet, up to noise.
         ('rounded_cylinder', (1, 20, 1, 64, 16)),

@@ -4,8 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
+from solids import tetrahedron
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import (
@@ -35,15 +37,7 @@ def revolved(*outline):
 
 
 def prism(*outline, depth=20):
-    """A prism over a polygon (x, y), counter-clockwise, that its last corner sees as a whole."""
-    n = len(outline)
-    points = [(*p, z) for z in (0.0, depth) for p in outline]
-    caps = [(n - 1, k, k + 1) for k in range(n - 2)]
-    faces = [(a, c, b) for a, b, c in caps] + [(a + n, b + n, c + n) for a, b, c in caps]
-    for k in range(n):
-        j = (k + 1) % n
-        faces += [(k, j, n + j), (k, n + j, n + k)]
-    return trimesh.Trimesh(points, faces)
+    return create.extrude_polygon(shapely.Polygon(outline), depth)
 
 
 def scaled(mesh, *factors):
@@ -54,15 +48,14 @@ def scaled(mesh, *factors):
 def caltrop():
     """A small tetrahedron with a spike on each of its faces."""
     inner = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) * 3.0
-    points = np.concatenate([inner, -5 * inner])
-    faces = [(a, b, 4 + k) for k in range(4) for a, b in sides([j for j in range(4) if j != k])]
-    mesh = trimesh.Trimesh(points, faces)
+    faces = [
+        (a, b, 4 + k)
+        for k in range(4)
+        for a, b in itertools.combinations([j for j in range(4) if j != k], 2)
+    ]
+    mesh = trimesh.Trimesh(np.concatenate([inner, -5 * inner]), faces)
     trimesh.repair.fix_normals(mesh)
     return mesh
-
-
-def sides(corners):
-    return [(corners[k], corners[(k + 1) % len(corners)]) for k in range(len(corners))]
 
 
 BODIES = {
@@ -90,13 +83,7 @@ BODIES = {
     ),
     # The tube of a torus touches the surface in a circle around its hole.
     'torus': (create.torus(20, 5), ['ring, diameter 40 mm']),
-    'tetrahedron': (
-        trimesh.Trimesh(
-            [(20, 20, 20), (20, -20, -20), (-20, 20, -20), (-20, -20, 20)],
-            [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)],
-        ),
-        ['flat side 49 x 56.6 mm'],
-    ),
+    'tetrahedron': (tetrahedron(), ['flat side 24.5 x 28.3 mm']),
     'caltrop': (caltrop(), ['three corners']),
     'pin with a head': (
         revolved((0, 0), (10, 0), (10, 3), (4, 3), (4, 30), (0, 30)),
@@ -132,6 +119,16 @@ BODIES = {
             'flat side 36.1 x 40 mm',
         ],
     ),
+    # Upside down a U stands on both of its arms.
+    'U bracket': (
+        prism((0, 0), (30, 0), (30, 20), (25, 20), (25, 5), (5, 5), (5, 20), (0, 20), depth=25),
+        [
+            'flat side 20 x 25 mm',
+            'flat side 20 x 30 mm',
+            'flat side 25 x 30 mm',
+            'two flat sides',
+        ],
+    ),
     'half a rod': (
         prism(*[(10 * np.cos(a), 10 * np.sin(a)) for a in np.linspace(0, np.pi, 33)], depth=30),
         ['curved side, radius 10 mm (rocks)', 'flat side 10 x 20 mm', 'flat side 20 x 30 mm'],
@@ -144,26 +141,6 @@ BODIES = {
 def test_what_a_turned_body_rests_on(solid, name):
     mesh, expected = BODIES[name]
     assert descriptions(solid(mesh.copy().apply_transform(TURNED))) == expected
-
-
-@pytest.mark.parametrize(
-    ('name', 'expected'),
-    [
-        ('hex_nut', ['flat side 17 x 19.6 mm', 'flat side 8.4 x 9.81 mm']),
-        # Upside down a U stands on both of its arms.
-        (
-            'u_bracket',
-            [
-                'flat side 20 x 25 mm',
-                'flat side 20 x 30 mm',
-                'flat side 25 x 30 mm',
-                'two flat sides',
-            ],
-        ),
-    ],
-)
-def test_descriptions_of_an_example_part(part, name, expected):
-    assert descriptions(part(name)) == expected
 
 
 def test_description_contains_the_size(solid):
@@ -229,24 +206,20 @@ def test_sides_on_floor_and_wall_are_those_of_the_pose(block):
 def test_a_part_away_from_a_plane_does_not_touch_it(block):
     turn = Rotation.identity()
     assert found(block, turn) == [NONE, NONE]
-    far = ContactPlane('far', WALL.normal, 0.2)
-    assert found(block, turn, FLOOR, far) == [side(block, turn, FLOOR), NONE]
-    above = ContactPlane('top of a block beside the part', FLOOR.normal, 0.2)
     part, aspects = block
-    finder = ContactFinder(part, aspects, [FLOOR, above])
-    position = put(part, turn, FLOOR)
-    contacts = finder.find(position[None], turn.as_quat()[None])[0].tolist()
-    assert contacts == [side(block, turn, FLOOR), NONE]
+    beside = ContactPlane('far', WALL.normal, 0.2), ContactPlane('above', FLOOR.normal, 0.2)
+    finder = ContactFinder(part, aspects, [FLOOR, *beside])
+    contacts = finder.find(put(part, turn, FLOOR)[None], turn.as_quat()[None])[0].tolist()
+    assert contacts == [side(block, turn, FLOOR), NONE, NONE]
 
 
-def test_a_part_turned_about_the_vertical_leans_with_an_edge(block):
-    turn = Rotation.from_euler('z', 20, degrees=True)
-    assert found(block, turn, FLOOR, WALL) == [side(block, turn, FLOOR), EDGE]
-
-
-def test_a_part_without_a_parallel_edge_leans_with_a_corner(block):
-    turn = Rotation.from_euler('xyz', [20, 30, 40], degrees=True)
-    assert found(block, turn, FLOOR, WALL) == [CORNER, CORNER]
+@pytest.mark.parametrize(
+    ('angles', 'contacts'), [((0, 0, 20), ['side', EDGE]), ((20, 30, 40), [CORNER, CORNER])]
+)
+def test_a_turned_part_leans_with_an_edge_or_a_corner(block, angles, contacts):
+    turn = Rotation.from_euler('xyz', angles, degrees=True)
+    expected = [side(block, turn, FLOOR) if each == 'side' else each for each in contacts]
+    assert found(block, turn, FLOOR, WALL) == expected
 
 
 def test_margin_of_the_engine_counts_as_contact(block):
@@ -268,23 +241,15 @@ def test_class_of_contacts_agrees_with_brute_force(block):
     # The rotations of a box with three different sides: by half a turn about each axis.
     half_turns = [np.diag(s) for s in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
     images = [1 + np.argmax(down @ r.T @ down.T, axis=1) for r in half_turns]
-    pairs = list(itertools.product(ids, repeat=2))
-    for one, other in itertools.product(pairs, repeat=2):
+    classes = {pair: class_of_contacts(aspects, pair) for pair in itertools.product(ids, repeat=2)}
+    for one, other in itertools.product(classes, repeat=2):
         same = any((m[one[0] - 1], m[one[1] - 1]) == other for m in images)
-        classes = class_of_contacts(aspects, one), class_of_contacts(aspects, other)
-        assert (classes[0] == classes[1]) == same
+        assert (classes[one] == classes[other]) == same
 
 
-def test_angle_between_poses_is_that_of_the_rotation_between_them():
-    turns = Rotation.random(20, random_state=1)
-    other = Rotation.random(random_state=2)
-    expected = (turns.inv() * other).magnitude()
-    angles = pose_angles(turns.as_quat(), other.as_quat(), np.eye(3)[None], None)
-    np.testing.assert_allclose(angles, expected, atol=1e-7)
-
-
-def test_angle_between_poses_is_the_minimum_over_symmetry():
-    group = Rotation.create_group('D2')
+@pytest.mark.parametrize('name', ['I', 'D2'])
+def test_angle_between_poses_is_the_minimum_over_symmetry(name):
+    group = Rotation.identity(1) if name == 'I' else Rotation.create_group(name)
     turns = Rotation.random(20, random_state=3)
     other = Rotation.random(random_state=4)
     expected = np.min([(turns.inv() * other * g).magnitude() for g in group], axis=0)
@@ -309,12 +274,12 @@ def test_rotations_about_the_axis_of_a_body_of_revolution_are_free(normal):
     rolls = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 2000)[:, None] * axis)
     about = [Rotation.identity()]
     if normal is not None:
-        about = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 400)[:, None] * normal)
-        rolls = rolls[::5]
+        about = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 200)[:, None] * normal)
+        rolls = rolls[::10]
     expected = [
         min((turn.inv() * n * other * g * rolls).magnitude().min() for g in group for n in about)
-        for turn in turns[:4]
+        for turn in turns[:3]
     ]
     symmetry = group.as_matrix()
-    found = pose_angles(turns[:4].as_quat(), other.as_quat(), symmetry, normal, axis)
-    np.testing.assert_allclose(found, expected, atol=2e-2)
+    found = pose_angles(turns[:3].as_quat(), other.as_quat(), symmetry, normal, axis)
+    np.testing.assert_allclose(found, expected, atol=4e-2)  # the steps are up to 3.2e-2

@@ -11,11 +11,11 @@ from shapely.geometry import Polygon
 from trimesh.creation import (
     box,
     capsule,
-    cone,
     cylinder,
     extrude_polygon,
     icosahedron,
     icosphere,
+    revolve,
     torus,
     uv_sphere,
 )
@@ -24,6 +24,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.symmetry import find_symmetry
 
 NO_LANDMARKS = np.zeros((0, 3))
+TURN = solids.a_turn(8)
 
 
 def hull(points):
@@ -33,12 +34,6 @@ def hull(points):
 def circle(radius, sides, centre=(0.0, 0.0), phase=0.0):
     angle = 2 * np.pi * np.arange(sides) / sides + phase
     return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
-
-
-def wall(outline, low, high):
-    a, b = outline, np.roll(outline, -1, axis=0)
-    at = [np.column_stack([p, np.full(len(p), z)]) for z in (low, high) for p in (a, b)]
-    return np.concatenate([np.stack([at[0], at[1], at[3]], 1), np.stack([at[0], at[3], at[2]], 1)])
 
 
 def plate(outline, height, holes=(), depth=None):
@@ -55,22 +50,6 @@ def plate(outline, height, holes=(), depth=None):
 def around(mesh_radius, count, size, sides=24, phase=0.3):
     """Circles on a circle."""
     return [circle(size, sides, c) for c in circle(mesh_radius, count, phase=phase)]
-
-
-def gear(teeth, shape):
-    """The outline of a gear: share of the pitch and radius of the corners of a tooth."""
-    pitch = 2 * np.pi / teeth
-    corners = [(r, (t + s) * pitch) for t in range(teeth) for s, r in shape]
-    return np.array([[r * np.cos(a), r * np.sin(a)] for r, a in corners])
-
-
-def gear_on_a_hub():
-    hub = cylinder(3, 2).apply_translation((0, 0, 6))
-    return trimesh.util.concatenate(plate(gear(20, SPUR), 5), hub)
-
-
-SPUR = [(0.0, 9.0), (0.3, 9.0), (0.4, 10.0), (0.6, 10.0), (0.7, 9.0)]
-RATCHET = [(0.0, 9.0), (0.05, 10.2)]
 
 
 def pyramid(sides, height):
@@ -92,42 +71,24 @@ def cut_corner(size):
     return hull([*points, *(0.9 - size * np.eye(3)[i] for i in range(3))])
 
 
-def thread(radius, depth, pitch, height, sides=36, steps=6):
-    """The inner wall with a helical V groove, and its outlines below and above."""
-    z = np.linspace(0, height, int(np.ceil(height / pitch * steps)) + 1)
-    angle = 2 * np.pi * np.arange(sides) / sides
-    turn = z[:, None] / pitch - angle / (2 * np.pi)
-    r = radius + depth * np.abs(2 * (turn % 1) - 1)
-    levels = np.broadcast_to(z[:, None], r.shape)
-    at = np.stack([r * np.cos(angle), r * np.sin(angle), levels], axis=2)
-    beside = np.roll(at, -1, axis=1)
-    triangles = [np.stack([at[:-1], beside[:-1], beside[1:]], axis=2)]
-    triangles.append(np.stack([at[:-1], beside[1:], at[1:]], axis=2))
-    inner = np.concatenate(triangles).reshape(-1, 3, 3)[:, ::-1]
-    return inner, at[0, :, :2], at[-1, :, :2]
+def threaded_nut():
+    """M3, with a helical V groove in the wall of its hole."""
+    height, pitch, minor, depth = 2.4, 0.5, 1.23, 0.27
+    levels = np.arange(-pitch, height + 2 * pitch, pitch / 6)
+    profile = [(0, levels[0]), *((minor, z) for z in levels), (0, levels[-1])]
+    screw = revolve(profile, sections=36)
+    x, y, z = screw.vertices.T
+    turns = (z - height / 2) / pitch - np.arctan2(y, x) / (2 * np.pi)
+    screw.vertices[:, :2] *= 1 + depth / minor * np.abs(2 * (turns[:, None] % 1) - 1)
+    nut = plate(circle(5.5 / np.sqrt(3), 6), height)
+    return trimesh.boolean.difference([nut, screw], engine='manifold')
 
 
-def hexagon(width, sides=36):
-    """A hexagon with points at the angles of a circle."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    r = width / 2 / np.cos((angle + np.pi / 6) % (np.pi / 3) - np.pi / 6)
-    return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
-
-
-def ring(outline, hole, z, up):
-    """A flat face between outlines with points at the same angles."""
-    a, b, c, d = outline, np.roll(outline, -1, axis=0), hole, np.roll(hole, -1, axis=0)
-    triangles = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    triangles = triangles if up else triangles[:, ::-1]
-    return np.concatenate([triangles, np.full((*triangles.shape[:2], 1), z)], axis=2)
-
-
-def threaded_nut(width, height, pitch, minor, depth):
-    inner, low, high = thread(minor, depth, pitch, height)
-    outer = hexagon(width)
-    faces = [ring(outer, high, height, True), ring(outer, low, 0.0, False)]
-    triangles = np.concatenate([inner, wall(outer, 0, height), *faces]).reshape(-1, 3)
-    return trimesh.Trimesh(triangles, np.arange(len(triangles)).reshape(-1, 3))
+def blunt_prism():
+    """The ends of a hexagonal prism are pyramids whose slopes are joined to one side."""
+    rise = 10 + 5 * np.sqrt(3) * np.tan(np.radians(1.5))
+    rim = [(x, y, z) for x, y in circle(1, 6) for z in (-1, 1)]
+    return hull([*rim, (0, 0, rise / 10), (0, 0, -rise / 10)])
 
 
 def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
@@ -138,16 +99,10 @@ def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
 
 
 FINITE = {
-    'tetrahedron': (solids.tetrahedron, 12),
     'cube': (lambda: box((9, 9, 9)), 24),
-    'box': (lambda: box((9, 12, 20)), 4),
-    'square_box': (lambda: box((9, 9, 20)), 8),
-    'nearly_square_box': (lambda: box((9, 9.2, 20)), 4),
-    'near_cube': (lambda: box((9, 9, 9 * 0.97)), 8),
     'nearer_cube': (lambda: box((9, 9, 9 * 0.99)), 8),
     'cube_with_a_cut_corner': (lambda: cut_corner(0.1), 3),
     'icosahedron': (icosahedron, 60),
-    'triaxial_ellipsoid': (lambda: solids.ellipsoid(10, 13, 18, 3), 4),
     'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 9.9, 9.8, 3), 4),
     'twisted_prism': (lambda: twisted(0.35), 6),
     'irregular': (lambda: solids.irregular(3), 1),
@@ -155,43 +110,26 @@ FINITE = {
     'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
     'disc_with_eight_holes': (lambda: plate(circle(10, 90), 5, around(7, 8, 1)), 16),
-    'gear_on_a_hub': (gear_on_a_hub, 20),
-    'ratchet': (lambda: plate(gear(20, RATCHET), 5), 20),
-    **{f'prism_{n}': (lambda n=n: plate(circle(10, n), 11), 2 * n) for n in (3, 7)},
+    'ratchet': (lambda: solids.ratchet(20), 20),
+    'prism_7': (lambda: plate(circle(10, 7), 11), 14),
     'pyramid_4': (lambda: pyramid(4, 3), 4),
+    'blunt_prism': (blunt_prism, 12),
 }
 AXIAL = {
     'cylinder_16': (lambda: cylinder(10, 20, sections=16), 2),
-    'cylinder_256': (lambda: cylinder(10, 20, sections=256), 2),
     'disc_16': (lambda: cylinder(10, 2, sections=16), 2),
-    'pin_16': (lambda: cylinder(1, 20, sections=16), 2),
     'cylinder_of_like_moments': (lambda: cylinder(10, 20 * 0.9, sections=32), 2),
-    'cone': (lambda: cone(10, 20, sections=48), 1),
     'frustum': (lambda: solids.revolved([(10, 0), (6, 10)], 16), 1),
     'washer_16_20': (lambda: plate(circle(10, 16), 2, [circle(5, 20)]), 2),
     # So fine that the strips beside its top and bottom are rings, flat but for noise.
-    'ring_60_400': (lambda: torus(10, 3, major_sections=60, minor_sections=400), 2),
+    'ring_20_400': (lambda: torus(10, 3, major_sections=20, minor_sections=400), 2),
     'cup': (lambda: plate(circle(10, 48), 12, [circle(7, 40)], 6), 1),
     'capsule': (lambda: capsule(20, 8, count=(32, 32)), 2),
-    'long_ellipsoid': (lambda: solids.ellipsoid(10, 10, 18, 3), 2),
-    'flat_ellipsoid': (lambda: solids.ellipsoid(10, 10, 6, 3), 2),
     'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 10, 9.9, 3), 2),
 }
 SPHERES = {
     'icosphere_80': lambda: icosphere(1, 10),
-    'icosphere_1280': lambda: icosphere(3, 10),
     'uv_sphere_20_40': lambda: uv_sphere(10, (20, 40)),
-}
-
-
-EXAMPLES = {
-    'l_bracket': 1,  # its arms are 40 and 30 long; a mirror plane is not a rotation
-    'angle_45x30x8': 1,
-    't_prism': 2,
-    'box_10x20x30': 4,
-    'hex_nut': 12,
-    'u_bracket': 2,
-    'tetrahedron': 12,
 }
 
 
@@ -223,7 +161,7 @@ def assert_maps_corners(part, rotations):
 @pytest.mark.parametrize('name', FINITE)
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
-    symmetry = find_aspects(solid(make())).symmetry
+    symmetry = find_aspects(solid(solids.turned(make(), TURN, (30, -50, 7)))).symmetry
     assert found(symmetry) == ('finite', order)
     assert symmetry.axis is None
     assert_is_group(symmetry)
@@ -233,10 +171,9 @@ def test_order_of_finite_groups(solid, name):
 @pytest.mark.parametrize('name', AXIAL)
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
-    part = solid(make())
-    symmetry = find_aspects(part).symmetry
+    symmetry = find_aspects(solid(solids.turned(make(), TURN, (30, -50, 7)))).symmetry
     assert found(symmetry) == ('axial', order)
-    np.testing.assert_allclose(np.abs(symmetry.axis), [0, 0, 1], atol=1e-4)
+    assert abs(symmetry.axis @ TURN[:, 2]) == pytest.approx(1, abs=1e-6)
     # The other half of the group turns the axis round.
     np.testing.assert_allclose(
         symmetry.rotations @ symmetry.axis, [symmetry.axis, -symmetry.axis][:order], atol=1e-12
@@ -254,12 +191,9 @@ def test_shaft_with_a_flat_is_no_body_of_revolution(solid):
 L_PROFILE = [(0, 0), (2, 0), (2, 0.4), (0.4, 0.4), (0.4, 1.2), (0, 1.2)]
 SLENDER = {
     'strip_1000': (lambda: box((1000, 1, 0.1)), 4, [1, 1, 2, 2]),
-    'strip_200': (lambda: box((200, 1, 0.8)), 4, [1, 1, 2, 2]),
     'square_bar': (lambda: box((1000, 1, 1)), 8, [1, 1, 1, 1]),
     'l_profile': (lambda: plate(L_PROFILE, 300), 1, [1, 2, 3]),
-    'triangular_rod': (lambda: plate([(0, 0), (4 / 3, 0), (0, 1)], 800), 1, [1, 2, 3]),
     'coarse_fillets': (lambda: solids.filleted_box((10, 10, 50), 3, 2), 8, [1, 1, 1, 1, 2, 2]),
-    'finer_fillets': (lambda: solids.filleted_box((10, 10, 50), 4.5, 6), 8, [1, 1, 1, 1]),
     'wide_fillets': (
         lambda: solids.filleted_box((10, 10, 50), 4, 3),
         8,
@@ -277,20 +211,6 @@ def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name):
     assert [a.symmetry_class for a in aspects] == classes
 
 
-@pytest.mark.slow
-def test_slopes_of_one_side_do_not_limit_the_order(solid):
-    """The ends of a hexagonal prism are pyramids whose slopes are joined to one side."""
-    rim = [(x, y, z) for x, y in circle(10, 6) for z in (-10, 10)]
-    slope = 5 * np.sqrt(3) * np.tan(np.radians(1.5))
-    aspects = find_aspects(
-        solid(
-            trimesh.convex.convex_hull([*rim, *np.eye(3)[[2, 2]] * [[10 + slope], [-10 - slope]]])
-        )
-    )
-    assert len(aspects) == 8
-    assert found(aspects.symmetry) == ('finite', 12)
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', SPHERES)
 def test_ball_is_spherical_for_any_mesh(solid, name):
@@ -300,16 +220,19 @@ def test_ball_is_spherical_for_any_mesh(solid, name):
     np.testing.assert_array_equal(symmetry.rotations, [np.eye(3)])
 
 
-@pytest.mark.parametrize('name', EXAMPLES)
-def test_groups_of_the_example_parts(part, name):
+@pytest.mark.parametrize(('name', 'order'), [
+    ('l_bracket', 1),  # its arms are 40 and 30 long; a mirror plane is not a rotation
+    ('t_prism', 2), ('box_10x20x30', 4), ('hex_nut', 12), ('tetrahedron', 12),
+])  # fmt: skip
+def test_groups_of_the_example_parts(part, name, order):
     shape = part(name)
     symmetry = find_aspects(shape).symmetry
-    assert found(symmetry) == ('finite', EXAMPLES[name])
+    assert found(symmetry) == ('finite', order)
     assert_maps_corners(shape, symmetry.rotations)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', 'icosahedron'])
+@pytest.mark.parametrize('name', ['cube_with_a_cut_corner', 'nearer_cube'])
 def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
     part = solid(make())
@@ -321,30 +244,6 @@ def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     assert_maps_corners(part, symmetry.rotations)
     # The same without any.
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', order)
-
-
-TURNED = {
-    **{
-        name: ('finite', *FINITE[name])
-        for name in ('cube', 'ratchet', 'twisted_prism', 'disc_with_small_pocket')
-    },
-    **{name: ('axial', *AXIAL[name]) for name in ('cylinder_16', 'cylinder_of_like_moments')},
-    'icosphere_80': ('spherical', SPHERES['icosphere_80'], 1),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name', TURNED)
-def test_group_does_not_depend_on_frame_and_subdivision(solid, name):
-    kind, make, order = TURNED[name]
-    turn = solids.a_turn(len(name))
-    part = solid(solids.turned(make().subdivide(), turn, (30, -50, 7)))
-    symmetry = find_aspects(part).symmetry
-    assert found(symmetry) == (kind, order)
-    if kind == 'axial':
-        assert abs(symmetry.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)
-    elif kind == 'finite':
-        assert_is_group(symmetry)
 
 
 @pytest.mark.slow
@@ -377,16 +276,15 @@ def test_given_inertia_does_not_affect_the_group(solid):
 
 
 def test_a_mesh_that_is_not_closed_has_the_symmetry_of_its_surface(solid):
-    tube = trimesh.Trimesh(
-        wall(circle(10, 48), -8, 8).reshape(-1, 3), np.arange(288).reshape(-1, 3)
-    )
+    tube = cylinder(10, 16, sections=48)
+    tube.update_faces(np.abs(tube.face_normals[:, 2]) < 0.5)
     given = {'mass': 0.01, 'centre_of_mass': (0, 0, 0), 'inertia': (5e-7, 0, 0, 5e-7, 0, 6e-7)}
     assert found(find_symmetry(solid(tube, **given), NO_LANDMARKS)) == ('axial', 2)
 
 
 @pytest.mark.slow
 def test_modelled_thread_keeps_the_sides_of_a_hexagon_in_one_class(solid):
-    part = solid(threaded_nut(5.5, 2.4, 0.5, 1.23, 0.27))
+    part = solid(threaded_nut())
     assert not np.isnan(part.volume)
     aspects = find_aspects(part)
     assert sorted(len(members) for members in aspects.classes()) == [2, 6]
@@ -407,21 +305,3 @@ def test_pocket_keeps_a_side_apart_and_an_engraving_does_not(solid, depth, sizes
 def test_one_percent_of_a_length_splits_the_sides_of_a_cube(solid, share, classes):
     aspects = find_aspects(solid(box((10, 10, 10 * share))))
     assert sorted(len(members) for members in aspects.classes()) == classes
-
-
-@pytest.mark.slow
-def test_rotation_of_an_n_gon_has_order_n(solid):
-    rotations = find_symmetry(solid(FINITE['prism_7'][0]()), NO_LANDMARKS).rotations
-    upright = rotations[rotations[:, 2, 2] > 0]
-    angles = np.sort(np.arctan2(upright[:, 1, 0], upright[:, 0, 0]) % (2 * np.pi))
-    np.testing.assert_allclose(angles, 2 * np.pi * np.arange(7) / 7, atol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('gap', 'order'), [(1e-3, 8), (1e-2, 4)])
-def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
-    # Of the radius, between where a side is and where a quarter turn brings the others.
-    half = np.array([10.0, 10.0, 20.0])
-    radius = np.linalg.norm(half)
-    part = solid(box(2 * half + [2 * gap * radius, 0, 0]))
-    assert found(find_aspects(part).symmetry) == ('finite', order)

@@ -22,48 +22,49 @@ def volume(corners):
     return ConvexHull(corners).volume
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('name', 'count'), [('l_bracket', 2), ('angle_45x30x8', 2), ('t_prism', 2), ('u_bracket', 3)]
-)
-def test_brackets_are_cut_at_their_inner_corners(part, name, count):
-    shape = part(name)
-    found = convex_pieces(shape)
+def check_pieces(shape, found, count):
     assert len(found.corners) == count
     # Exact cuts: what is left is the shift of the cuts by CoACD.
     assert max(found.missing, found.excess) < 1e-3 * shape.hull_radius
     assert abs(found.volume_error) < 1e-3
     total = sum(volume(corners) for corners in found.corners)
     assert total == pytest.approx(shape.volume * (1 + found.volume_error), rel=1e-9)
-
-
-@pytest.mark.slow
-def test_two_threads_can_cut_parts_at_the_same_time(part):
-    names = ['l_bracket', 'u_bracket', 't_prism', 'angle_45x30x8']
-    with ThreadPoolExecutor(4) as threads:
-        found = list(threads.map(convex_pieces, map(part, names)))
-    assert [len(each.corners) for each in found] == [2, 3, 2, 2]
-
-
-@pytest.mark.slow
-def test_pieces_have_the_hull_of_the_part(part):
-    shape = part('u_bracket')
-    together = np.concatenate(convex_pieces(shape).corners)
     # Each corner of the hull is a corner of a piece, so that the part lies on the same points.
+    together = np.concatenate(found.corners)
     away = np.linalg.norm(shape.hull_vertices[:, None] - together, axis=2).min(axis=1)
     assert away.max() < 1e-9
     assert volume(together) == pytest.approx(volume(shape.hull_vertices), rel=1e-6)
 
 
-@pytest.mark.parametrize('name', ['box_10x20x30', 'tetrahedron', 'cylinder_d20_h20'])
-def test_convex_part_is_its_own_piece_without_coacd(part, monkeypatch, name):
+def test_bracket_is_cut_at_its_inner_corner(part):
+    check_pieces(part('l_bracket'), convex_pieces(part('l_bracket')), 2)
+
+
+@pytest.mark.slow
+def test_threads_cut_parts_at_the_same_time_bit_for_bit(part, capfd):
+    shapes = [part(name) for name in ('l_bracket', 'angle_45x30x8', 't_prism', 'u_bracket')]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(convex_pieces, shapes))
+    for shape, each, count in zip(shapes, found, (2, 2, 2, 3), strict=True):
+        check_pieces(shape, each, count)
+    assert convex_pieces(shapes[0]) is found[0]
+    pieces._known.clear()
+    again = convex_pieces(shapes[0])
+    assert [c.tobytes() for c in again.corners] == [c.tobytes() for c in found[0].corners]
+    assert (again.missing, again.excess) == (found[0].missing, found[0].excess)
+    assert capfd.readouterr() == ('', '')
+
+
+def test_convex_part_is_its_own_piece_without_coacd(part, monkeypatch):
     monkeypatch.setitem(sys.modules, 'coacd', None)
-    shape = part(name)
+    shape = part('cylinder_d20_h20')
     found = convex_pieces(shape)
     assert len(found.corners) == 1
     np.testing.assert_array_equal(found.corners[0], shape.hull_vertices)
     assert max(found.missing, found.excess) < 1e-9 * shape.hull_radius
     assert abs(found.volume_error) < 1e-9
+    with pytest.raises(PartError, match='pip install coacd'):
+        convex_pieces(part('l_bracket'))
 
 
 @pytest.mark.slow
@@ -77,19 +78,6 @@ def test_round_hole_is_approximated_within_the_threshold(solid):
     assert 1e-3 * half < found.excess < THRESHOLD * half
     # The pieces cover part of the hole, and their overlaps count twice.
     assert 0 < found.volume_error < 0.1
-
-
-@pytest.mark.slow
-def test_same_part_has_the_same_pieces_bit_for_bit(part, capfd):
-    shape = part('l_bracket')
-    first = convex_pieces(shape)
-    assert convex_pieces(shape) is first
-    pieces._known.clear()
-    again = convex_pieces(shape)
-    assert again is not first
-    assert [c.tobytes() for c in again.corners] == [c.tobytes() for c in first.corners]
-    assert (again.missing, again.excess) == (first.missing, first.excess)
-    assert capfd.readouterr() == ('', '')
 
 
 def test_distances_are_those_between_the_shapes():
@@ -107,12 +95,6 @@ def test_cavity_is_ignored(solid):
     found = convex_pieces(solid(trimesh.util.concatenate([outer, inner])))
     assert len(found.corners) == 1
     assert abs(found.volume_error) < 1e-9
-
-
-def test_error_without_coacd_explains_installation(part, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'coacd', None)
-    with pytest.raises(PartError, match='pip install coacd'):
-        convex_pieces(part('l_bracket'))
 
 
 def test_part_with_too_many_triangles_is_refused(part, monkeypatch):

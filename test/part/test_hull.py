@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.part import near as surface_distance
+from resting_aspects_ros.part import near
 from resting_aspects_ros.part.hull import polyhedron, smallest_rectangle
-from resting_aspects_ros.part.near import TriangleTree
 
 # Corners, and the sides of the smallest rectangle with the shortest perimeter. All rectangles
 # along the sides of a triangle without an obtuse angle have twice its area.
@@ -64,10 +63,7 @@ def scaled(mesh):
 @pytest.mark.parametrize(
     ('name', 'arguments', 'corners', 'edges', 'facets'),
     [
-        ('tetrahedron', (), 4, 6, 4),
         ('box', (10, 20, 30), 8, 12, 6),
-        ('icosphere', (0,), 12, 30, 20),
-        ('prism', (6,), 12, 18, 8),
         ('prism', (64,), 128, 192, 66),
         ('washer', (16,), 32, 48, 18),
         ('random_sphere', (60,), 60, 3 * 60 - 6, 2 * 60 - 4),
@@ -79,9 +75,8 @@ def test_corners_edges_and_facets_of_a_hull(solids, name, arguments, corners, ed
     assert (len(body.points), len(body.ends), len(body.normals)) == (corners, edges, facets)
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_random_hulls_satisfy_eulers_formula(solids, seed):
-    body = polyhedron(scaled(solids.irregular(seed, 60))[0])
+def test_random_hull_satisfies_eulers_formula(solids):
+    body = polyhedron(scaled(solids.irregular(1, 60))[0])
     assert len(body.points) - len(body.ends) + len(body.normals) == 2
     for k in (0, 1):
         for end in (0, 1):
@@ -107,14 +102,6 @@ def test_feet_and_margins_of_a_box_are_its_half_sides(solids):
     np.testing.assert_allclose(body.angles, np.pi / 2, atol=1e-12)
 
 
-def test_float32_noise_does_not_create_facets(solids, solid):
-    # 1 m off the coordinates of a 20 mm part are right to 6e-8 m, 4e-6 of its radius.
-    mesh = solids.turned(solids.prism(16), solids.a_turn(2), (1000, -700, 400))
-    part = solid(mesh)
-    body = polyhedron((part.hull_vertices - part.centre_of_mass) / part.hull_radius)
-    assert len(body.normals) == 18
-
-
 # -- Distances through the tree of boxes are those to all triangles, one by one -------------------
 
 
@@ -134,29 +121,24 @@ def distances(triangles, points):
     return np.array([np.linalg.norm(on - point, axis=1).min() for point in points])
 
 
-@pytest.fixture(params=[(32, 500_000), (1, 500_000), (1, 50)])
-def tree(request, monkeypatch):
-    """Make a tree that looks ahead, and divides its work, early or late."""
-    crowded, pairs = request.param
-    monkeypatch.setattr(surface_distance, 'BATCH', 64)
-    monkeypatch.setattr(surface_distance, 'CROWDED', crowded)
-    monkeypatch.setattr(surface_distance, 'MAX_PAIRS', pairs)
-    return lambda triangles: TriangleTree(triangles, np.zeros(len(triangles)))
-
-
 @pytest.mark.slow
-def test_near_and_nearest_agree_with_exhaustive_search(tree):
+@pytest.mark.parametrize(('crowded', 'pairs'), [(32, 500_000), (1, 50)])
+def test_near_and_nearest_agree_with_exhaustive_search(monkeypatch, crowded, pairs):
+    """The tree looks ahead, and divides its work, late or early."""
+    monkeypatch.setattr(near, 'BATCH', 64)
+    monkeypatch.setattr(near, 'CROWDED', crowded)
+    monkeypatch.setattr(near, 'MAX_PAIRS', pairs)
     triangles = fan(100)
     points = np.random.default_rng(1).uniform(-1, 1, (80, 3)) * [1, 1, 0.8]
     points[0] = 0, 0, 0.7
     expected = distances(triangles, points)
     grid = 0.02  # half of what is between the points of the grid
     reach = 0.2
-    surface = tree(triangles)
-    near = surface.near(points, np.full(len(points), reach), np.zeros(len(points)))
-    assert near[0]
-    assert near[expected <= reach].all()
-    assert not near[expected > reach + grid].any()
+    surface = near.TriangleTree(triangles, np.zeros(len(triangles)))
+    close = surface.near(points, np.full(len(points), reach), np.zeros(len(points)))
+    assert close[0]
+    assert close[expected <= reach].all()
+    assert not close[expected > reach + grid].any()
     found, _, ways = surface.nearest(points, 3.0)
     np.testing.assert_array_equal(np.sort(found), np.arange(len(points)))
     apart = np.linalg.norm(ways, axis=1)

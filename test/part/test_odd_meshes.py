@@ -45,17 +45,16 @@ def test_self_intersecting_mesh_is_plausible_or_rejected(seed, kind):
         part = part_from_bytes(data, 'stl', 'odd')
     except PartError as caught:
         message = str(caught)
-    else:
-        message = ''
-        assert part.volume > 0
-        moments = part.principal_moments
-        assert moments[0] > 0
-        assert moments[2] <= (moments[0] + moments[1]) * 1.002
-        planes = ConvexHull(part.hull_vertices * 1e3).equations
-        assert (planes[:, :3] @ part.centre_of_mass * 1e3 + planes[:, 3]).max() < 1e-6
-        assert len(find_aspects(part).aspects) >= 1
-    assert message.isprintable()
-    assert len(message) < 1500
+        assert message.isprintable(), message
+        assert len(message) < 1500, message
+        return
+    assert part.volume > 0
+    moments = part.principal_moments
+    assert moments[0] > 0
+    assert moments[2] <= (moments[0] + moments[1]) * 1.002
+    planes = ConvexHull(part.hull_vertices * 1e3).equations
+    assert (planes[:, :3] @ part.centre_of_mass * 1e3 + planes[:, 3]).max() < 1e-6
+    assert len(find_aspects(part).aspects) >= 1
 
 
 @pytest.mark.slow
@@ -93,17 +92,11 @@ def test_volume_integrals_equal_those_of_trimesh(seed):
 
 ADVERSARIAL = {
     'digits': ('v {}x 0 0\n', '0'),
-    'digits and a point': ('v 1.{}x 0 0\n', '0'),
     'exponent': ('v 1e{}x 0 0\n', '1'),
     'many numbers': ('v {}x\n', '1 '),
-    'many points': ('v {}\n', '1.'),
-    'signs': ('v {}\n', '+-'),
     'blanks': ('v {}x\n', ' '),
-    'tabs and blanks': ('v{}1 2 3 x\n', '\t '),
     'corners': ('f {}x\n', '1/2/3 '),
     'slashes': ('f 1{} 2 3\n', '/'),
-    'minus': ('f {}\n', '-1 -'),
-    'comments': ('{}\n', '#'),
     'continued': ('v {}\n', '\\\n'),
     'vertices of STL': ('solid\nvertex {}\nendsolid', '1 '),
     'blanks of STL': ('solid\n{}vertex\nendsolid', ' '),

@@ -1,7 +1,7 @@
 """A part matches its file: compared with formulas, in every unit, and through a message."""
 
 import hashlib
-import pickle
+import re
 import struct
 
 import numpy as np
@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.errors import InvalidValueError, PartError
 from resting_aspects_ros.part.loading import load_part, part_from_bytes
-from resting_aspects_ros.part.part import UNITS, Part
+from resting_aspects_ros.part.part import UNITS
 
 # STL holds float32: a coordinate is off by up to 6e-8 of itself, and a volume by three times it.
 FLOAT32 = 2e-7
 
-L_VOLUME = 12000e-9
 L_CENTRE = np.array([0.015, 0.010, 0.010])
 
 
@@ -33,28 +32,11 @@ def box(x: float = 10, y: float = 20, z: float = 30) -> trimesh.Trimesh:
     return mesh
 
 
-def l_bracket() -> trimesh.Trimesh:
-    """40 x 30 x 20, 10 thick; from two boxes would leave a wall, so from its outline."""
-    outline = [(0, 0), (40, 0), (40, 10), (10, 10), (10, 30), (0, 30)]
-    top = [(3, 4, 5), (3, 5, 0), (3, 0, 1), (3, 1, 2)]
-    sides = [
-        t for i in range(6) for j in [(i + 1) % 6] for t in ((i, j, j + 6), (i, j + 6, i + 6))
-    ]
-    return trimesh.Trimesh(
-        [(*p, z) for z in (0, 20) for p in outline],
-        [(c, b, a) for a, b, c in top] + [(a + 6, b + 6, c + 6) for a, b, c in top] + sides,
-        process=False,
-    )
-
-
-def files_of(mesh: trimesh.Trimesh) -> dict[str, tuple[bytes, str]]:
-    return {
-        'binary STL': (stl(mesh), 'stl'),
-        'ASCII STL': (trimesh.exchange.stl.export_stl_ascii(mesh).encode(), 'stl'),
-        'OBJ': (mesh.export(file_type='obj').encode(), 'obj'),
-        'binary PLY': (mesh.export(file_type='ply'), 'ply'),
-        'ASCII PLY': (mesh.export(file_type='ply', encoding='ascii'), 'ply'),
-    }
+@pytest.fixture(scope='module')
+def l_bracket(part):
+    """The mesh, in mm, of 40 x 30 x 20, 10 thick, with a corner at 0."""
+    bracket = part('l_bracket')
+    return trimesh.Trimesh(bracket.vertices * 1e3, bracket.faces, process=False)
 
 
 def rotation(seed: int) -> Rotation:
@@ -86,27 +68,21 @@ def test_units_scale_lengths(unit):
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
-def test_centre_of_mass_of_a_degenerate_part_is_exact(seed):
+def test_centre_of_mass_of_a_degenerate_part_is_exact(solid, l_bracket, seed):
     """It is over an edge of the long leg's end; an aspect hangs on its last digits."""
     turn = rotation(seed)
-    mesh = l_bracket()
-    mesh.vertices = turn.apply(mesh.vertices)
-    for data, mesh_format in files_of(mesh).values():
-        part = part_from_bytes(data, mesh_format, 'l')
+    mesh = trimesh.Trimesh(turn.apply(l_bracket.vertices), l_bracket.faces, process=False)
+    for mesh_format in ('stl', 'stl_ascii', 'obj', 'ply'):
+        part = solid(mesh, mesh_format)
         off = np.linalg.norm(part.centre_of_mass - turn.apply(L_CENTRE))
         assert off < 1e-7 * part.hull_radius
 
 
-def test_hull_does_not_depend_on_the_order_in_the_file():
+def test_hull_does_not_depend_on_the_order_in_the_file(solid):
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=7)
-    mesh.vertices = mesh.vertices.astype(np.float32)
-    before = part_from_bytes(stl(mesh), 'stl', 'ball')
-    shuffled = np.random.default_rng(5).permutation(mesh.faces)
-    after = part_from_bytes(
-        stl(trimesh.Trimesh(mesh.vertices, np.roll(shuffled, 1, axis=1), process=False)),
-        'stl',
-        'ball',
-    )
+    before = solid(mesh)
+    shuffled = np.roll(np.random.default_rng(5).permutation(mesh.faces), 1, axis=1)
+    after = solid(trimesh.Trimesh(mesh.vertices, shuffled, process=False))
     assert before.mesh_sha256 != after.mesh_sha256
     np.testing.assert_array_equal(before.hull_vertices, after.hull_vertices)
     order = np.lexsort(before.hull_vertices.T[::-1])
@@ -137,16 +113,12 @@ def test_given_mass_properties_replace_those_of_the_solid():
     ('given', 'expected'),
     [
         ({'density': 0}, ['density', '0', 'above 0']),
-        ({'density': float('nan')}, ['density', 'nan', 'above 0']),
         ({'mass': 'heavy'}, ['mass', "'heavy'", 'above 0']),
-        ({'mass': True}, ['mass', 'True', 'above 0']),
         ({'mass': 10**400}, ['mass', '1000', 'above 0']),
         ({'mass': 1, 'density': 2}, ['density (2)', 'mass (1)', 'only one of them']),
         ({'unit': 'furlong'}, ['unit', "'furlong'", 'um, mm, cm, m, in, ft']),
-        ({'centre_of_mass': (0, 0)}, ['centre of mass', '(0, 0)', 'three finite numbers']),
         ({'centre_of_mass': (0, 0, float('inf'))}, ['centre of mass', 'inf', 'three finite']),
         ({'centre_of_mass': (5, 10, 15)}, ['[5.0, 10.0, 15.0]', 'inside the convex hull', '0.02']),
-        ({'centre_of_mass': (0.005, 0.01, -1e-6)}, ['-1e-06', 'inside the convex hull']),
         ({'inertia': [1, 2, 3]}, ['inertia', '[1, 2, 3]', 'six finite numbers', 'ixx ixy ixz']),
         ({'inertia': [[1, 2], [3]]}, ['inertia', '[[1, 2], [3]]', 'six finite numbers']),
         ({'inertia': [1e308] * 6}, ['inertia', '1e+308', 'six finite numbers']),
@@ -164,7 +136,7 @@ def test_error_for_invalid_mass_properties(given, expected):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize('name', ['', 'Box', '7up', 'a-b', 'a' * 65, 'ä', 'box\n', None, 7])
+@pytest.mark.parametrize('name', ['', 'Box', '7up', 'a-b', 'a' * 65, 'ä', 'box\n', None])
 def test_invalid_name_is_rejected(name):
     with pytest.raises(InvalidValueError, match='lower case letters, digits and _'):
         part_from_bytes(stl(box()), 'stl', name)
@@ -182,18 +154,6 @@ def test_an_inertia_rounded_as_in_a_data_sheet_is_accepted():
     assert plate.principal_moments[2] > plate.principal_moments[:2].sum()
 
 
-def test_negative_zero_becomes_zero():
-    centre, inertia = np.array([0.0, 10, 15]) * 1e-3, np.array([2e-4, 0, 0, 1e-4, 0, 1.5e-4])
-    given = {'mass': 1, 'centre_of_mass': centre, 'inertia': inertia}
-    minus = {
-        'mass': 1,
-        'centre_of_mass': np.where(centre == 0, -0.0, centre),
-        'inertia': np.where(inertia == 0, -0.0, inertia),
-    }
-    parts = [part_from_bytes(stl(box()), 'stl', 'box', **values) for values in (given, minus)]
-    assert parts[0].part_sha256 == parts[1].part_sha256
-
-
 def test_part_sha256_agrees_with_its_documentation():
     data = stl(box())
     part = part_from_bytes(data, 'stl', 'box', mass=2)
@@ -203,18 +163,6 @@ def test_part_sha256_agrees_with_its_documentation():
     text = f'{mesh_sha256} mm '.encode() + struct.pack('<10d', *numbers)
     assert part.mesh_sha256 == mesh_sha256
     assert part.part_sha256 == hashlib.sha256(text).hexdigest()
-
-
-def test_part_is_immutable_and_can_be_pickled():
-    part = part_from_bytes(stl(box()), 'stl', 'box')
-    with pytest.raises(ValueError, match='read-only'):
-        part.hull_vertices[0, 0] = 1
-    with pytest.raises(AttributeError):
-        part.mass = 1
-    copy = pickle.loads(pickle.dumps(part))
-    assert isinstance(copy, Part)
-    assert copy.part_sha256 == part.part_sha256
-    np.testing.assert_array_equal(copy.principal_axes, part.principal_axes)
 
 
 @pytest.mark.parametrize(
@@ -237,11 +185,9 @@ def test_default_name_is_the_file_stem(tmp_path, stem, name):
     ('name', 'data', 'expected'),
     [
         ('bracket.stl', None, 'does not exist'),
-        ('bracket.stl', b'', 'empty'),
         ('bracket.3ds', b'x', r'expected one of \.stl, \.obj, \.ply'),
         ('bracket', b'x', r'expected one of \.stl, \.obj, \.ply'),
         ('bracket.IGS', b'x', 'export an STL'),
-        ('bracket.x_t', b'x', 'export an STL'),
     ],
 )
 def test_file_that_is_no_mesh_is_refused(tmp_path, name, data, expected):
@@ -275,10 +221,12 @@ def test_unusual_size_is_a_warning_that_suggests_units(sides, unit, expected):
     exponent=st.floats(0, 9),
     shape=st.sampled_from(['bracket', 'plate', 'ball', 'rod']),
 )
-def test_part_far_from_the_origin_is_exact_or_has_a_warning(seed, exponent, shape):
+def test_part_far_from_the_origin_is_exact_or_has_a_warning(
+    solid, l_bracket, seed, exponent, shape
+):
     """Rounded to float32 anywhere, the volume is right within 1e-4, or there is a warning."""
     mesh = {
-        'bracket': l_bracket,
+        'bracket': l_bracket.copy,
         'plate': lambda: box(80, 50, 0.5),
         'ball': lambda: trimesh.creation.icosphere(2, radius=20),
         'rod': lambda: trimesh.creation.cylinder(radius=1, height=200, sections=16),
@@ -289,47 +237,12 @@ def test_part_far_from_the_origin_is_exact_or_has_a_warning(seed, exponent, shap
     direction = generator.normal(size=3)
     mesh.apply_translation(10**exponent * direction / np.linalg.norm(direction))
     try:
-        part = part_from_bytes(stl(mesh), 'stl', 'far')
+        part = solid(mesh)
     except PartError as caught:
         error = str(caught)
-    else:
-        error = ''
-    if error:
-        assert any(
-            each in error for each in ('are stored in steps of', 'at most 1e+06 m', 'zero area')
-        )
+        assert re.search('are stored in steps of|at most 1e.06 m|zero area', error), error
         return
-    rounding_warnings = [
-        warning for warning in part.warnings if 'are stored in steps of' in warning
-    ]
-    assert rounding_warnings or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
-    assert rounding_warnings or not part.warnings
-
-
-def test_rounded_corners_far_from_the_origin_are_welded():
-    """Each triangle of the file is moved by itself, so that its corners are rounded otherwise."""
-    triangles = np.asarray(l_bracket().triangles) + np.array([3000.3, -2000.7, 1000.1])
-    noise = np.random.default_rng(1).uniform(-1, 1, triangles.shape) * 1e-4
-    mesh = trimesh.Trimesh(
-        (triangles + noise).reshape(-1, 3), np.arange(60).reshape(-1, 3), process=False
-    )
-    part = part_from_bytes(stl(mesh), 'stl', 'l')
-    assert len(part.vertices) == 12
-    assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
-
-
-def test_part_sha256_depends_on_all_but_the_name():
-    data = stl(box())
-    same = [part_from_bytes(data, 'stl', name).part_sha256 for name in ('a', 'b')]
-    others = [
-        part_from_bytes(data, 'stl', 'a', **change).part_sha256
-        for change in (
-            {'unit': 'cm'},
-            {'mass': 1},
-            {'density': 1001},
-            {'centre_of_mass': (0.005, 0.01, 0.0151)},
-            {'inertia': [6.5e-7, 0, 0, 5e-7, 0, 2.5e-7]},
-        )
-    ]
-    assert same[0] == same[1]
-    assert len({*same, *others}) == 6
+    if any('are stored in steps of' in warning for warning in part.warnings):
+        return
+    assert part.warnings == ()
+    assert part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)

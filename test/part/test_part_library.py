@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from resting_aspects_ros.errors import InvalidValueError, PartError, UnknownPartError
+from resting_aspects_ros.errors import PartError, UnknownPartError
 from resting_aspects_ros.part import loading
 from resting_aspects_ros.part.library import PartLibrary
 
@@ -32,13 +32,10 @@ def test_meshes_of_all_kinds_are_registered_sorted(folder):
 
 
 def test_unknown_part_lists_those_that_are_registered(folder):
-    with pytest.raises(UnknownPartError) as caught:
+    with pytest.raises(
+        UnknownPartError, match="known parts: bush, cover, pin; did you mean 'cover'"
+    ):
         PartLibrary(folder).load('covre')
-    assert str(caught.value) == (
-        "part 'covre' is not known; known parts: bush, cover, pin; did you mean 'cover'?"
-    )
-    with pytest.raises(UnknownPartError, match=r'known parts: bush, cover, pin$'):
-        PartLibrary(folder).load('xyz')
 
 
 def test_part_name_is_not_a_path(folder):
@@ -68,20 +65,14 @@ def test_unregistered_files_are_reported(folder):
     library = PartLibrary(folder)
     problems = library.problems()
     assert library.names() == ['bush', 'cover']
-    assert len(problems) == 4
-    for problem, expected in zip(
-        problems,
-        (
-            ['clip.yaml', 'not used'],
-            ['cover.yml', '<part>.yaml'],
-            ['Teil_1.STL', 'lower case letters'],
-            ['pin.ply, pin.stl', 'expected one mesh'],
-        ),
-        strict=True,
-    ):
-        assert str(folder) in problem
-        for word in expected:
-            assert word in problem
+    expected = [
+        ('clip.yaml', 'not used'),
+        ('cover.yml', '<part>.yaml'),
+        ('Teil_1.STL', 'lower case letters'),
+        ('pin.ply, pin.stl', 'expected one mesh'),
+    ]
+    for problem, words in zip(problems, expected, strict=True):
+        assert all(word in problem for word in (str(folder), *words))
 
 
 def test_yaml_gives_unit_and_mass_properties(folder):
@@ -100,23 +91,15 @@ def test_yaml_gives_unit_and_mass_properties(folder):
     ('text', 'expected'),
     [
         ('desity: 7850', ["invalid key 'desity'", f'expected one of {KEYS}']),
-        ('1: 2', ['invalid key 1', f'expected one of {KEYS}']),
         ('- unit: mm', ['not a list', 'mapping', KEYS]),
         ('unit: [', ['is not valid YAML']),
         ('unit: !!python/name:os.system', ['is not valid YAML']),
         ('unit: furlong', ["invalid unit 'furlong'", 'um, mm, cm, m, in, ft']),
-        ('unit: [mm]', ["invalid unit ['mm']", 'um, mm, cm, m, in, ft']),
         ('density: heavy', ["invalid density 'heavy'", 'finite number above 0']),
-        ('density: .nan', ['invalid density nan', 'finite number above 0']),
         ('density: yes', ['invalid density True', 'finite number above 0']),
-        ('density:', ['invalid density None', 'finite number above 0']),
-        ('mass: 0', ['invalid mass 0', 'finite number above 0']),
-        ('centre_of_mass: 1', ['invalid centre_of_mass 1', '3 finite numbers']),
         ('centre_of_mass: [1, 2]', ['invalid centre_of_mass [1, 2]', '3 finite numbers']),
-        ('centre_of_mass: [1, 2, .nan]', ['[1, 2, nan]', '3 finite numbers']),
         ('inertia: [1, 0, 0, 1]', ['invalid inertia [1, 0, 0, 1]', '6 finite numbers']),
         ('body: 0', ['invalid body 0', 'an integer of at least 1']),
-        ('body: true', ['invalid body True', 'an integer of at least 1']),
         ('density: 0x' + 'f' * 4000, ['invalid density', 'finite number above 0']),
         ('density: 1\n' + '#' * 70000, ['too large', 'at most 64 KiB']),
     ],
@@ -128,21 +111,6 @@ def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, expected
     for word in [str(folder / 'pin.yaml'), *expected]:
         assert word in str(caught.value)
     assert '\n' not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ('text', 'expected'),
-    [
-        ('density: 1\nmass: 2', r'both a density \(1.0\) and a mass \(2.0\)'),
-        ('centre_of_mass: [0, 0, 15.1]', 'expected a point inside the convex hull'),
-        ('body: 2', '^invalid body .*: expected 1 to 1$'),
-        ('body: 0x' + 'f' * 4000, '^invalid body .*: expected 1 to 1$'),
-    ],
-)
-def test_values_that_do_not_fit_the_part_are_reported(folder, text, expected):
-    (folder / 'pin.yaml').write_text(text)
-    with pytest.raises(InvalidValueError, match=expected):
-        PartLibrary(folder).load('pin')
 
 
 def test_a_part_is_read_once_until_its_files_change(folder):
@@ -158,9 +126,7 @@ def test_a_part_is_read_once_until_its_files_change(folder):
     assert library.load('pin') is heavier
 
     trimesh.creation.box((10, 20, 60)).export(folder / 'pin.stl')
-    os.utime(
-        folder / 'pin.stl', ns=(0, 1)
-    )  # the change is detected even if the clock is too coarse
+    os.utime(folder / 'pin.stl', ns=(0, 1))  # or the clock might be too coarse
     longer = library.load('pin')
     assert longer.volume == pytest.approx(2 * first.volume)
 
@@ -188,18 +154,6 @@ def test_invalid_mesh_raises_until_it_is_repaired(folder, monkeypatch):
     assert reads == [folder / 'pin.stl']
     BOX.export(folder / 'pin.stl')
     assert library.load('pin').volume == pytest.approx(6e-6)
-
-
-def test_yaml_selects_a_body_of_the_mesh(folder):
-    two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation((50, 0, 0)).apply_scale(2)])
-    two.export(folder / 'pin.stl')
-    with pytest.raises(PartError, match='2 bodies that do not touch'):
-        PartLibrary(folder).load('pin')
-    volumes = []
-    for body in (1, 2):
-        (folder / 'pin.yaml').write_text(f'body: {body}')
-        volumes.append(PartLibrary(folder).load('pin').volume)
-    assert volumes == pytest.approx([48e-6, 6e-6])
 
 
 @pytest.mark.slow
