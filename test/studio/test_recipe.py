@@ -12,16 +12,14 @@ from resting_aspects_ros.cli import main
 from resting_aspects_ros.studio.export import FILES, drop_recipe, recipes
 from resting_aspects_ros.studio.rows import Source
 
-CHANGES = [
-    {'surface': 'steel', 'condition.friction': '0.31', 'precision': '0.02'},
-    {'surroundings': 'slope', 'dimension.angle': '12', 'condition.height': '77'},
-]
 OTHERS = [
-    ('Outlines', {}),
     ('Reorientation', {'condition.height': '90', 'action.speed': '0.4'}),
     ('Forecast', {'cell.parts_on_tray': '7', 'cell.width': '150', 'cell.robot': '2.5'}),
-    ('Track', {'rail.want': '3', 'rail.width': '60', 'rail.roll': '8'}),
-    ('Track', {'rail.wall_friction': '0.3', 'trap.add': 'wiper', 'trap.1.height': '24.5'}),
+    (
+        'Track',
+        {'rail.want': '3', 'rail.width': '60', 'rail.roll': '8', 'rail.wall_friction': '0.3'}
+        | {'trap.add': 'wiper', 'trap.1.height': '24.5'},
+    ),
 ]
 
 
@@ -40,8 +38,9 @@ def run_python(program):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('changes', CHANGES)
-def test_drops_of_command_and_python_are_those_of_the_page(bracket, changes):
+def test_drops_of_command_and_python_are_those_of_the_page(bracket):
+    changes = {'surface': 'steel', 'condition.friction': '0.31', 'precision': '0.02'}
+    changes |= {'surroundings': 'slope', 'dimension.angle': '12', 'condition.height': '77'}
     for name, value in changes.items():
         bracket.change(name, value)
     work = bracket.work()
