@@ -75,7 +75,7 @@ def test_interval_contains_what_the_counts_leave_open():
         transitions=np.array([[18, 2, 0], [6, 14, 0]]),
         max_picks=3,
     )
-    model, minutes = ControllerModel(feeder, TABLE, 12), 10
+    model, minutes = ControllerModel(feeder, TABLE, 12), 5
     found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
     low, high = found.prediction
     drawn = drawn_moves(feeder.drop, feeder.transitions, 10, np.random.default_rng(5))

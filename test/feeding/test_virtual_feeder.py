@@ -35,10 +35,10 @@ class Row:
 def feeder():
     """A feeder whose drops are all of class 1, and whose flips lead to class 2."""
 
-    def make(place=0.0, flips=((0, 9), (0, 9))):
+    def make(place=0.0):
         model = FeederModel(
             np.array([9, 0]),
-            np.array(flips),
+            np.array([[0, 9], [0, 9]]),
             np.array([True, False]),
             (Footprint(0.01, 0.01),) * 2,
             Tray((0.2, 0.2), 0.0),
@@ -96,12 +96,3 @@ def test_part_is_found_by_its_place_and_class(feeder):
     assert cell.pick(0.02, 0.9 * REACH, 1)
     assert not cell.pick(0.02, 0.0, 1)
     assert (cell.picks, len(cell.tray.classes)) == (1, 2)
-
-
-def test_new_model_changes_the_flips_and_keeps_the_parts(feeder):
-    cell, other = feeder(), feeder(flips=((9, 0), (9, 0)))
-    cell.move(Choice.SUPPLY, 4)
-    cell.use(other._model)
-    assert len(cell.tray.classes) == 4
-    cell.move(Choice.FLIP)
-    assert cell.tray.classes.tolist() == [0, 0, 0, 0]

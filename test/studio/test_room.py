@@ -182,29 +182,6 @@ def test_traps_of_the_user_are_shown_instead_of_proposals(bracket, shown):
 
 
 @pytest.mark.slow
-def test_a_second_part_that_is_still_read_is_forgotten(bracket, shown, monkeypatch):
-    started, go_on = threading.Event(), threading.Event()
-    read = bracket._opener.open
-
-    def slow(source, step, stopped):
-        step('Reading ...')
-        started.set()
-        go_on.wait()
-        return read(source, step, stopped)
-
-    monkeypatch.setattr(bracket._opener, 'open', slow)
-    before = shown.count
-    bracket.open(Source('angle_45x30x8'), 'second')
-    started.wait()
-    bracket.forget_second()
-    go_on.set()
-    shown.wait('opening', lambda m: not m['text'], before)
-    bracket.change('tab', 'compare')
-    shown.wait('compare', after=before)
-    assert bracket._parts['second'] is None
-
-
-@pytest.mark.slow
 def test_second_part_is_compared_by_shape(bracket, shown):
     bracket.change('surface', 'steel')
     bracket.change('tab', 'compare')

@@ -5,12 +5,9 @@ import asyncio
 import contextlib
 import os
 import signal
-import sys
 import threading
-import time
 import urllib.request
 import webbrowser
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,8 +15,7 @@ from aiohttp import ClientSession
 
 from resting_aspects_ros.cli.verbs.studio import run
 from resting_aspects_ros.simulation.workers import LocalWorkers
-from resting_aspects_ros.studio import opening, server
-from resting_aspects_ros.studio.opening import Opener
+from resting_aspects_ros.studio import server
 from resting_aspects_ros.studio.server import ROOM_LIFE, Studio, serve
 
 
@@ -38,33 +34,6 @@ def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
     monkeypatch.setattr(Studio, 'tools', lambda _: None)
     assert run(argparse.Namespace(part='', port=0, no_browser=False)) == 0
     assert pages == [200]
-
-
-def test_parts_that_are_opened_at_the_same_time_do_not_take_each_others_process(monkeypatch):
-    class Process:
-        def __init__(self):
-            time.sleep(0.002)  # so that the other thread waits for it
-
-        def open(self, *_):
-            return 'opened'
-
-        def end(self):
-            pass
-
-    monkeypatch.setattr(opening, 'OpeningProcess', Process)
-    opener, found = Opener(), []
-
-    def open_some(_):
-        found.extend(opener.open(None, lambda _: None, lambda: False) for _ in range(100))
-
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-4)
-    try:
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(open_some, range(2)))
-    finally:
-        sys.setswitchinterval(before)
-    assert len(found) == 200
 
 
 def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
@@ -118,13 +87,16 @@ def test_upload_that_fails_is_removed_and_is_one_sentence(served, joined, monkey
 def test_reload_restores_the_room_and_its_settings(served, joined):
     async def task(client, studio):
         first = await joined(client, studio)
+        address = f'/{studio.token}/file/{first.room}/distribution.json'
+        missing = await client.get(address)
+        assert missing.status == 409
+        assert 'missing part' in await missing.text()
         await first.send(set='drops', to=400)
         await first.send(example='l_bracket')
         await first.wait('bars', lambda message: message.get('caption'))
         await first.send(set='condition.friction', to='0.4', number=1)
         await first.wait('values', lambda message: message.get('number') == 1)
         # A file is an attachment.
-        address = f'/{studio.token}/file/{first.room}/distribution.json'
         file = await client.get(address)
         assert file.status == 200
         assert file.headers['Content-Disposition'].startswith('attachment')
@@ -210,18 +182,6 @@ def test_tab_is_told_that_the_server_ends(served, joined):
         return browser.socket.close_code
 
     assert served(task) == 1001
-
-
-def test_download_without_a_part_is_refused(served, joined):
-    async def task(client, studio):
-        browser = await joined(client, studio)
-        address = f'/{studio.token}/file/{browser.room}/distribution.json'
-        missing = await client.get(address)
-        return missing.status, await missing.text()
-
-    status, text = served(task)
-    assert status == 409
-    assert 'missing part' in text
 
 
 def test_at_most_some_rooms(served, joined, monkeypatch):

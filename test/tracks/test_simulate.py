@@ -91,10 +91,10 @@ def test_a_box_over_a_gap_at_a_speed(box, length, outcomes):
 
 @pytest.mark.slow
 def test_parts_at_rest_1_mm_off_the_critical_width(part, rows_of):
-    # Slow parts on a long balcony: convex contacts, and one that is not convex.
+    # Slow parts on a long balcony: a contact that is not convex, and one that is.
     shape = part('u_bracket')
     track = on(0.02, width=0.2, roll=math.radians(15), wall={'friction': 0.0})
-    for row in rows_of(shape)[:4]:
+    for row in rows_of(shape)[:2]:
         trap = Balcony(0.02)
         width = trap.critical(Arrival(row, track.surface, shape), 'width')
         for off, expected in ((1e-3, 'pass'), (-1e-3, 'reject')):

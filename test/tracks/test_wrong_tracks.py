@@ -2,28 +2,22 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 import yaml
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.track import given_track
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks.description import read_track
+from resting_aspects_ros.tracks.rate import pass_traps
 from resting_aspects_ros.tracks.traps import AirJet
 
-DROPS = 50
 TRACKS = sorted((Path(__file__).parents[2] / 'config' / 'tracks').glob('*.yaml'))
 
 
-def flags(result):
-    return {each['flag']: each['orientations'] for each in result.flags}
-
-
-def tracked(traps=(), want=(), part='hex_nut', **values):
-    on = {'width': '40mm', **values, 'traps': list(traps)}
-    return ra.track(part, on, want, drops=DROPS, model_range=False)
+def tracked(traps, **values):
+    on = {'width': '40mm', **values, 'traps': traps}
+    return ra.track('hex_nut', on, 1, drops=50, model_range=False)
 
 
 def trap(kind, **values):
@@ -74,49 +68,36 @@ def test_shipped_tracks_are_read_and_name_their_source(file):
     assert read_track(document).traps == given_track(file.stem).traps
 
 
-@pytest.mark.slow
-def test_wanted_rows_that_cannot_be_are_refused():
-    for wrong in (0, True, 'a'):
+def test_wanted_rows_that_cannot_be_are_refused(part, rows_of):
+    nut = part('hex_nut')
+    rows = rows_of(nut)
+    for wrong in (9, 0, True, 1.5, 'a'):
         with pytest.raises(InvalidValueError, match=f'wanted orientation {wrong!r}'):
-            tracked(want=wrong)
+            pass_traps(nut, rows, read_track({'width': '40mm'}), [wrong])
     # The centre of mass of the flat nut is 8.5 mm from the wall.
     with pytest.raises(InvalidValueError, match=r'wanted orientation 1: .* 8 mm .* 8\.50 mm'):
-        tracked(want=1, width='8mm')
+        pass_traps(nut, rows, read_track({'width': '8mm'}), [1])
 
 
 @pytest.mark.slow
-def test_rows_that_fall_off_or_jam_are_counted():
+def test_rows_that_fall_off_before_the_traps_are_counted():
     found = tracked([{'kind': 'wiper', 'height': '30mm'}], width='9mm')
-    assert flags(found)['falls_off'] == [3]  # its centre of mass is 9.8 mm from the wall
+    # The centre of mass of the third row is 9.8 mm from the wall.
+    assert {each['flag']: each['orientations'] for each in found.flags}['falls_off'] == [3]
     assert found.passage.passing[1].tolist() == [1, 1, 0]
     assert found.passage.ends == ['pass', 'pass', 'reject']
-    # The wiper passes what is lower than 10 mm, and the cover holds what is higher than 5 mm.
+
+
+@pytest.mark.slow
+def test_contradictory_traps_let_nothing_pass():
+    """The cover holds what the wiper passes; a wiper of a meter is probably meant in mm."""
     traps = [{'kind': 'wiper', 'height': '10mm'}, {'kind': 'hold_down', 'height': '5mm'}]
-    found = tracked(traps, want=np.array([1]))
-    assert found.passage.good == (0, 0)
+    with pytest.warns(ra.RestingAspectsWarning, match='1000 mm.*numbers without a unit are in m'):
+        found = tracked([*traps, {'kind': 'wiper', 'height': 1}])
+    assert found.passage.good == found.passage.rate == (0, 0)
     assert found.passage.jams == pytest.approx(found.rows[0].probability)
     assert found.document()['passes_per_part'] == [None, None]
     assert any('No part in row 1' in text and 'Trap 2' in text for text in found.sentences)
-
-
-@pytest.mark.slow
-def test_dimensions_in_a_wrong_unit_are_warned_of():
-    with pytest.warns(ra.RestingAspectsWarning, match='1000 mm.*numbers without a unit are in m'):
-        tracked([{'kind': 'wiper', 'height': 1}])
-    with pytest.warns(ra.RestingAspectsWarning, match=r'0\.0127 mm'):
-        tracked([{'kind': 'wiper', 'height': 12.7e-6}])
-
-
-@pytest.mark.slow
-def test_a_wall_that_is_lower_than_all_but_the_foot_of_a_part(solid):
-    # A pin of 2 mm below a plate of 20 x 20 mm, which tips over no wall above 0.
-    pin = trimesh.creation.cylinder(radius=8, height=10)
-    plate = trimesh.creation.box((30, 30, 4)).apply_translation((0, 0, 7))
-    mesh = trimesh.boolean.union([pin, plate])
-    found = tracked(part=solid(mesh), wall={'height': '2mm'}, width='60mm')
-    # It stands on its pin, whose outline at the wall is round: one row.
-    standing = [row for row in found.rows if row.contact.area > 0.9 * 3.14 * 0.008**2]
-    assert min(row.yaw.distance for row in standing) == pytest.approx(0.008, rel=0.02)
 
 
 def test_the_number_of_simulated_parts_is_checked():

@@ -18,18 +18,10 @@ from resting_aspects_ros.vision.fitting import (
 )
 from resting_aspects_ros.vision.outline import look_alikes
 
-few = settings(max_examples=settings.default.max_examples // 5)
-
 
 def circle(sides, radius=10.0, centre=(0.0, 0.0)):
     angle = 2 * np.pi * np.arange(sides) / sides
     return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
-
-
-def gear(teeth):
-    angle = 2 * np.pi * np.arange(4 * teeth) / (4 * teeth)
-    radius = np.tile([8.0, 10.0, 10.0, 8.0], teeth)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
 # Polygons, mm, and their orders of rotation.
@@ -37,14 +29,9 @@ POLYGONS = {
     'l': (shapely.Polygon([(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]), 1),
     'rectangle': (shapely.box(3, 5, 33, 17), 2),
     'needle': (shapely.box(0, 0, 100, 3), 2),
-    'triangle': (shapely.Polygon([(0, 0), (30, 4), (9, 21)]), 1),
     'hexagon': (shapely.Polygon(circle(6)), 6),
     'disc_with_hole': (shapely.Polygon(circle(64), [circle(24, 2.0, (4, 0))]), 1),
-    'two_holes': (
-        shapely.Polygon(circle(90), [circle(24, 2.0, (5, 0)), circle(24, 1.0, (0, 5))]),
-        1,
-    ),
-    'gear': (shapely.Polygon(gear(12)), 12),
+    'gear': (shapely.Polygon(circle(48) * np.tile([[0.8], [1], [1], [0.8]], (12, 1))), 12),
 }
 
 
@@ -91,16 +78,6 @@ def test_yaws_of_a_symmetric_outline_are_returned(name):
     assert len(fits(polygon, placed(polygon, 0.2, 5, 7), order)) == 1
 
 
-def test_near_symmetry_follows_the_best_solution():
-    notched = shapely.box(0, 0, 30, 12) - shapely.box(29, 0, 30, 1)
-    seen = placed(notched, 1.0, 2, 3)
-    best, second = fits(notched, seen)
-    assert off(best.yaw, 1.0) < 0.2
-    assert off(second.yaw, 1.0 + np.pi) < 0.5
-    assert 0.98 < second.overlap(notched, seen) < 358 / 360
-    assert best.square < second.square
-
-
 def test_overlap_and_distance_of_concentric_shapes():
     found, distance = best_overlap(shapely.box(-15, -6, 15, 6), shapely.box(-14, -5, 14, 5))
     assert found == pytest.approx(280 / 360, abs=1e-3)
@@ -127,13 +104,13 @@ def test_distance_is_that_of_shapely(seed):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@few
+@settings(max_examples=4)
 def test_no_pose_on_a_grid_overlaps_much_more(seed):
     generator = np.random.default_rng(seed)
     points = [shapely.MultiPoint(generator.normal(size=(8, 2)) * 10) for _ in range(2)]
     a, b = (each.convex_hull for each in points)
     found, _ = best_overlap(a, b)
-    centred = translate(a, *(np.array(b.centroid.coords[0]) - np.array(a.centroid.coords[0])))
+    centred = translate(a, b.centroid.x - a.centroid.x, b.centroid.y - a.centroid.y)
     grid = [overlap(rotate(centred, angle, origin='centroid'), b) for angle in range(0, 360, 5)]
     assert found > max(grid) - 0.005
 

@@ -16,10 +16,7 @@ from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.vision.outline import GRID, find_outlines, seen_outline, silhouette
 
 seeds = st.integers(0, 2**32 - 1)
-few = settings(
-    max_examples=settings.default.max_examples // 5,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+few = settings(max_examples=4, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def quaternion(seed):
@@ -207,17 +204,6 @@ def test_facets_that_meet_within_rounding_are_united(part):
     turn = np.array([half[0], half[1], half[1], 0.4880476800500883])
     seen = seen_outline(part('u_bracket'), turn)
     assert seen.area == pytest.approx(600e-6)
-
-
-def test_outline_agrees_with_the_orientation_of_its_aspect(part):
-    shape = part('l_bracket')
-    aspects = find_aspects(shape)
-    for outline in find_outlines(shape, aspects):
-        orientation = aspects[outline.aspect - 1].orientation
-        np.testing.assert_array_equal(outline.orientation, orientation)
-        points = projected(shape, orientation).reshape(-1, 2)
-        low, high = points.min(axis=0), points.max(axis=0)
-        np.testing.assert_allclose(outline.polygon.bounds, [*low, *high], atol=1e-7)
 
 
 @pytest.mark.slow
