@@ -98,14 +98,6 @@ def test_part_that_is_hardly_recognised_is_not_picked(model):
     assert advise([SeenPart(2, score=0.9)], strict).choice is not Choice.PICK
 
 
-def test_unrecognised_part_counts_as_one_of_the_mix(model):
-    """A spread of it can bring a pick, as one of a part of the pickable class, but less."""
-    dry = dataclasses.replace(model, max_supply=0)
-    unknown = advise([SeenPart(0)] * 2, dry).expected[Choice.SPREAD].picks
-    known = advise([SeenPart(2, BLOCKED)] * 2, dry).expected[Choice.SPREAD].picks
-    assert unknown == pytest.approx(known * dry.values.mix[1])
-
-
 @pytest.mark.slow
 def test_expected_rate_is_the_forecast_on_average(model):
     """With the decisions of the forecast's cycle, the expected rates average to its rate."""

@@ -11,12 +11,9 @@ from hypothesis import strategies as st
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding import footprint
 from resting_aspects_ros.feeding.footprint import (
-    MAX_COVERAGE,
     Footprint,
     Tray,
     blocking_area,
-    coverage,
-    coverage_limit,
     free_shares,
     gap,
 )
@@ -91,14 +88,6 @@ def test_rare_class_is_known_as_well_as_a_common_one():
     footprints = [PART, PART]
     found = free_shares(TRAY, footprints, np.array([0.999, 0.001]), 1, 12).at(12)
     assert found[1] == pytest.approx(found[0], abs=2 * TOLERANCE)
-
-
-@pytest.mark.slow
-def test_table_ends_at_the_coverage_up_to_which_the_model_holds():
-    number = coverage_limit(TRAY, [PART], ALONE)
-    assert coverage(TRAY, [PART], ALONE, number) <= MAX_COVERAGE
-    assert coverage(TRAY, [PART], ALONE, number + 1) > MAX_COVERAGE
-    assert len(free_shares(Tray((0.2, 0.2), 0.0), [PART], ALONE, 1).free) == number
 
 
 @pytest.mark.slow

@@ -141,16 +141,6 @@ def test_action_without_effect_fills_the_tray_with_unpickable_parts():
     assert 0 < many.upper < 0.1
 
 
-def test_best_number_is_lower_than_that_without_overlaps():
-    found = forecast(MODEL)
-    curve = found.curve
-    assert found.number == found.best_number <= curve.number[curve.rate.argmax()]
-    assert found.rate > 0.9 * curve.rate.max()
-    assert (curve.lower <= curve.rate).all()
-    assert (curve.rate <= curve.upper).all()
-    assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]
-
-
 def test_wrong_values_are_refused():
     for wrong in ({'number': 0}, {'number': 2.5}, {'number': 10_000}, {'minutes': math.nan}):
         with pytest.raises(InvalidValueError, match='expected'):

@@ -71,19 +71,6 @@ def test_flip_has_the_shares_of_the_transitions(model):
     assert np.bincount(tray.classes) == pytest.approx(expected, abs=tolerance)
 
 
-def test_positions_do_not_overlap_and_removal_keeps_the_others(model):
-    tray = tray_of(model, 4)
-    tray.supply(10)
-    before = [part.clearance for part in tray.seen()]
-    assert min(before) >= 0
-    free = [k for k, clearance in enumerate(before) if clearance >= 0.005]
-    tray.remove(free)
-    after = [part.clearance for part in tray.seen()]
-    # A free part blocks no other.
-    assert all(clearance < 0.005 for clearance in after)
-    assert len(after) == 10 - len(free)
-
-
 def test_times_add_up():
     model = ControllerModel(FEEDER, FreeShares(np.ones((20, 2)), False), NUMBER, spread=0.4)
     steps = iter(

@@ -54,6 +54,7 @@ def test_drops_of_command_and_python_are_those_of_the_page(bracket):
 @pytest.mark.parametrize(('verb', 'changes'), OTHERS)
 def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    bracket.change('drops', 100)
     bracket.change('pickable.1', True)
     for name, value in changes.items():
         bracket.change(name, value)
@@ -80,11 +81,14 @@ def test_file_name_is_quoted(bracket):
 
 
 @pytest.mark.slow
-def test_each_file_can_be_made(bracket):
-    bracket.change('count.1', '3')
+def test_each_file_can_be_made(room, shown):
+    room.change('drops', 400)
+    room.open(Source('tetrahedron'))
+    shown.wait('bars', lambda message: message.get('caption'))
+    room.change('count.1', '3')
     starts = {'pdf': b'%PDF', 'zip': b'PK', 'xlsx': b'PK', 'png': b'\x89PNG', 'html': b'<!DOCTYPE'}
     for name, file in FILES.items():
-        data = file.make(bracket.work())
+        data = file.make(room.work())
         assert data.startswith(starts.get(name.rpartition('.')[2], data[:1])), name
         assert len(data) > 20, name
-    assert not any(bracket.folder.iterdir())  # the files were sent
+    assert not any(room.folder.iterdir())  # the files were sent

@@ -12,7 +12,6 @@ from resting_aspects_ros.tracks import support
 from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.design import (
     Band,
-    asymmetric_cut,
     design_traps,
 )
 from resting_aspects_ros.tracks.orientations import mirror_images
@@ -283,14 +282,3 @@ def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of, box):
     # A box is its own mirror image.
     assert other.id in mirror_images(rows, 1e-4)[rows.index(one)]
     assert not any(mirror_images(rows_of(box[0]), 1e-4))
-
-
-@pytest.mark.slow
-def test_a_triangle_is_proposed_for_mirror_images(part, rows_of):
-    shape = part('l_bracket')
-    rows = rows_of(shape)
-    one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
-    cut, margin = asymmetric_cut(pass_traps(shape, rows, Track(LEVEL), (one.id,)), other.id)
-    assert margin > 0.1e-3
-    found = outcomes([one, other], cut, LEVEL, shape)
-    assert [each.outcome for each in found] == ['pass', 'reject']

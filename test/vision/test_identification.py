@@ -98,20 +98,6 @@ def test_prior_decides_between_equal_outlines(known):
     assert [each.posterior for each in found.candidates] == pytest.approx([0.75, 0.25], abs=0.01)
 
 
-@pytest.mark.slow
-def test_other_class_that_fits_the_mirror_image_is_named(known):
-    candidate = known('angle_45x30x8')
-    alike = look_alikes(candidate.outlines)
-    for outline in candidate.outlines:
-        others = alike[outline.symmetry_class]
-        expected = {each.symmetry_class for each in others if each.verdict == 'mirrored'}
-        for polygon in (outline.polygon, mirrored(outline.polygon)):
-            found = identify(moved(polygon, 0.02, 0.05, 1), [candidate])
-            fits = expected if polygon is outline.polygon else {outline.symmetry_class}
-            named = {each.symmetry_class for each in found.mirrored}
-            assert named == (fits if expected else set())
-
-
 def test_mirror_image_is_the_part_turned_over_or_is_named(known):
     candidate = known('angle_45x30x8')
     seen = moved(mirrored(candidate.outlines[1].polygon), 0.02, 0.05, 1)
@@ -154,32 +140,6 @@ def test_every_pose_of_a_turned_part_is_found(known):
                 for each in found.best.poses
             ]
             assert min(np.degrees(turn.magnitude()) for turn in turns) < 0.01
-
-
-@pytest.mark.slow
-def test_posterior_is_calibrated_for_similar_outlines(known):
-    """Of the answers given with a posterior p, the share p is right."""
-    generator = np.random.default_rng(2)
-    base = known('l_bracket')
-    one = dataclasses.replace(base.outlines[0], symmetry_class=1)
-    given, right = [], []
-    for difference in generator.uniform(0, 4e-5, 30):
-        polygon = one.polygon.buffer(difference, join_style='mitre')
-        other = dataclasses.replace(one, polygon=polygon, symmetry_class=2)
-        share = generator.uniform(0.3, 0.7)
-        pair = dataclasses.replace(
-            base, outlines=(one, other), shares=np.array([share, 1 - share])
-        )
-        shown = int(generator.uniform() > share)
-        # Points 1 mm apart, with straight lines between them, are correlated over 1 mm.
-        seen = noisy(pair.outlines[shown].polygon, 1e-4, generator)
-        best = identify(seen, [pair]).candidates[0]
-        given.append(best.posterior)
-        right.append(best.symmetry_class == shown + 1)
-    given, right = np.array(given), np.array(right)
-    error = np.sqrt((given * (1 - given)).sum()) / len(given)
-    assert 0.6 < given.mean() < 0.95
-    assert right.mean() > given.mean() - 3 * error
 
 
 def test_wrong_values_are_refused(known):

@@ -86,13 +86,3 @@ def test_wrong_poses_are_refused(placements, position, orientation, words):
         camera_pose(placements('l_bracket'), position, orientation)
     with pytest.raises(InvalidValueError, match='invalid yaw'):
         placements('l_bracket')[0].poses(0, 0, float('nan'))
-
-
-def test_pose_follows_the_formula(placements):
-    (placement, *_) = placements('l_bracket')
-    (pose,) = placement.poses(0.2, 0.1, 1.0)
-    start = Rotation.from_quat(placement.outline.orientation)
-    turn = (Rotation.from_rotvec([0, 0, 1.0]) * start).as_matrix()
-    centre = np.array([0.2, 0.1, placement.outline.com_height])
-    np.testing.assert_allclose(pose.position, centre - turn @ placement.part.centre_of_mass)
-    np.testing.assert_allclose(Rotation.from_quat(pose.orientation).as_matrix(), turn, atol=1e-12)

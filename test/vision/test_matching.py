@@ -139,8 +139,7 @@ def test_verdicts_of_the_example_parts(known, name, pair, verdict):
     # Each class has all others, the most similar one first.
     for k, others in found.items():
         assert {a.symmetry_class for a in others} == {*range(1, len(outlines) + 1)} - {k}
-        overlaps = [a.overlap for a in others]
-        assert overlaps == sorted(overlaps, reverse=True)
+        assert [*others] == sorted(others, key=lambda a: a.overlap, reverse=True)
 
 
 def test_overlaps_of_a_box_in_closed_form(known):

@@ -191,26 +191,9 @@ def test_foil_of_many_triangles_is_seen_from_its_edge():
     assert outline.area == pytest.approx(2e-4, abs=4 * GRID)
 
 
-def test_separate_pieces_are_refused():
-    vertices, faces = box_faces()
-    both = np.concatenate([vertices, vertices + np.array([2.5, 0, 0])])
-    with pytest.raises(PartError, match='2 separate pieces'):
-        silhouette(both, np.concatenate([faces, faces + len(vertices)]), True, 2.0)
-
-
 def test_facets_that_meet_within_rounding_are_united(part):
     """Here a union without a grid loses two flanges of 100 mm2, which touch within 1e-16 R."""
     half = [0.48804768005008825, -0.5116731984360005]
     turn = np.array([half[0], half[1], half[1], 0.4880476800500883])
     seen = seen_outline(part('u_bracket'), turn)
     assert seen.area == pytest.approx(600e-6)
-
-
-@pytest.mark.slow
-def test_no_pinholes_in_a_fine_mesh_seen_at_an_angle(solid):
-    mesh = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
-    shape = solid(turned(mesh, a_turn(5)))
-    for seed in range(2):
-        outline = seen_outline(shape, quaternion(seed))
-        assert outline.is_valid
-        assert len(outline.interiors) <= 1

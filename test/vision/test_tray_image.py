@@ -93,18 +93,6 @@ def test_contours_are_where_the_outlines_are(known, name, scale):
         assert free[k] == pytest.approx(places.clearance()[true], abs=2e-3 / scale)
 
 
-def test_image_has_y_up_and_the_origin_in_its_middle():
-    camera = TrayCamera((0.1, 0.06), 4.0)
-    corner = shapely.box(0.03, 0.01, 0.04, 0.02)
-    image = render_tray([corner], camera, np.random.default_rng(1))
-    v, u = np.nonzero(image < LEVEL)
-    assert u.mean() > camera.size[0] / 2
-    assert v.mean() < camera.size[1] / 2
-    (centre,) = camera.model.to_tray([[u.mean(), v.mean()]])
-    assert centre == pytest.approx([0.035, 0.015], abs=1e-4)
-    assert len(u) * (1e-3 / 4) ** 2 == pytest.approx(corner.area, rel=0.05)
-
-
 def test_touching_parts_are_one_blob_and_an_empty_tray_has_none():
     camera = TrayCamera(TRAY, 4.0)
     boxes = [shapely.box(0, 0, 0.01, 0.01), shapely.box(0.01, 0, 0.02, 0.01)]
