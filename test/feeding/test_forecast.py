@@ -125,6 +125,8 @@ def test_parts_that_can_always_be_picked_have_a_closed_form():
     low, high = found.prediction
     assert expected - 60 / seconds * 1.5 / 3600 < low < high < expected
     assert found.flips_per_part == pytest.approx(0, abs=1e-9)
+    # With a clearance as large as the tray, each of two parts blocks the other.
+    assert forecast(changed(tray=Tray((0.2, 0.2), 0.2))).best_number == 1
 
 
 @pytest.mark.slow

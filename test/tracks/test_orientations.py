@@ -151,7 +151,7 @@ def test_model_range_contains_all_shares_of_aspects_and_frictions(solid):
     aspects, rng = find_aspects(part), np.random.default_rng(1)
     model = np.sort(rng.uniform(0, 1 / len(aspects), (len(aspects), 2)), axis=1)
     nominal = orientations_on(part, aspects, model.mean(axis=1), np.inf, friction, model)
-    for _ in range(20):
+    for _ in range(8):
         shares = rng.uniform(*model.T).tolist()
         rows = orientations_on(part, aspects, shares, np.inf, rng.uniform(0, friction))
         found = {(row.aspects, round(row.length, 6)): row for row in rows}

@@ -164,6 +164,9 @@ def test_mesh_without_top_or_inside_out_has_the_same_silhouette():
     for each in (faces, faces[:, ::-1]):
         outline = silhouette(vertices, each, closed=False, radius=1.2)
         assert outline.symmetric_difference(shapely.box(-1, -0.5, 1, 0.5)).area < 1e-8
+    sheet = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1.0]])
+    with pytest.raises(PartError, match='from its edge'):
+        silhouette(sheet, np.array([[0, 1, 2], [0, 2, 3]]), closed=False, radius=1.0)
 
 
 def two_boxes(gap):
