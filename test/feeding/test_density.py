@@ -56,14 +56,6 @@ def test_gap_is_the_distance_of_the_shapes(seed):
             assert found[k] < 0
 
 
-@pytest.mark.usefixtures('low_density')
-def test_free_share_of_points_is_exponential_at_low_density():
-    # 60 points on a large tray, so that its edge hardly matters.
-    tray = Tray((1.0, 1.0), 0.03)
-    found = free_shares(tray, [Footprint(0, 0)], ALONE, 1, 60).at(60)[0]
-    assert found == pytest.approx(math.exp(-math.pi * 0.03**2 * 59), abs=TOLERANCE)
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.usefixtures('low_density')
 @pytest.mark.parametrize(

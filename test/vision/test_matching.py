@@ -125,23 +125,6 @@ def test_outlines_are_equal_within_a_tolerance():
     assert not same_outline(one, shapely.Polygon(circle(100), [circle(48, 4.6)]))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('name', 'pair', 'verdict'),
-    [('l_bracket', (1, 2), 'mirrored'), ('u_bracket', (1, 4), 'same')],
-)
-def test_verdicts_of_the_example_parts(known, name, pair, verdict):
-    outlines = known(name).outlines
-    found = look_alikes(outlines)
-    pairs = {(k, a.symmetry_class): a for k, others in found.items() for a in others}
-    alike = {k: a.verdict for k, a in pairs.items() if a.verdict != 'distinct'}
-    assert alike == {pair: verdict, pair[::-1]: verdict}
-    # Each class has all others, the most similar one first.
-    for k, others in found.items():
-        assert {a.symmetry_class for a in others} == {*range(1, len(outlines) + 1)} - {k}
-        assert [*others] == sorted(others, key=lambda a: a.overlap, reverse=True)
-
-
 def test_overlaps_of_a_box_in_closed_form(known):
     found = look_alikes(known('box_10x20x30').outlines)
     pairs = {(k, a.symmetry_class): a for k, others in found.items() for a in others}
