@@ -102,6 +102,14 @@ def test_parts_at_rest_1_mm_off_the_critical_width(part, rows_of):
             assert OUTCOMES[int(counts.argmax())] == expected, (row.id, off)
 
 
+@pytest.mark.slow
+def test_a_blade_and_a_riser_move_what_reaches_them(box, rows_of):
+    part, flat = box
+    tall = next(row for row in rows_of(part) if row.height > 0.029)
+    for trap, row in ((Wiper(0.015), tall), (Riser(0.012, 0.006), flat)):
+        assert run_over(part, row, trap, on(), CONDITIONS, 4, (1,))[0] < 2
+
+
 def test_a_triangle_is_cut_out_of_the_simulated_track():
     triangle = CutOut(points=((0.0, 0.0), (0.03, 0.0), (0.03, 0.02)))
     scene, start, end = simulate._scene(triangle, on(), CONDITIONS, 0.03)

@@ -188,17 +188,18 @@ def test_a_tolerance_makes_a_margin_a_probability():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('name', 'k'), [('hex_nut', 0), ('u_bracket', 0)])
-def test_designs_pass_only_the_wanted_orientation(name, k, part, rows_of):
+@pytest.mark.parametrize('name', ['hex_nut', 'u_bracket'])
+def test_designs_pass_only_the_wanted_orientation(name, part, rows_of):
     shape = part(name)
     rows = rows_of(shape)
+    wanted = rows[0].id
     track = Track(Surface(width=0.08, roll=math.radians(5)))
-    result = design_traps(pass_traps(shape, rows, track, (rows[k].id,)))
-    assert rows[k].id in result.alike
+    result = design_traps(pass_traps(shape, rows, track, (wanted,)))
+    assert wanted in result.alike
     assert result.designs
     mine = np.array([row.id in result.alike for row in rows])
     for design in result.designs:
-        assert design.passage.wanted == (rows[k].id,)
+        assert design.passage.wanted == (wanted,)
         low, high = design.passage.passing
         assert (low[mine] == 1).all()
         assert (high[~mine] == 0).all()
