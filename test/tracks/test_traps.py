@@ -188,9 +188,8 @@ def test_a_tolerance_makes_a_margin_a_probability():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['hex_nut', 'u_bracket'])
-def test_designs_pass_only_the_wanted_orientation(name, part, rows_of):
-    shape = part(name)
+def test_designs_pass_only_the_wanted_orientation(part, rows_of):
+    shape = part('hex_nut')
     rows = rows_of(shape)
     wanted = rows[0].id
     track = Track(Surface(width=0.08, roll=math.radians(5)))

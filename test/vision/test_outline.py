@@ -49,7 +49,7 @@ SHAPES = {
         1,
         False,
     ),
-    'gear': (shapely.Polygon(circle(40) * np.tile([[0.9], [1]], (20, 1))), 20, True),
+    'gear': (shapely.Polygon(circle(24) * np.tile([[0.9], [1]], (12, 1))), 12, True),
     'ratchet': (shapely.Polygon(ratchet(12)), 12, False),
     'l': (shapely.Polygon([(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]), 1, False),
     'equal_l': (shapely.Polygon([(0, 0), (30, 0), (30, 8), (8, 8), (8, 30), (0, 30)]), 1, True),

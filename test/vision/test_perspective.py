@@ -169,8 +169,8 @@ def test_rolling_part_beside_the_foot_point_is_found(solid, known_of):
     """A roller with a hole across it, which shows how far it has rolled."""
     place = trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0))
     place[0, 3] = 3
-    hole = trimesh.creation.cylinder(1.5, 30, sections=16, transform=place)
-    roller = known_of(solid(trimesh.creation.cylinder(6, 30, sections=32).difference(hole)))
+    hole = trimesh.creation.cylinder(1.5, 30, sections=12, transform=place)
+    roller = known_of(solid(trimesh.creation.cylinder(6, 30, sections=24).difference(hole)))
     (k,) = [k for k, views in enumerate(roller.views) if len(views.shapes) > 1]
     views = roller.views[k]
     turned = Rotation.from_euler('z', 1.3)
