@@ -45,20 +45,6 @@ def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
 
 
-@pytest.mark.slow
-def test_runs_are_within_the_prediction_interval(monkeypatch):
-    """Runs three times as long as those that the interval follows from."""
-    monkeypatch.setattr(tray_simulation, 'CYCLES', 30)
-    decide = fixed_cycle(MODEL)
-    low, high = forecast_controller(MODEL, 10, places=density, controller=decide).prediction
-    rates = []
-    for seed in range(100, 120):
-        picked, _ = density_run(decide, MODEL, 600, np.random.default_rng(seed))
-        rates.append(np.searchsorted(picked, 600) / 10)
-    # At least 15 of 20 in 99.9 % of cases, if each is within with 95 %.
-    assert sum(low <= rate <= high for rate in rates) >= 15
-
-
 def test_line_and_variances_of_runs_are_found():
     """Runs of 4 minutes whose rates are known: see the arguments of the normal numbers."""
     generator, number = np.random.default_rng(2), 3000
@@ -89,7 +75,7 @@ def test_interval_contains_what_the_counts_leave_open():
         transitions=np.array([[18, 2, 0], [6, 14, 0]]),
         max_picks=3,
     )
-    model, minutes = ControllerModel(feeder, TABLE, 12), 10
+    model, minutes = ControllerModel(feeder, TABLE, 12), 5
     found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
     low, high = found.prediction
     drawn = drawn_moves(feeder.drop, feeder.transitions, 10, np.random.default_rng(5))
@@ -107,8 +93,8 @@ def test_interval_contains_what_the_counts_leave_open():
 @pytest.mark.slow
 def test_formula_predicts_runs_of_its_cycle():
     """From an empty tray, with parts that are lost and replaced after the next image."""
-    spread = SteadyStates(FEEDER).spread(TABLE, 8)
-    rate = SteadyStates(FEEDER).rates(TABLE)[7]
+    states = SteadyStates(FEEDER)
+    spread, rate = states.spread(TABLE, 8), states.rates(TABLE)[7]
     found = [
         density_run(fixed_cycle(MODEL), MODEL, 300, np.random.default_rng(seed))
         for seed in range(60)
@@ -120,13 +106,7 @@ def test_formula_predicts_runs_of_its_cycle():
     assert deviations.var(ddof=1) == pytest.approx(5 * spread.variance, rel=4 * np.sqrt(2 / 59))
 
 
-def test_clustered_free_parts_vary_more():
-    even = SteadyStates(FEEDER).spread(TABLE, 8).variance
-    table = dataclasses.replace(TABLE, clustering=np.full(12, 0.05))
-    assert SteadyStates(FEEDER).spread(table, 8).variance > 1.02 * even
-
-
-@pytest.mark.parametrize('minutes', [0, np.nan, 1e9])
-def test_invalid_duration_is_refused(minutes):
-    with pytest.raises(InvalidValueError, match='invalid minutes'):
-        forecast_controller(MODEL, minutes)
+def test_invalid_duration_is_refused():
+    for minutes in (0, np.nan, 1e9):
+        with pytest.raises(InvalidValueError, match='invalid minutes'):
+            forecast_controller(MODEL, minutes)

@@ -16,8 +16,6 @@ from resting_aspects_ros.feeding.steady_state import (
     limited_by,
     parts_per_minute,
     picks,
-    sensitivity,
-    time_shares,
 )
 
 TIMES = CycleTimes(robot=1.0, vibrate=0.5, settle=0.3, image=0.2, supply=0.1, place=0.4)
@@ -46,39 +44,16 @@ def test_cycle_time_adds_up_and_overlaps_only_after_a_pick():
     assert CycleTimes(3.0, 0.1, 0.1, 0.1, place=1.5).overlap == pytest.approx(0.3)
 
 
-@given(st.floats(0.01, 5), st.floats(0, 5), st.floats(0, 5), st.floats(0, 5), st.booleans())
-def test_shorter_times_never_lower_the_rate(robot, vibrate, settle, image, overlap):
-    times = CycleTimes(robot, vibrate, settle, image, place=robot / 2 if overlap else 0.0)
-    found = picks(10, np.array(0.3))
-    effects = sensitivity(times, found, found.mean)
-    for shorter, longer in effects.values():
-        assert shorter >= -1e-12
-        assert longer <= 1e-12
-    assert sum(time_shares(times, found, found.mean).values()) == pytest.approx(1)
-
-
-@pytest.mark.parametrize('resource', ['robot', 'vibrate', 'image'])
-def test_longest_time_limits(resource):
+@pytest.mark.parametrize(
+    ('resource', 'name'), [('robot', 'robot'), ('vibrate', 'feeder'), ('image', 'vision')]
+)
+def test_longest_time_limits(resource, name):
     times = dataclasses.replace(CycleTimes(0.1, 0.1, 0.1, 0.1), **{resource: 2.0})
     found = picks(10, np.array(0.3))
-    names = {'vibrate': 'feeder', 'image': 'vision'}
-    assert limited_by(times, found, found.mean) == names.get(resource, resource)
-    effects = sensitivity(times, found, found.mean)
-    assert max(effects, key=lambda each: effects[each][0]) == resource
+    assert limited_by(times, found, found.mean) == name
 
 
-@pytest.mark.parametrize(
-    'wrong',
-    [
-        {'robot': 0.0},
-        {'robot': -1.0},
-        {'vibrate': -0.1},
-        {'settle': math.nan},
-        {'image': math.inf},
-        {'supply': '1'},
-        {'place': 1.5},
-    ],
-)
-def test_wrong_time_is_refused(wrong):
-    with pytest.raises(InvalidValueError, match='expected'):
-        dataclasses.replace(TIMES, **wrong)
+def test_wrong_time_is_refused():
+    for wrong in ({'robot': 0.0}, {'vibrate': -0.1}, {'settle': math.nan}, {'place': 1.5}):
+        with pytest.raises(InvalidValueError, match='expected'):
+            dataclasses.replace(TIMES, **wrong)

@@ -23,11 +23,9 @@ from resting_aspects_ros.feeding.steady_state import CycleTimes
 TIMES = CycleTimes(robot=1.0, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
 PART = Footprint(0.03, 0.02)
 TRAY = Tray((0.2, 0.2), 0.005)
-IDENTITY = np.array([[100, 0], [0, 100]])
-TURNS = np.array([[0, 100], [0, 100]])
 MIXED = np.array([[60, 40], [50, 50]])
 BLOCKED = 0.001  # m
-NONE, WANTED = SeenPart(1), SeenPart(2)
+NONE = SeenPart(1)
 
 
 def model_of(transitions, drop=(60, 40), times=TIMES, number=4, free=None, max_picks=None, **more):
@@ -49,15 +47,9 @@ def model():
     return model_of(MIXED, free=falling(0.1), spread=0.4)
 
 
-def test_part_that_can_be_picked_is_picked():
-    advice = advise([NONE, WANTED], model_of(MIXED))
-    assert advice.choice is Choice.PICK
-    assert advice.picks == (1,)
-
-
 def test_useless_flip_is_not_chosen():
     """A flip that changes no class leaves no way but to supply, or to spread blocked parts."""
-    still = model_of(IDENTITY, spread=0.8, free=falling(0.1))
+    still = model_of(np.diag([100, 100]), spread=0.8, free=falling(0.1))
     assert advise([NONE] * 4, still).choice is Choice.SUPPLY
     blocked = [SeenPart(2, BLOCKED)] * 4
     turning = model_of(np.array([[50, 50], [100, 0]]), spread=0.8, free=falling(0.1))
@@ -67,23 +59,8 @@ def test_useless_flip_is_not_chosen():
 def test_reason_names_what_excludes_the_parts(model):
     parts = [NONE, NONE, SeenPart(0), SeenPart(2, BLOCKED), SeenPart(2, score=0.0)]
     reason = advise(parts, model).reason
-    assert 'none of the 5 parts on the tray can be picked' in reason
-    for text in (
-        '2 in another class',
-        '1 not recognised',
-        '1 without room',
-        '1 with a score below',
-    ):
+    for text in ('2 in another', '1 not recognised', '1 without room', '1 with a score below'):
         assert text in reason
-
-
-def test_certain_flip_is_chosen():
-    certain = model_of(TURNS, spread=0.4, max_supply=0)
-    advice = advise([NONE] * 3, certain)
-    assert advice.choice is Choice.FLIP
-    assert advice.expected[Choice.FLIP].picks == pytest.approx(3)
-    assert advice.expected[Choice.FLIP].seconds == pytest.approx(0.8 + 0.5 + 0.2 + 3 * 1.0)
-    assert advice.expected[Choice.SPREAD].picks == pytest.approx(0)
 
 
 def test_empty_tray_is_supplied_up_to_the_best_number():
@@ -94,9 +71,8 @@ def test_empty_tray_is_supplied_up_to_the_best_number():
 
 
 def test_controller_waits_only_without_parts_and_supply():
-    without = model_of(IDENTITY, max_supply=0)
-    advice = advise([], without)
-    assert advice.choice is Choice.WAIT
+    without = model_of(MIXED, max_supply=0)
+    assert advise([], without).choice is Choice.WAIT
     assert advise([NONE], without).choice is Choice.FLIP
 
 
@@ -122,24 +98,6 @@ def test_part_that_is_hardly_recognised_is_not_picked(model):
     assert advise([SeenPart(2, score=0.9)], strict).choice is not Choice.PICK
 
 
-def test_unrecognised_part_counts_as_one_of_the_mix(model):
-    """A spread of it can bring a pick, as one of a part of the pickable class, but less."""
-    dry = dataclasses.replace(model, max_supply=0)
-    unknown = advise([SeenPart(0)] * 2, dry).expected[Choice.SPREAD].picks
-    known = advise([SeenPart(2, BLOCKED)] * 2, dry).expected[Choice.SPREAD].picks
-    assert unknown == pytest.approx(known * dry.values.mix[1])
-
-
-@given(st.integers(0, 5), st.integers(1, 5))
-def test_more_blocked_pickable_parts_raise_the_value_of_a_spread(wanted, others):
-    found = model_of(MIXED, free=falling(0.05), number=11, spread=0.4, max_supply=0)
-    seen = [SeenPart(2, BLOCKED)] * wanted + [NONE] * others
-    more = [SeenPart(2, BLOCKED)] * (wanted + 1) + [NONE] * (others - 1)
-    few, many = (advise(each, found).expected[Choice.SPREAD] for each in (seen, more))
-    assert many.picks > few.picks
-    assert many.rate > few.rate
-
-
 @pytest.mark.slow
 def test_expected_rate_is_the_forecast_on_average(model):
     """With the decisions of the forecast's cycle, the expected rates average to its rate."""
@@ -154,14 +112,11 @@ def test_expected_rate_is_the_forecast_on_average(model):
         action = Choice.FLIP if rest else Choice.SUPPLY
         chosen = tuple(k for k, part in enumerate(seen) if part not in rest)
         supply = plain.best_number - len(rest)
-        if chosen:
-            return dataclasses.replace(
-                advice, choice=Choice.PICK, picks=chosen, then=action, supply=supply
-            )
-        return dataclasses.replace(advice, choice=action, then=None, supply=supply)
+        choice, then = (Choice.PICK, action) if chosen else (action, None)
+        return dataclasses.replace(advice, choice=choice, picks=chosen, then=then, supply=supply)
 
-    density_run(forecast_cycle, plain, 6000, generator)
-    assert np.mean(found) == pytest.approx(60 * plain.values.rate, rel=0.02)
+    density_run(forecast_cycle, plain, 3000, generator)
+    assert np.mean(found) == pytest.approx(60 * plain.values.rate, rel=0.03)
 
 
 def combinations(rows):
@@ -219,13 +174,3 @@ def test_decisions_are_those_of_enumeration_on_a_tiny_tray(flip):
         action = best_by_enumeration(parts, [0.5, 0.5], moved / 100, times, 40.0, 2)
         advice = advise([SeenPart(kind + 1) for kind in parts], found)
         assert (advice.then if advice.picks else advice.choice) is action, parts
-
-
-@given(st.floats(0.1, 3), st.floats(1.01, 3))
-def test_longer_spread_is_never_worth_more(spread, factor):
-    seen = [SeenPart(2, BLOCKED)] * 2 + [NONE] * 2
-    short, long = (
-        advise(seen, model_of(MIXED, free=falling(0.1), spread=time)).expected[Choice.SPREAD].rate
-        for time in (spread, spread * factor)
-    )
-    assert long < short

@@ -20,7 +20,6 @@ from resting_aspects_ros.feeding.steady_state import (
     drawn_moves,
     moves_of,
     parts_per_minute,
-    picks,
     refilled_later,
     run_spread,
     steady_state,
@@ -107,21 +106,15 @@ def test_fixed_point_is_that_of_iteration(seed, number):
     assert state.supplied == pytest.approx(supplied)
 
 
-@given(st.integers(2, 40), st.integers(1, 40))
-def test_limited_picks_are_consistent_with_their_mix(number, most):
-    state = steady_state(MOVES, FREE, number, most)
-    assert float(number * state.mix @ state.taken) == pytest.approx(float(state.picks.mean), 1e-4)
-    assert (
-        state.picks.mean <= min(most, float(steady_state(MOVES, FREE, number).picks.mean)) + 1e-4
-    )
-
-
 def changed(**values):
     return dataclasses.replace(MODEL, **values)
 
 
-def test_one_part_that_can_always_be_picked_has_a_closed_form():
-    model = changed(pickable=np.ones(3, dtype=bool))
+def test_parts_that_can_always_be_picked_have_a_closed_form():
+    model = changed(pickable=np.ones(3, dtype=bool), tray=Tray((0.2, 0.2), 0.0))
+    found = forecast(model, 8)
+    assert found.rate == pytest.approx(60 * 8 / (1.5 + 8 * 1.25))
+    assert found.state.picks.variance == pytest.approx(0, abs=1e-9)  # a difference of squares
     found = forecast(model, 1)
     seconds = 1.2 + 0.8 + 0.5 + 0.2 + 0.05
     assert found.rate == pytest.approx(60 / seconds)
@@ -132,14 +125,8 @@ def test_one_part_that_can_always_be_picked_has_a_closed_form():
     low, high = found.prediction
     assert expected - 60 / seconds * 1.5 / 3600 < low < high < expected
     assert found.flips_per_part == pytest.approx(0, abs=1e-9)
-    assert found.state.picks.none == pytest.approx(0, abs=1e-9)
-
-
-def test_without_clearance_all_parts_are_picked():
-    model = changed(pickable=np.ones(3, dtype=bool), tray=Tray((0.2, 0.2), 0.0))
-    found = forecast(model, 8)
-    assert found.rate == pytest.approx(60 * 8 / (1.5 + 8 * 1.25))
-    assert found.state.picks.variance == pytest.approx(0, abs=1e-9)  # a difference of squares
+    # With a clearance as large as the tray, each of two parts blocks the other.
+    assert forecast(changed(tray=Tray((0.2, 0.2), 0.2))).best_number == 1
 
 
 @pytest.mark.slow
@@ -156,94 +143,14 @@ def test_action_without_effect_fills_the_tray_with_unpickable_parts():
     assert 0 < many.upper < 0.1
 
 
-@pytest.mark.slow
-def test_aspect_that_never_occurs_gives_no_parts():
-    found = forecast(
-        changed(
-            drop=np.array([90, 10, 0]),
-            transitions=np.array([[90, 10, 0, 0], [50, 50, 0, 0], [1, 1, 1, 0]]),
-            pickable=np.array([False, False, True]),
-        )
-    )
-    assert (found.rate, found.best_number) == (0, None)
-    assert found.trapped.tolist() == [True, True, False]
-    assert found.state.mix == pytest.approx([10 / 12, 2 / 12, 0], abs=0.1)
-
-
-def test_clearance_as_large_as_the_tray_leaves_one_part():
-    model = changed(tray=Tray((0.2, 0.2), 0.2))
-    assert forecast(model).best_number == 1
-    found = forecast(model, 8)
-    assert (found.best_number, found.rate) == (1, pytest.approx(0, abs=1e-6))
-    assert found.prediction == pytest.approx((0, 0), abs=1e-6)
-
-
-def test_part_with_one_aspect_is_always_pickable():
-    one = changed(
-        drop=np.array([50]),
-        transitions=np.array([[45, 0, 0, 0, 5]]),
-        pickable=np.array([True]),
-        footprints=FOOTPRINTS[:1],
-    )
-    found = forecast(one, 5)
-    # Lost parts are missing in the image after the action.
-    parts, taken = 5 - found.state.lost, found.state.taken[0]
-    assert found.free[0] < taken < 1
-    assert found.state.picks.mean == pytest.approx(parts * taken)
-    assert found.state.lost == pytest.approx(parts * (1 - taken) * 0.1)
-    assert found.state.mix == pytest.approx([1])
-
-
-def test_best_number_is_lower_than_that_without_overlaps():
-    found = forecast(MODEL)
-    curve = found.curve
-    assert found.number == found.best_number <= curve.number[curve.rate.argmax()]
-    assert found.rate > 0.9 * curve.rate.max()
-    assert (curve.lower <= curve.rate).all()
-    assert (curve.rate <= curve.upper).all()
-    assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]
-
-
-@pytest.mark.slow
-def test_more_counts_and_longer_runs_narrow_the_intervals():
-    few = forecast(MODEL, 10, minutes=5)
-    many = forecast(changed(drop=100 * DROP, transitions=100 * TRANSITIONS), 10)
-    assert many.upper - many.lower < 0.3 * (few.upper - few.lower)
-    long = forecast(MODEL, 10, minutes=6000)
-    assert np.ptp(few.prediction) > 1.1 * np.ptp(long.prediction)
-    assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
-
-
-@pytest.mark.parametrize(
-    'wrong',
-    [{'number': 0}, {'number': 2.5}, {'number': 10_000}, {'minutes': 0}, {'minutes': math.nan}],
-)
-def test_wrong_values_are_refused(wrong):
-    with pytest.raises(InvalidValueError, match='expected'):
-        forecast(MODEL, **wrong)
-
-
-def test_model_needs_counts_and_a_pickable_aspect():
-    with pytest.raises(InvalidValueError, match='at least one'):
-        changed(pickable=np.zeros(3, dtype=bool))
-    with pytest.raises(InvalidValueError, match='drops'):
-        changed(drop=np.zeros(3, dtype=np.int64))
-    with pytest.raises(InvalidValueError, match='picks'):
-        changed(max_picks=0)
-
-
-@pytest.mark.slow
-def test_forecast_is_finite_if_a_single_part_is_always_picked():
-    # Parts fall into a pickable class, and are in the other one only after a flip.
-    moves = np.zeros((3, 7), dtype=np.int64)
-    moves[0, 6] = moves[1, 0] = moves[2, 6] = 1
-    found = forecast(dataclasses.replace(MODEL, drop=np.array([0, 9, 0]), transitions=moves))
-    assert np.isfinite(found.curve.rate).all()
-    # One cycle with an image and the pick of the only part.
-    assert found.curve.number[0] == 1
-    assert found.curve.rate[0] == pytest.approx(
-        parts_per_minute(TIMES, picks(1, np.array(1.0)), np.array(1.0))
-    )
+def test_wrong_values_are_refused():
+    for wrong in ({'number': 0}, {'number': 2.5}, {'number': 10_000}, {'minutes': math.nan}):
+        with pytest.raises(InvalidValueError, match='expected'):
+            forecast(MODEL, **wrong)
+    nothing = np.zeros(3, dtype=np.int64)
+    for wrong in ({'pickable': nothing.astype(bool)}, {'drop': nothing}, {'max_picks': 0}):
+        with pytest.raises(InvalidValueError, match='expected'):
+            changed(**wrong)
 
 
 @pytest.mark.slow
@@ -252,10 +159,8 @@ def test_forecast_is_finite_if_a_single_part_is_always_picked():
 def test_interval_of_the_rate_contains_it_at_the_border(data):
     row = st.lists(st.integers(0, 2), min_size=7, max_size=7).filter(any)
     drop = np.array(data.draw(st.lists(st.integers(0, 2), min_size=3, max_size=3).filter(any)))
-    model = dataclasses.replace(
-        MODEL, drop=drop, transitions=np.array([data.draw(row) for _ in range(3)])
-    )
-    found = forecast(model, 3)
+    transitions = np.array([data.draw(row) for _ in range(3)])
+    found = forecast(changed(drop=drop, transitions=transitions), 3)
     assert found.lower <= found.rate <= found.upper
     assert found.prediction[0] <= found.prediction[1]
     assert (found.curve.lower <= found.curve.rate).all()

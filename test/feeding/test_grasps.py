@@ -8,7 +8,6 @@ import shapely
 import yaml
 from shapely import affinity
 
-from resting_aspects_ros.api.forecast import footprints_of
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding import footprint
@@ -28,17 +27,13 @@ DOWN = (0.0, 0.0, 0.0, 1.0)  # z of the part points down in aspect 1
 
 @pytest.fixture(scope='module')
 def known(part):
-    return known_part(part('l_bracket'))
+    return known_part(part('l_bracket'), dict.fromkeys(range(1, 6), 1.0))
 
 
-@pytest.fixture
-def written(tmp_path):
-    def written(content):
-        path = tmp_path / 'grasps.yaml'
-        path.write_text(yaml.safe_dump(content), encoding='utf-8')
-        return path
-
-    return written
+def load(folder, content):
+    path = folder / 'grasps.yaml'
+    path.write_text(yaml.safe_dump(content), encoding='utf-8')
+    return load_grasps(path)
 
 
 def grasp(**changes):
@@ -46,13 +41,13 @@ def grasp(**changes):
     return {**values, **changes}
 
 
-def test_file_states_grasps_in_si_units(known, written):
+def test_file_states_grasps_in_si_units(known, tmp_path):
     cup, fingers = load_grasps(FILE)
     assert cup.position == pytest.approx([0.015, 0.005, 0])
     assert (cup.length, cup.width, cup.radius) == (0, 0, pytest.approx(0.003))
     assert (fingers.length, fingers.width, fingers.radius) == pytest.approx((0.02, 0.006, 0))
     check_grasps((cup, fingers), known.placements, [1])
-    inches = load_grasps(written({'unit': 'in', 'grasps': [grasp(position=[1, 0, 0])]}))
+    inches = load(tmp_path, {'unit': 'in', 'grasps': [grasp(position=[1, 0, 0])]})
     assert inches[0].position == pytest.approx([0.0254, 0, 0])
 
 
@@ -60,21 +55,17 @@ def test_file_states_grasps_in_si_units(known, written):
     ('content', 'words'),
     [
         (None, 'keys unit, grasps'),
-        ({'grasps': []}, 'expected at least one'),
         ({'grasps': [grasp()], 'unit': 'px'}, "invalid unit 'px'"),
         ({'grasps': [grasp(), {'aspect': 1}]}, 'grasp 2.*has no position'),
         ({'grasps': [grasp(force=3)]}, "invalid key 'force'.*grasp 1"),
-        ({'grasps': [grasp(aspect=True)]}, 'invalid aspect True in grasp 1'),
         ({'grasps': [grasp(position=[1, 2, math.nan])]}, 'expected 3 numbers'),
         ({'grasps': [grasp(orientation=[0, 0, 0, 2])]}, 'unit quaternion xyzw'),
         ({'grasps': [grasp(footprint='6 mm')]}, "invalid footprint '6 mm' in"),
-        ({'grasps': [grasp(footprint=10**400)]}, 'invalid footprint'),
-        ({'grasps': [grasp(footprint=[3, -1])]}, 'invalid footprint'),
     ],
 )
-def test_invalid_file_is_refused_with_the_number_of_the_grasp(written, content, words):
+def test_invalid_file_is_refused_with_the_number_of_the_grasp(tmp_path, content, words):
     with pytest.raises(InvalidValueError, match=words):
-        load_grasps(written(content))
+        load(tmp_path, content)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +102,7 @@ def test_grip_covers_the_area_of_the_gripper(known):
 
 
 @pytest.mark.slow
-def test_any_free_grip_is_sufficient(known, monkeypatch):
+def test_any_free_grip_is_sufficient(monkeypatch):
     """The share of free parts grows with each grip, and is 1 if the gripper is within the part."""
     monkeypatch.setattr(footprint, 'PLACED', 3000)
     tray = Tray((0.2, 0.2), 0.0)
@@ -127,12 +118,7 @@ def test_any_free_grip_is_sufficient(known, monkeypatch):
     # A class without grips only needs the clearance, which is 0 here.
     assert both[1] == 1
     # A grip in the middle is the gripper of the tray.
-    alone = free_shares(
-        Tray((0.2, 0.2), 0.0, wide.footprint), [Footprint(0.03, 0.02)], np.ones(1), 1
-    )
+    gripped = Tray((0.2, 0.2), 0.0, wide.footprint)
+    alone = free_shares(gripped, [Footprint(0.03, 0.02)], np.ones(1), 1)
     same = free_shares(tray, [Footprint(0.03, 0.02, 0.0, (wide,))], np.ones(1), 1)
     np.testing.assert_array_equal(alone.free, same.free)
-    (first, *_) = footprints_of(
-        known.part, known.aspects, known.aspects.classes(), load_grasps(FILE)
-    )
-    assert len(first.grips) == 2

@@ -45,66 +45,49 @@ def tray():
 
 def test_picked_part_leaves_the_others(tray):
     assert tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW) == ''
-    assert (tray.epoch, left(tray)) == (1, [0, 2])
+    assert not tray.add_image(image(time=NOW - SECOND), NOW)  # it arrives twice
     assert tray.add_result(PickOutcome.PICKED, 1, 0, NOW, NOW) == ''
     assert (tray.epoch, left(tray)) == (2, [2])
-
-
-@pytest.mark.parametrize('outcome', [PickOutcome.MISSED, PickOutcome.DROPPED, PickOutcome.MOVED])
-def test_other_results_make_everything_stale(tray, outcome):
-    assert tray.add_result(outcome, 1, 1, NOW, NOW) == ''
-    assert (tray.epoch, left(tray)) == (1, None)
-    assert tray.newest.number == 1
+    # A second pick of a part is not understood.
+    assert 'invalid detection 1 of image 1' in tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
+    assert left(tray) is None
 
 
 @pytest.mark.parametrize(
-    ('outcome', 'number', 'index'),
+    ('outcome', 'number', 'index', 'problem'),
     [
-        (PickOutcome.PICKED, 1, 3),
-        (PickOutcome.PICKED, 2, 0),
-        (PickOutcome.MISSED, 7, 0),
-        (None, 1, 0),
+        (PickOutcome.MISSED, 1, 1, ''),
+        (PickOutcome.DROPPED, 1, 1, ''),
+        (PickOutcome.MOVED, 1, 1, ''),
+        (PickOutcome.PICKED, 1, 3, 'expected a detection'),
+        (PickOutcome.PICKED, 2, 0, 'expected one of image 1'),
+        (None, 1, 0, 'expected PICKED'),
     ],
 )
-def test_result_that_is_not_understood_makes_everything_stale(tray, outcome, number, index):
-    assert 'expected' in tray.add_result(outcome, number, index, NOW, NOW)
-    assert (tray.epoch, left(tray)) == (1, None)
+def test_other_results_make_everything_stale(tray, outcome, number, index, problem):
+    found = tray.add_result(outcome, number, index, NOW, NOW)
+    assert problem in found
+    assert bool(found) == bool(problem)
+    assert (tray.epoch, left(tray), tray.newest.number) == (1, None, 1)
 
 
-def test_second_pick_of_a_part_is_not_understood(tray):
-    tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
-    assert 'invalid detection 1 of image 1' in tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
-    assert left(tray) is None
-    empty = TrayState()
-    assert 'expected none before' in empty.add_result(PickOutcome.PICKED, 0, 0, 0, NOW)
-    assert empty.epoch == 1
-
-
-def test_image_exposed_before_a_result_is_stale(tray):
-    tray.add_result(PickOutcome.MOVED, 0, 0, NOW, NOW + SECOND)
-    assert not tray.add_image(image(2, NOW - 1), NOW + SECOND)
+@pytest.mark.parametrize('time', [NOW, 0])  # 0: now
+def test_image_exposed_before_a_result_is_stale(tray, time):
+    tray.add_result(PickOutcome.MOVED, 0, 0, time, NOW)
+    assert not tray.add_image(image(2, NOW - 1), NOW)
     assert (left(tray), tray.stale) == (None, 1)
-    assert tray.add_image(image(3, NOW), NOW + SECOND)
+    assert tray.add_image(image(3, NOW), NOW)
     assert left(tray) == [0, 1, 2]
 
 
-@pytest.mark.parametrize('outcome', [PickOutcome.PICKED, PickOutcome.MISSED, PickOutcome.MOVED])
-def test_late_report_does_not_touch_a_newer_image(tray, outcome):
-    tray.add_image(image(2, NOW), NOW)
-    assert tray.add_result(outcome, 1, 0, NOW, NOW) == ''
-    assert (tray.epoch, left(tray)) == (1, [0, 1, 2])
-
-
-def test_pick_after_a_newer_image_makes_it_stale(tray):
-    tray.add_image(image(2, NOW), NOW)
+def test_late_report_does_not_touch_a_newer_image(tray):
+    assert tray.add_image(image(0, NOW), NOW)  # a camera may number from 0 again
+    for epoch, outcome in enumerate((PickOutcome.PICKED, PickOutcome.MISSED, PickOutcome.MOVED)):
+        assert tray.add_result(outcome, 1, 0, NOW, NOW) == ''
+        assert (tray.epoch, left(tray)) == (epoch + 1, [0, 1, 2])
+    # It was over after the exposure.
     assert tray.add_result(PickOutcome.PICKED, 1, 0, NOW + 1, NOW + 1) == ''
-    assert (tray.epoch, left(tray)) == (1, None)
-
-
-def test_result_without_a_time_is_over_now(tray):
-    tray.add_result(PickOutcome.MOVED, 0, 0, 0, NOW)
-    assert not tray.add_image(image(2, NOW - 1), NOW)
-    assert tray.add_image(image(3, NOW), NOW)
+    assert left(tray) is None
 
 
 def test_result_from_the_future_is_over_now(tray):
@@ -114,12 +97,6 @@ def test_result_from_the_future_is_over_now(tray):
     assert tray.add_image(image(2, NOW), NOW)
 
 
-def test_image_that_arrives_twice_is_used_once(tray):
-    tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
-    assert not tray.add_image(image(time=NOW - SECOND), NOW)
-    assert left(tray) == [0, 2]
-
-
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
@@ -127,7 +104,6 @@ def test_image_that_arrives_twice_is_used_once(tray):
         ({'number': 1, 'time': NOW}, 'another one than that of the previous image'),
         ({'number': 2, 'time': NOW + CLOCK_TOLERANCE + 1}, 'expected none in the future'),
         ({'number': 2, 'time': NOW - MAX_AGE - 1}, 'it is 10.0 s ago'),
-        ({'number': 2, 'time': 0}, 'at most 10 s ago'),
         ({'number': 2, 'frame': '/tray'}, 'expected the name of a frame'),
     ],
 )
@@ -135,11 +111,6 @@ def test_invalid_image_changes_nothing(tray, changes, message):
     with pytest.raises(InvalidValueError, match=message):
         tray.add_image(image(**changes), NOW)
     assert (tray.newest.number, left(tray)) == (1, [0, 1, 2])
-
-
-def test_camera_that_numbers_from_0_again_is_accepted(tray):
-    assert tray.add_image(image(0, NOW, 1), NOW)
-    assert left(tray) == [0]
 
 
 def test_clock_that_is_set_back_is_followed(tray):
@@ -181,24 +152,14 @@ def test_no_detection_is_older_than_what_moved_the_tray(events):
             assert not picked.intersection(left(tray))
 
 
-def test_class_is_known_by_its_number():
-    assert known_class(detection(class_id='3'), 3) == 3
-    assert known_class(detection(class_id=''), 3) == 0
-
-
 @pytest.mark.parametrize(
     ('field', 'value'),
     [
         ('x', math.nan),
-        ('y', -math.inf),
-        ('yaw', math.nan),
         ('y', 10.5),
         ('score', 1.1),
-        ('score', math.nan),
-        ('clearance', math.nan),
         ('clearance', -1e-9),
         ('class_id', '4'),
-        ('class_id', '0'),
         ('class_id', '١'),
         ('class_id', 'nut'),
     ],
@@ -206,3 +167,4 @@ def test_class_is_known_by_its_number():
 def test_invalid_detection_has_no_class(field, value):
     with pytest.raises(InvalidValueError, match=f'invalid {field} .* of detection 0: expected'):
         known_class(detection(**{field: value}), 3)
+    assert [known_class(detection(class_id=text), 3) for text in ('3', '')] == [3, 0]

@@ -92,7 +92,8 @@ def room(pool, opener, shown, tmp_path):
 
 @pytest.fixture
 def bracket(room, shown):
-    """The room with the L bracket, after its first drops."""
+    """The room with the L bracket, after its first 400 drops."""
+    room.change('drops', 400)
     room.open(Source('l_bracket'))
     shown.wait('bars', lambda message: message.get('caption'))
     return room

@@ -72,15 +72,15 @@ def choose(page, name='l_bracket'):
     done(page)
 
 
-def done(page, drops='2,000'):
-    page.locator('#panel-aspects .row .count', has_text=f'of {drops}').first.wait_for()
+def done(page):
+    page.locator('#panel-aspects .row .count', has_text='of 2,000').first.wait_for()
 
 
-def share(page, row=0):
+def share(page, row):
     return page.locator('#panel-aspects .row .number b').nth(row).inner_text()
 
 
-def test_slider_changes_the_bars_and_a_reload_keeps_it(browser, address):
+def test_changes_by_mouse_and_keyboard_outlive_a_reload(browser, address):
     with opened(browser, address) as page:
         choose(page)
         before = [share(page, k) for k in range(5)]
@@ -94,20 +94,40 @@ def test_slider_changes_the_bars_and_a_reload_keeps_it(browser, address):
         assert [share(page, k) for k in range(5)] != before
         page.locator('.pick').nth(1).click()
         page.locator('[data-text=pickable]', has_text='pickable').first.wait_for()
+        page.locator('#tab-aspects').focus()
+        page.keyboard.press('ArrowRight')
+        assert page.locator('#tab-outlines').get_attribute('aria-selected') == 'true'
+        page.locator('#panel-outlines table').first.wait_for()
+        page.keyboard.press('Home')
+        page.locator('input[type=range][data-set="condition.friction"]').focus()
+        page.keyboard.press('ArrowRight')
+        page.locator('[data-text=caption]', has_text='friction').first.wait_for()
         page.reload()
         done(page)
         field = page.locator('input[type=number][data-set="condition.restitution"]')
         assert field.input_value() == '0.1'
         assert page.locator('.pick').nth(1).get_attribute('aria-pressed') == 'true'
+        # Every control has a name.
+        unnamed = page.evaluate(
+            """() => [...document.querySelectorAll('button, input, select, a')].filter((e) =>
+                !e.hidden && !(e.getAttribute('aria-label') || e.labels?.length || e.innerText))
+                .map((e) => e.outerHTML)"""
+        )
+        assert unnamed == []
 
 
-def test_dropped_file_and_its_3d_view(browser, address, tmp_path):
-    path = tmp_path / 'My Crate.stl'
-    trimesh.creation.box((10, 20, 30)).export(path)
+def test_dropped_file_its_3d_view_and_its_traps(browser, address, tmp_path):
+    bodies = [trimesh.creation.box((10, 20, 30)), trimesh.creation.box((5, 6, 7))]
+    bodies[1].apply_translation((50, 0, 0))
+    trimesh.util.concatenate(bodies).export(tmp_path / 'My Crates.stl')
+    (tmp_path / 'bad.stl').write_bytes(b'nothing')
     with opened(browser, address) as page:
-        page.locator('#file').set_input_files(path)
+        page.locator('#file').set_input_files(tmp_path / 'My Crates.stl')
+        page.locator('#problem', has_text='choose one').wait_for()
+        page.locator('[data-again=body]').first.select_option('2: 5 x 6 x 7 mm')
         done(page)
-        assert page.locator('#name').inner_text() == 'my_crate'
+        assert '5 x 6 x 7 mm' in page.locator('#facts').inner_text()
+        assert not page.locator('#problem').is_visible()
         view = page.locator('#stage canvas')
         assert view.bounding_box()['width'] > 200
         before = view.screenshot()
@@ -118,26 +138,8 @@ def test_dropped_file_and_its_3d_view(browser, address, tmp_path):
         # The view stays in sight.
         page.locator('#panel-aspects .row:visible').last.scroll_into_view_if_needed()
         assert page.locator('#stage').bounding_box()['y'] < 100
-        (tmp_path / 'bad.stl').write_bytes(b'nothing')
-        page.locator('#file').set_input_files(tmp_path / 'bad.stl')
-        page.locator('#problem', has_text='bad.stl').wait_for()
-        assert page.locator('#name').inner_text() == 'my_crate'
-
-
-def test_one_body_of_a_file_and_traps_of_ones_own(browser, address, tmp_path):
-    bodies = [trimesh.creation.box((10, 20, 30)), trimesh.creation.box((5, 6, 7))]
-    bodies[1].apply_translation((50, 0, 0))
-    trimesh.util.concatenate(bodies).export(tmp_path / 'two.stl')
-    with opened(browser, address) as page:
-        page.locator('#file').set_input_files(tmp_path / 'two.stl')
-        page.locator('#problem', has_text='choose one').wait_for()
-        page.locator('[data-again=body]').first.select_option('2: 5 x 6 x 7 mm')
-        done(page)
-        assert '5 x 6 x 7 mm' in page.locator('#facts').inner_text()
-        assert not page.locator('#problem').is_visible()
         page.locator('#tab-track').click()
-        proposed = page.locator('[data-set="trap.all"]', has_text='Change')
-        proposed.click()
+        page.locator('[data-set="trap.all"]', has_text='Change').click()
         page.get_by_label('Remove trap 1').wait_for()
         for kind in ('wiper', 'wiper'):  # the list is ready for the same kind again
             count = page.locator('[data-set="trap.remove"]').count()
@@ -145,38 +147,17 @@ def test_one_body_of_a_file_and_traps_of_ones_own(browser, address, tmp_path):
             page.locator('[data-set="trap.remove"]').nth(count).wait_for()
         page.locator('[data-set="trap.remove"]').last.click()
         page.locator('[data-set="trap.remove"]').nth(count).wait_for(state='detached')
-        height = page.locator(f'input[type=number][id="trap.{count}.height"]')
-        height.fill('4.5')
+        page.locator(f'input[type=number][id="trap.{count}.height"]').fill('4.5')
         page.locator('[data-slot=track]', has_text='height 4.5 mm').wait_for()
-
-
-def test_keyboard_alone(browser, address):
-    with opened(browser, address) as page:
-        choose(page)
-        page.locator('#tab-aspects').focus()
-        page.keyboard.press('ArrowRight')
-        assert page.locator('#tab-outlines').get_attribute('aria-selected') == 'true'
-        page.locator('#panel-outlines table').first.wait_for()
-        page.keyboard.press('Home')
-        page.locator('input[type=range][data-set="condition.friction"]').focus()
-        page.keyboard.press('ArrowRight')
-        page.locator('[data-text=caption]', has_text='friction').first.wait_for()
-        page.locator('.pick').first.focus()
-        page.keyboard.press('Enter')
-        page.locator('.pick[aria-pressed=true]').first.wait_for()
-        # Every control has a name.
-        unnamed = page.evaluate(
-            """() => [...document.querySelectorAll('button, input, select, a')].filter((e) =>
-                !e.hidden && !(e.getAttribute('aria-label') || e.labels?.length || e.innerText))
-                .map((e) => e.outerHTML)"""
-        )
-        assert unnamed == []
+        page.locator('#file').set_input_files(tmp_path / 'bad.stl')
+        page.locator('#problem', has_text='bad.stl').wait_for()
+        assert page.locator('#name').inner_text() == 'my_crates'
 
 
 def test_dark_telephone_needs_no_horizontal_scroll(browser, address):
     size = {'width': 390, 'height': 780}
     with opened(browser, address, viewport=size, color_scheme='dark') as page:
-        choose(page)
+        choose(page, 'hex_nut')
         page.locator('.pick').first.click()
         for tab in page.locator('[role=tab]').all():
             tab.click()

@@ -2,22 +2,18 @@
 
 import argparse
 import asyncio
+import contextlib
 import os
 import signal
-import sys
 import threading
-import time
 import urllib.request
 import webbrowser
 from pathlib import Path
-
-from aiohttp import ClientSession
+from types import SimpleNamespace
 
 from resting_aspects_ros.cli.verbs.studio import run
-from resting_aspects_ros.simulation.workers import LocalWorkers
-from resting_aspects_ros.studio import opening
-from resting_aspects_ros.studio.opening import Opener
-from resting_aspects_ros.studio.server import ROOM_LIFE, Studio, serve
+from resting_aspects_ros.studio import server
+from resting_aspects_ros.studio.server import ROOM_LIFE, Studio
 
 
 def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
@@ -37,111 +33,50 @@ def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
     assert pages == [200]
 
 
-def test_parts_that_are_opened_at_the_same_time_do_not_take_each_others_process(monkeypatch):
-    class Process:
-        def __init__(self):
-            time.sleep(0.002)  # so that the other thread waits for it
-
-        def open(self, *_):
-            return 'opened'
-
-        def end(self):
-            pass
-
-    monkeypatch.setattr(opening, 'OpeningProcess', Process)
-    opener, found = Opener(), []
-
-    def open_some():
-        found.extend(opener.open(None, lambda _: None, lambda: False) for _ in range(100))
-
-    threads = [threading.Thread(target=open_some) for _ in range(2)]
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-4)
-    try:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(before)
-    assert len(found) == 200
-
-
-def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
-    async def main():
-        studio, over = Studio(['l_bracket']), asyncio.Event()
-        studio._tools = LocalWorkers(2), opener
-        make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
-        address = asyncio.get_running_loop().create_future()
-
-        async def slow():
-            started.set()
-            await closed.wait()
-            return await make()
-
-        monkeypatch.setattr(studio, '_new_seat', slow)
-        server = asyncio.create_task(serve(studio, 0, address.set_result, over.is_set))
-        async with ClientSession() as session:
-            url = f'{await address}socket'
-            socket = await session.ws_connect(url, origin=f'http://127.0.0.1:{studio.port}')
-            await socket.send_str('{"room": ""}')
-            await started.wait()
-        await asyncio.sleep(0.1)
-        closed.set()
-        while not any(seat.left for seat in studio.seats.values()):  # when the tab has left
-            await asyncio.sleep(0.01)
-        left = [seat.socket for seat in studio.seats.values()]
-        over.set()
-        await server
-        return left
-
-    assert asyncio.run(asyncio.wait_for(main(), 600)) == [None]
-
-
 def test_upload_that_fails_is_removed_and_is_one_sentence(served, joined, monkeypatch):
-    class Full:
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def write(self, _):
-            raise OSError(28, 'No space left on device')
+    def full(*_):
+        raise OSError(28, 'No space left on device')
 
     async def task(client, studio):
         browser = await joined(client, studio)
-        monkeypatch.setattr(Path, 'open', lambda *_: Full())
+        file = contextlib.nullcontext(SimpleNamespace(write=full))
+        monkeypatch.setattr(Path, 'open', lambda *_: file)
         address = f'/{studio.token}/part/{browser.room}/first?name=part.stl'
         answer = await client.put(address, data=b'x')
-        return (
-            answer.status,
-            await answer.text(),
-            list(studio.seats[browser.room].room.folder.iterdir()),
-        )
+        left = list(studio.seats[browser.room].room.folder.iterdir())
+        return answer.status, await answer.text(), left
 
-    status, text, left = served(task)
-    assert (status, left) == (507, [])
-    assert text == 'part.stl was not stored: No space left on device'
+    text = 'part.stl was not stored: No space left on device'
+    assert served(task) == (507, text, [])
 
 
 def test_reload_restores_the_room_and_its_settings(served, joined):
     async def task(client, studio):
         first = await joined(client, studio)
+        address = f'/{studio.token}/file/{first.room}/distribution.json'
+        missing = await client.get(address)
+        assert missing.status == 409
+        assert 'missing part' in await missing.text()
+        await first.send(set='drops', to=400)
         await first.send(example='l_bracket')
         await first.wait('bars', lambda message: message.get('caption'))
         await first.send(set='condition.friction', to='0.4', number=1)
         await first.wait('values', lambda message: message.get('number') == 1)
+        # A file is an attachment.
+        file = await client.get(address)
+        assert file.status == 200
+        assert file.headers['Content-Disposition'].startswith('attachment')
+        assert 'sandbox' in file.headers['Content-Security-Policy']
         await first.socket.close()
         again = await joined(client, studio, first.room)
+        assert first.room == again.room
         found = {}
         while not {'part', 'scene', 'values', 'bars', 'aspects'} <= set(found):
             message = await again.socket.receive_json()
             found[message['topic']] = message
-        return first.room == again.room, found
+        return found
 
-    same, found = served(task)
-    assert same
+    found = served(task)
     assert found['values']['values']['condition.friction'] == '0.4'
     assert found['part']['name'] == 'l_bracket'
 
@@ -156,17 +91,16 @@ def test_window_that_copies_a_key_gets_its_own_room(served, joined):
     async def task(client, studio):
         first = await joined(client, studio)
         second = await joined(client, studio, first.room)
-        await first.send(set='condition.friction', to='0.4', number=1)
-        await second.send(set='condition.friction', to='0.6', number=1)
-        values = [
-            await each.wait('values', lambda message: message.get('number') == 1)
-            for each in (first, second)
-        ]
-        return first.room, second.room, [each['values']['condition.friction'] for each in values]
+        assert first.room != second.room
+        frictions = []
+        for tab, friction in ((first, '0.4'), (second, '0.6')):
+            await tab.send(set='condition.friction', to=friction, number=1)
+        for tab in (first, second):
+            found = await tab.wait('values', lambda message: message.get('number') == 1)
+            frictions.append(found['values']['condition.friction'])
+        return frictions
 
-    one, other, frictions = served(task, clock=clock)
-    assert one != other
-    assert frictions == ['0.4', '0.6']
+    assert served(task, clock=clock) == ['0.4', '0.6']
 
 
 def test_room_ends_some_time_after_its_tab(served, joined):
@@ -194,12 +128,13 @@ def test_end_leaves_no_thread_and_no_file(served, joined):
 
     async def task(client, studio):
         folders.append(studio.folder)
+        assert studio.folder.stat().st_mode & 0o077 == 0
         await joined(client, studio)
         await joined(client, studio)
 
     served(task)
-    left = [t for t in threading.enumerate() if t not in before and t.name != 'asyncio_0']
-    assert not [t for t in left if t.name in ('room', 'opening') or t.name.startswith('drops')]
+    left = [thread.name for thread in threading.enumerate() if thread not in before]
+    assert not [name for name in left if name.startswith(('room', 'opening', 'drops'))]
     assert not folders[0].exists()
 
 
@@ -215,26 +150,7 @@ def test_tab_is_told_that_the_server_ends(served, joined):
     assert served(task) == 1001
 
 
-def test_download_is_an_attachment(served, joined):
-    async def task(client, studio):
-        browser = await joined(client, studio)
-        address = f'/{studio.token}/file/{browser.room}/distribution.json'
-        missing = await client.get(address)
-        await browser.send(example='l_bracket')
-        await browser.wait('bars', lambda message: message.get('caption'))
-        found = await client.get(address)
-        return missing.status, await missing.text(), found.status, found.headers
-
-    status, text, good, headers = served(task)
-    assert (status, good) == (409, 200)
-    assert 'missing part' in text
-    assert headers['Content-Disposition'].startswith('attachment')
-    assert 'sandbox' in headers['Content-Security-Policy']
-
-
 def test_at_most_some_rooms(served, joined, monkeypatch):
-    from resting_aspects_ros.studio import server
-
     monkeypatch.setattr(server, 'MAX_ROOMS', 1)
 
     async def task(client, studio):
@@ -245,13 +161,3 @@ def test_at_most_some_rooms(served, joined, monkeypatch):
         return await socket.receive_json()
 
     assert 'close one' in served(task)['text']
-
-
-def test_each_studio_has_its_own_folder():
-    one, other = Studio([]), Studio([])
-    try:
-        assert one.folder != other.folder
-        assert one.folder.stat().st_mode & 0o077 == 0
-    finally:
-        for each in (one, other):
-            each.folder.rmdir()

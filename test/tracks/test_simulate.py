@@ -1,7 +1,6 @@
 """Parts that run over traps in Bullet: what is certain by mechanics, and the counts of a track."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from resting_aspects_ros.tracks.simulate import (
     run_track,
 )
 from resting_aspects_ros.tracks.traps import (
-    AirJet,
     Arrival,
     Balcony,
     Canyon,
@@ -77,28 +75,26 @@ def test_most_parts_that_lie_flat_have_the_certain_outcome(box, trap, values, ou
 @pytest.mark.parametrize(
     ('length', 'outcomes'),
     [
-        (14.5, {0.05: 'pass', 0.1: 'pass', 0.2: 'pass', 0.4: 'pass'}),
-        (16.0, {0.05: 'jam', 0.2: 'pass', 0.4: 'pass'}),
-        (17.0, {0.05: 'reject', 0.1: 'reject', 0.4: 'pass'}),
-        (18.0, {0.05: 'reject', 0.1: 'reject', 0.2: 'reject'}),
-        (20.0, {0.05: 'reject', 0.1: 'reject', 0.2: 'reject', 0.4: 'reject'}),
+        (14.5, {0.05: 'pass', 0.4: 'pass'}),
+        (16.0, {0.05: 'jam', 0.2: 'pass'}),
+        (17.0, {0.05: 'reject', 0.4: 'pass'}),
+        (20.0, {0.05: 'reject', 0.4: 'reject'}),
     ],
 )
 def test_a_box_over_a_gap_at_a_speed(box, length, outcomes):
     # The critical length is 15 mm; two plates in another simulation gave these outcomes.
     part, flat = box
     for speed, expected in outcomes.items():
-        counts = run_over(part, flat, Gap(length / 1e3), on(speed, **SMOOTH), CONDITIONS, 4, (1,))
+        counts = run_over(part, flat, Gap(length / 1e3), on(speed, **SMOOTH), CONDITIONS, 3, (1,))
         assert OUTCOMES[int(counts.argmax())] == expected
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('roll', [2, 15])
-def test_parts_at_rest_1_mm_off_the_critical_width(part, rows_of, roll):
-    # Slow parts on a long balcony: convex contacts, and one that is not convex.
+def test_parts_at_rest_1_mm_off_the_critical_width(part, rows_of):
+    # Slow parts on a long balcony: a contact that is not convex, and one that is.
     shape = part('u_bracket')
-    track = on(0.02, width=0.2, roll=math.radians(roll), wall={'friction': 0.0})
-    for row in rows_of(shape)[:6]:
+    track = on(0.02, width=0.2, roll=math.radians(15), wall={'friction': 0.0})
+    for row in rows_of(shape)[:2]:
         trap = Balcony(0.02)
         width = trap.critical(Arrival(row, track.surface, shape), 'width')
         for off, expected in ((1e-3, 'pass'), (-1e-3, 'reject')):
@@ -123,15 +119,6 @@ def test_a_triangle_is_cut_out_of_the_simulated_track():
     assert area == pytest.approx(0.03 * 0.04 - 0.03 * 0.02 / 2, rel=1e-3)
 
 
-def test_more_parts_repeat_the_first_ones(box):
-    part, flat = box
-    found = [
-        run_over(part, flat, Gap(0.0162), on(0.1), CONDITIONS, count, (1,)) for count in (2, 3, 6)
-    ]
-    for fewer, more in pairwise(found):
-        assert (more >= fewer).all()
-
-
 @pytest.mark.slow
 def test_parts_of_a_trap_are_those_that_passed_the_one_before(box, rows_of):
     part, flat = box
@@ -148,11 +135,9 @@ def test_parts_of_a_trap_are_those_that_passed_the_one_before(box, rows_of):
         for trap in (1, 2):
             assert runs.counts[trap, row].sum() == runs.counts[trap - 1, row, 0]
     assert runs.simulated == (True, False, True)
-    assert isinstance(passage.track.traps[1], AirJet)
     k = flat.id - 1
     assert runs.share(2, k) is None
     assert runs.agrees(2, k, 'pass') is None
-    assert runs.agrees(1, k, 'reject') is None
 
 
 def test_statics_agrees_only_with_an_interval_on_its_side():
@@ -165,7 +150,7 @@ def test_statics_agrees_only_with_an_interval_on_its_side():
 
 @pytest.mark.slow
 def test_the_grey_band_contains_the_critical_width(box, monkeypatch):
-    monkeypatch.setattr(simulate, 'PARTS', 6)
+    monkeypatch.setattr(simulate, 'PARTS', 4)
     part, flat = box
     critical = 0.010 - 0.005 * np.tan(np.radians(5))
     wanted, other = (

@@ -9,13 +9,9 @@ import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks import support
-from resting_aspects_ros.tracks.description import Track, read_track
+from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.design import (
     Band,
-    _Best,
-    _Option,
-    _Search,
-    asymmetric_cut,
     design_traps,
 )
 from resting_aspects_ros.tracks.orientations import mirror_images
@@ -127,24 +123,20 @@ def test_a_square_rejects_what_the_circle_within_it_rejects(box):
     [
         ('t_prism', CutOut(points=((0, 0), (0.01, 0), (0.004, 0.03)))),
         ('l_bracket', Scallop(0.015, 0.01)),
-        (
-            'l_bracket',
-            CutOut(points=((0, 0), (0.2, 0), (0.2, 0.0005), (0.01, 0.0005), (0.004, 0.03))),
-        ),
     ],
-    ids=['oblique', 'round', 'long'],
+    ids=['oblique', 'round'],
 )
 def test_places_between_events_do_not_change_a_critical_value(
     part, rows_of, monkeypatch, name, trap
 ):
     shape = part(name)
-    arrivals = [(shape, rows_of(shape)[0])]
-    found = [critical(trap, each) for each in arrivals]
+    case = shape, rows_of(shape)[0]
+    found = critical(trap, case)
     monkeypatch.setattr(support, 'STEP', 5e-5)
-    finer = [critical(trap, each) for each in arrivals]
+    finer = critical(trap, case)
     length = trap.unit if isinstance(trap, CutOut) else 1.0
-    assert np.isfinite(finer).any()
-    np.testing.assert_allclose(length * np.array(found), length * np.array(finer), atol=2e-5)
+    assert np.isfinite(finer)
+    assert length * found == pytest.approx(length * finer, abs=2e-5)
 
 
 def test_the_margin_of_a_cut_out_is_a_length(box):
@@ -165,18 +157,6 @@ def test_an_air_jet_needs_more_than_the_friction(box):
     assert AirJet(0.002, 1.01 * limit).outcome(arrival).outcome == 'reject'
     assert AirJet(0.002, 0.99 * limit).outcome(arrival).outcome == 'pass'
     assert AirJet(0.011, 10 * limit).outcome(arrival).outcome == 'pass'
-
-
-def test_parts_that_an_air_jet_reaches_but_cannot_move_pass(part, rows_of):
-    nut = part('hex_nut')
-    rows = rows_of(nut)
-    weak = Track(Surface(width=0.03), traps=(AirJet(0.001, 1e-4),))
-    for tolerance in (None, Tolerance(part=1e-4)):
-        found = pass_traps(nut, rows, weak, (1,), tolerance)
-        low, high = found.passing
-        rolls = np.array([row.rolls for row in rows])
-        assert (low[~rolls] == 1).all()
-        assert (high == 1).all()
 
 
 def test_rejections_of_edge_contacts_are_not_known(part, rows_of):
@@ -208,59 +188,27 @@ def test_a_tolerance_makes_a_margin_a_probability():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('name', 'most'),
-    [('hex_nut', 3), ('u_bracket', 1)],
-)
-def test_designs_pass_only_the_wanted_orientation(name, most, part, rows_of):
-    shape = part(name)
+def test_designs_pass_only_the_wanted_orientation(part, rows_of):
+    shape = part('hex_nut')
     rows = rows_of(shape)
+    wanted = rows[0].id
     track = Track(Surface(width=0.08, roll=math.radians(5)))
-    found = 0
-    for row in rows[:most]:
-        if row.rolls:
-            continue
-        result = design_traps(pass_traps(shape, rows, track, (row.id,)))
-        assert row.id in result.alike
-        for design in result.designs:
-            found += 1
-            assert design.passage.wanted == (row.id,)
-            # The margin is the least one over all dimensions of all traps.
-            known = design.passage.outcomes
-            mine = [k for k, other in enumerate(rows) if other.id in result.alike]
-            rest = [k for k in range(len(rows)) if k not in mine]
-            assert design.margin <= min(each[k].margin for each in known for k in mine) + 1e-5
-            for k in rest:
-                stops = [-each[k].margin for each in known if each[k].outcome == 'reject']
-                assert design.margin <= max(stops) + 1e-5
-            low, high = design.passage.passing
-            for k, other in enumerate(rows):
-                if other.id in result.alike:
-                    assert low[k] == 1
-                else:
-                    assert high[k] == 0
-            for trap_outcomes in design.passage.outcomes:
-                kept = [k for k, other in enumerate(rows) if other.id in result.alike]
-                assert all(trap_outcomes[k].margin > 0 for k in kept)
-    assert found
-
-
-def test_a_track_is_read_with_units_and_written_in_si():
-    track = read_track(
-        {
-            'width': '40mm',
-            'roll': '5deg',
-            'wall': {'height': '30mm', 'friction': 0.2},
-            'speed': '50mm/s',
-            'traps': [
-                {'kind': 'wiper', 'height': '12.7mm'},
-                {'kind': 'air_jet', 'height': 0.005, 'force': '100mN'},
-            ],
-        }
-    )
-    assert track.surface.width == pytest.approx(0.04)
-    assert track.traps == (Wiper(0.0127), AirJet(0.005, 0.1))
-    assert read_track(track.document) == track
+    result = design_traps(pass_traps(shape, rows, track, (wanted,)))
+    assert wanted in result.alike
+    assert result.designs
+    mine = np.array([row.id in result.alike for row in rows])
+    for design in result.designs:
+        assert design.passage.wanted == (wanted,)
+        low, high = design.passage.passing
+        assert (low[mine] == 1).all()
+        assert (high[~mine] == 0).all()
+        # The margin is the least one over all dimensions of all traps.
+        known = design.passage.outcomes
+        margins = np.array([[each.margin for each in trap] for trap in known])
+        rejects = np.array([[each.outcome == 'reject' for each in trap] for trap in known])
+        assert 0 < design.margin <= margins[:, mine].min() + 1e-5
+        stops = np.where(rejects, -margins, -np.inf)[:, ~mine].max(axis=0)
+        assert (design.margin <= stops + 1e-5).all()
 
 
 @pytest.mark.slow
@@ -290,21 +238,6 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
 
 
 @pytest.mark.slow
-def test_a_trap_whose_bands_never_end_is_not_proposed(part, rows_of):
-    shape = part('hex_nut')
-    rows = rows_of(shape)
-    track = Track(Surface(width=0.05, roll=math.radians(5)))
-
-    def measure(asked):
-        ends = [math.inf if each.trap.kind == 'wiper' else each.critical for each in asked]
-        return [Band(end, end) for end in ends]
-
-    flat = next(row for row in rows if row.height < 0.01)
-    found = design_traps(pass_traps(shape, rows, track, (flat.id,)), measure=measure)
-    assert all(trap.kind != 'wiper' for trap in found.designs[0].passage.track.traps)
-
-
-@pytest.mark.slow
 def test_the_traps_of_a_track_stay_and_need_no_help(part, rows_of):
     # On its side: the wiper rejects what is 25 mm and higher.
     shape = part('u_bracket')
@@ -319,6 +252,8 @@ def test_the_traps_of_a_track_stay_and_need_no_help(part, rows_of):
     assert best.purity == (1, 1)
     with pytest.raises(InvalidValueError, match='its own traps pass; statics says reject'):
         design_traps(pass_traps(shape, rows, Track(surface, traps=(Wiper(0.01),)), (row.id,)))
+    with pytest.raises(InvalidValueError, match='number of traps 4'):
+        design_traps(pass_traps(shape, rows, Track(surface), (row.id,)), 4)
 
 
 @pytest.mark.slow
@@ -334,42 +269,16 @@ def test_mirror_images_count_as_wanted_only_if_they_are(part, rows_of):
         assert replace(best, wanted=wanted).purity == pytest.approx((pure, pure))
 
 
-@pytest.mark.slow
-def test_a_triangle_is_proposed_for_mirror_images(part, rows_of):
+def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of, box):
     shape = part('l_bracket')
     rows = rows_of(shape)
     one, other = (row for row in rows if row.height < 0.021 and row.yaw.distance < 0.011)
-    alike = mirror_images(rows, 1e-4)
-    assert other.id in alike[rows.index(one)]
-    cut, margin = asymmetric_cut(pass_traps(shape, rows, Track(LEVEL), (one.id,)), other.id)
-    assert margin > 0.1e-3
-    found = outcomes([one, other], cut, LEVEL, shape)
-    assert [each.outcome for each in found] == ['pass', 'reject']
-
-
-def test_a_box_is_its_own_mirror_image(box, rows_of):
-    part, _ = box
-    assert not any(mirror_images(rows_of(part), 1e-4))
-
-
-def test_traps_that_hardly_add_to_the_margin_are_left_out():
-    """Three pairs of traps are a little better than the wiper alone."""
-    search = object.__new__(_Search)
-    search.same, search._others = np.array([0]), np.array([1])
-    wiper = _Option(Wiper(0.01), 0, np.array([2e-3, -0.9e-3]))
-    others = [Gap(0.01), Balcony(0.02), Canyon(0.01, 0.02)]
-    pairs = [(wiper, _Option(trap, 1, np.array([2e-3, -1e-3]))) for trap in others]
-    found = [*(_Best(1e-3, pair) for pair in pairs), _Best(0.9e-3, (wiper,))]
-    best = search._verified(found, lambda trap: np.full(2, math.inf))
-    assert [each.kinds for each in best] == [{'wiper'}]
-
-
-def test_an_asymmetric_cut_out_separates_mirror_images(part, rows_of):
-    shape = part('l_bracket')
-    pair = [row for row in rows_of(shape) if row.height < 0.021 and row.yaw.distance < 0.011]
-    assert {row.aspects for row in pair} == {(1,), (2,)}
-    symmetric = [critical(Gap(0.01), (shape, row)) for row in pair]
+    assert (one.aspects, other.aspects) == ((1,), (2,))
+    symmetric = [critical(Gap(0.01), (shape, row)) for row in (one, other)]
     assert symmetric[0] == pytest.approx(symmetric[1], abs=1e-5)
     triangle = CutOut(0.75, points=((0.0, 0.0), (0.04, 0.0), (0.04, 0.04)))
-    found = outcomes(pair, triangle, LEVEL, shape)
+    found = outcomes([one, other], triangle, LEVEL, shape)
     assert [each.outcome == 'pass' for each in found].count(True) == 1
+    # A box is its own mirror image.
+    assert other.id in mirror_images(rows, 1e-4)[rows.index(one)]
+    assert not any(mirror_images(rows_of(box[0]), 1e-4))

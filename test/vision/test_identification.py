@@ -5,34 +5,27 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
-from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 from shapely import affinity
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.rotations import turned_about_vertical
 from resting_aspects_ros.vision.boundary import placed as moved
-from resting_aspects_ros.vision.fitting import OutlineNoise, Shape, mirrored
+from resting_aspects_ros.vision.fitting import OutlineNoise, mirrored
 from resting_aspects_ros.vision.identification import identify, observed_polygon
-from resting_aspects_ros.vision.outline import look_alikes, seen_outline
+from resting_aspects_ros.vision.outline import look_alikes
 
 # Random poses of each class.
-POSES = 25
+POSES = 12
 NAMES = ('angle_45x30x8', 'hex_nut', 'l_bracket', 'u_bracket', 'washer')
 
 
 def noisy(polygon, sd, generator, step=1e-3):
     """Return a polygon whose points, 1 mm apart, are moved by independent errors."""
     rings = [
-        _jitter(ring.segmentize(step), sd, generator)
-        for ring in (polygon.exterior, *polygon.interiors)
+        shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygon.segmentize(step))
     ]
-    return shapely.Polygon(rings[0], rings[1:])
-
-
-def _jitter(ring, sd, generator):
-    points = shapely.get_coordinates(ring)[:-1]
-    return points + generator.normal(0, sd, points.shape)
+    outer, *holes = [ring + generator.normal(0, sd, ring.shape) for ring in rings]
+    return shapely.Polygon(outer, holes)
 
 
 def touching(one, other):
@@ -45,32 +38,30 @@ def touching(one, other):
     return one.union(affinity.translate(other, low - 1e-5, 0))
 
 
-@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('sd', [0.0, 3e-4])
-def test_class_and_camera_pose_are_found(known, name, sd):
-    generator = np.random.default_rng(1)
+def test_class_and_camera_pose_are_found(known, name):
     candidate = known(name)
     for outline in candidate.outlines:
-        x, y, yaw = generator.uniform(-0.1, 0.1), generator.uniform(-0.1, 0.1), 2.0
-        polygon = moved(outline.polygon, x, y, yaw)
-        seen = noisy(polygon, sd, generator) if sd else polygon
-        found = identify(seen, [candidate], OutlineNoise(max(sd, 1e-4)))
+        yaw = 2.0
+        polygon = moved(outline.polygon, 0.05, -0.08, yaw)
+        found = identify(polygon, [candidate])
         assert found.answer == 'part'
+        total = sum(each.posterior for each in found.candidates) + found.none + found.touching
+        assert total == pytest.approx(1, abs=1e-4)
         (match,) = [
             each for each in found.candidates if each.symmetry_class == outline.symmetry_class
         ]
         assert match.posterior > 0.2
-        assert match.overlap > 0.99 - 2 * sd * polygon.length / polygon.area
+        assert match.overlap > 0.99
         back = moved(outline.polygon, match.x, match.y, match.yaw)
-        assert back.centroid.distance(polygon.centroid) < max(3 * sd / 5, 1e-6)
+        assert back.centroid.distance(polygon.centroid) < 1e-6
         if order := outline.yaw_symmetry:
             off = np.angle(np.exp(1j * order * (match.yaw - yaw))) / order
-            assert abs(np.degrees(off)) < 1 + 1e4 * sd / 3
+            assert abs(np.degrees(off)) < 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ['angle_45x30x8', 'u_bracket', 'washer'])
 def test_confusion_of_many_noisy_images_is_diagonal(known, name):
     """Errors of 0.1 to 0.3 mm at points 1 mm apart; position within five standard errors."""
     generator = np.random.default_rng(3)
@@ -97,15 +88,6 @@ def test_confusion_of_many_noisy_images_is_diagonal(known, name):
         assert np.percentile(off or [0.0], 99) < 5 / np.sqrt(count)
 
 
-def test_probabilities_add_up_to_one(known):
-    for outline in known('u_bracket').outlines:
-        found = identify(outline.polygon, [known('u_bracket'), known('hex_nut')])
-        total = sum(each.posterior for each in found.candidates) + found.none + found.touching
-        assert total == pytest.approx(1, abs=1e-4)
-        posteriors = [each.posterior for each in found.candidates]
-        assert posteriors == sorted(posteriors, reverse=True)
-
-
 def test_prior_decides_between_equal_outlines(known):
     # The flat sides of u_bracket look the same.
     candidate = dataclasses.replace(known('u_bracket'), shares=np.array([0.3, 0.3, 0.3, 0.1]))
@@ -114,106 +96,33 @@ def test_prior_decides_between_equal_outlines(known):
     assert [each.posterior for each in found.candidates] == pytest.approx([0.75, 0.25], abs=0.01)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('name', ['angle_45x30x8', 'washer'])
-def test_other_class_that_fits_the_mirror_image_is_named(known, name):
-    candidate = known(name)
-    alike = look_alikes(candidate.outlines)
-    for outline in candidate.outlines:
-        others = alike[outline.symmetry_class]
-        expected = {each.symmetry_class for each in others if each.verdict == 'mirrored'}
-        for polygon in (outline.polygon, mirrored(outline.polygon)):
-            found = identify(moved(polygon, 0.02, 0.05, 1), [candidate])
-            fits = expected if polygon is outline.polygon else {outline.symmetry_class}
-            named = {each.symmetry_class for each in found.mirrored}
-            assert named == (fits if expected else set())
-
-
-def test_mirror_image_that_only_fits_reversed_is_named(known):
+def test_mirror_image_is_the_part_turned_over_or_is_named(known):
     candidate = known('angle_45x30x8')
+    seen = moved(mirrored(candidate.outlines[1].polygon), 0.02, 0.05, 1)
+    found = identify(seen, [candidate])
+    assert found.best.symmetry_class == 3
+    assert found.best.posterior > 0.99
     one = dataclasses.replace(candidate, outlines=candidate.outlines[1:2], shares=np.ones(1))
-    found = identify(moved(mirrored(one.outlines[0].polygon), 0.02, 0.05, 1), [one])
+    found = identify(seen, [one])
     assert found.answer != 'part'
     assert [each.symmetry_class for each in found.mirrored] == [2]
 
 
-def test_missing_hole_is_another_outline(known):
-    washer = known('washer')
-    disc = shapely.Polygon(washer.outlines[0].polygon.exterior)
-    assert identify(washer.outlines[0].polygon, [washer]).answer == 'part'
-    assert identify(disc, [washer]).best is None
-
-
-@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket'])
-def test_another_part_is_none_of_these(known, name):
-    others = [known(each) for each in NAMES if each != name]
-    found = identify(known(name).outlines[1].polygon.buffer(0.002, join_style='mitre'), others)
+def test_another_part_is_none_of_these(known):
+    others = [known(each) for each in NAMES if each != 'hex_nut']
+    larger = known('hex_nut').outlines[1].polygon.buffer(0.002, join_style='mitre')
+    found = identify(larger, others)
     assert found.best is None
     assert found.none > 0.5
 
 
-@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket', 'washer'])
-def test_touching_parts_are_recognized(known, name):
-    for outline in known(name).outlines:
-        one, other = (moved(outline.polygon, 0, 0, yaw) for yaw in (0.4, 2.2))
-        found = identify(touching(one, other), [known(name)])
+def test_touching_parts_are_recognized(known):
+    parts = [known('l_bracket'), known('hex_nut')]
+    one, other = (part.outlines[0].polygon for part in parts)
+    for second in (moved(one, 0, 0, 1.8), moved(other, 0, 0, 0.3)):
+        found = identify(touching(one, second), parts)
         assert found.answer == 'touching'
         assert found.touching > 0.9
-
-
-def test_different_parts_that_touch(known):
-    one, other = known('l_bracket'), known('hex_nut')
-    blob = touching(one.outlines[0].polygon, moved(other.outlines[0].polygon, 0, 0, 0.3))
-    assert identify(blob, [one, other]).answer == 'touching'
-
-
-def test_every_pose_of_a_turned_part_is_found(known):
-    candidate = known('l_bracket')
-    for aspect in candidate.aspects:
-        for yaw in (-3.0, 1.5):
-            orientation = turned_about_vertical(aspect.orientation, yaw)
-            seen = affinity.translate(seen_outline(candidate.part, orientation), 0.05, 0.02)
-            found = identify(seen, [candidate])
-            assert found.best.aspects == (aspect.id,)
-            turns = [
-                Rotation.from_quat(each.orientation) * Rotation.from_quat(orientation).inv()
-                for each in found.best.poses
-            ]
-            assert min(np.degrees(turn.magnitude()) for turn in turns) < 0.01
-
-
-@pytest.mark.slow
-def test_posterior_is_calibrated_for_similar_outlines(known):
-    """Of the answers given with a posterior p, the share p is right."""
-    generator = np.random.default_rng(2)
-    base = known('l_bracket')
-    one = dataclasses.replace(base.outlines[0], symmetry_class=1)
-    given, right = [], []
-    for difference in generator.uniform(0, 4e-5, 60):
-        polygon = one.polygon.buffer(difference, join_style='mitre')
-        other = dataclasses.replace(one, polygon=polygon, symmetry_class=2)
-        share = generator.uniform(0.3, 0.7)
-        pair = dataclasses.replace(
-            base, outlines=(one, other), shares=np.array([share, 1 - share])
-        )
-        shown = int(generator.uniform() > share)
-        # Points 1 mm apart, with straight lines between them, are correlated over 1 mm.
-        seen = noisy(pair.outlines[shown].polygon, 1e-4, generator)
-        best = identify(seen, [pair]).candidates[0]
-        given.append(best.posterior)
-        right.append(best.symmetry_class == shown + 1)
-    given, right = np.array(given), np.array(right)
-    error = np.sqrt((given * (1 - given)).sum()) / len(given)
-    assert 0.6 < given.mean() < 0.95
-    assert right.mean() > given.mean() - 3 * error
-
-
-def test_residual_bound_is_below_the_residual(known):
-    shapes = [Shape(each.polygon) for each in known('l_bracket').outlines]
-    grown = [Shape(each.polygon.buffer(1e-4, join_style='mitre')) for each in shapes]
-    for one, other in zip(shapes, grown, strict=True):
-        assert 0.5e-4 < one.difference(other) <= 1.05e-4
-        assert one.difference(one) == 0
 
 
 def test_wrong_values_are_refused(known):
@@ -222,10 +131,3 @@ def test_wrong_values_are_refused(known):
     for wrong in ({'sd': 0}, {'sd': float('nan')}, {'correlation': 1.0}):
         with pytest.raises(InvalidValueError, match='of the noise'):
             OutlineNoise(**wrong)
-
-
-def test_mirror_image_is_the_part_turned_over(known):
-    candidate = known('angle_45x30x8')
-    found = identify(moved(mirrored(candidate.outlines[1].polygon), 0, 0, 1), [candidate])
-    assert found.best.symmetry_class == 3
-    assert found.best.posterior > 0.99

@@ -17,9 +17,7 @@ HOLE = [[0.005, 0.002], [0.01, 0.002], [0.01, 0.008]]
     'given_polygon',
     [
         SQUARE,
-        SQUARE[::-1],
         SQUARE.tolist(),
-        [*SQUARE.tolist(), [0, 0]],
         SQUARE[:, None],
         {'outer': SQUARE},
         shapely.Polygon(SQUARE),
@@ -67,27 +65,19 @@ def test_small_crossing_is_repaired():
     [
         (SQUARE[[0, 2, 1, 3]], 'cross'),
         (SQUARE[:2], 'at least 3'),
-        (SQUARE[[0, 1, 0, 1]], 'cross'),
         ([[0, 0], [0.02, 0], [0.02, 1e-9]], 'encloses'),
         (SQUARE * 1e3 + 0.5, 'pixels or millimetres'),
-        (SQUARE * 1e-5, 'invalid polygon 2e-07 m long'),
         (SQUARE + 1e6, 'of the origin'),
         (np.where(SQUARE == 0.01, np.nan, SQUARE), 'finite numbers'),
-        ([[0, 0], [10**400, 0], [0, 1]], 'expected a list of points'),
         (np.zeros((MAX_POINTS + 5, 2)), 'at most'),
-        (np.zeros((4, 3)), r'\[x, y\]'),
         (None, r'\[x, y\]'),
         ({'points': SQUARE}, 'expected outer'),
-        ({'outer': SQUARE, 'holes': [SQUARE + 1]}, 'holes inside'),
-        ({'outer': SQUARE, 'holes': [np.divide(HOLE, 100) + 1]}, 'holes inside'),
         (
             {'outer': SQUARE, 'holes': [HOLE, np.mean(HOLE, axis=0) + np.divide(HOLE, 100)]},
             'holes inside',
         ),
         ({'outer': SQUARE, 'hole': [HOLE]}, "key 'hole'.*expected one of outer, holes"),
-        ({'outer': SQUARE, 1: [HOLE]}, 'key 1'),
         (shapely.MultiPolygon(), 'one Polygon'),
-        (shapely.Polygon(), 'at least 3'),
     ],
 )
 def test_refused_polygons_name_the_reason(given_polygon, words):
@@ -96,9 +86,7 @@ def test_refused_polygons_name_the_reason(given_polygon, words):
     assert len(str(caught.value)) < 300
 
 
-@given(
-    st.lists(st.tuples(st.floats(allow_nan=True), st.floats(-0.1, 0.1)), min_size=0, max_size=12)
-)
+@given(st.lists(st.tuples(st.floats(), st.floats(-0.1, 0.1)), max_size=12))
 def test_any_points_are_accepted_or_refused(points):
     try:
         found = observed_polygon(points)

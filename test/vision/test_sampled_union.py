@@ -1,7 +1,5 @@
 """The union of many triangles from samples, against exact unions of Shapely and Manifold."""
 
-import itertools
-
 import manifold3d
 import numpy as np
 import pytest
@@ -47,39 +45,34 @@ def test_union_of_random_polygons_is_that_of_shapely(seed):
     assert_same(found, shapely.union_all(polygons))
 
 
-@pytest.mark.parametrize('turn', [0, 31])
-def test_sides_between_samples_are_exact(turn):
-    shape = shapely.affinity.rotate(shapely.box(0, 0, 1, 0.5), turn)
-    found = sampled_union(*fans([shape]), STEP)
-    assert_same(found, shape)
-    middles = [shapely.Point(np.mean(side, axis=0)) for side in sides(shape)]
-    assert max(found.exterior.distance(middle) for middle in middles) < 1e-12
+def grid_shapes():
+    """Shapes with sides on lines of the grid.
 
-
-def sides(shape):
-    ring = np.array(shape.exterior.coords)
-    return itertools.pairwise(ring)
-
-
-def test_sides_on_lines_of_the_grid_are_exact():
-    # The lowest corner of all is _MARGIN beyond a line, so that multiples of a step are on lines.
+    The lowest corner of all is _MARGIN beyond a line, so that multiples of a step are on lines.
+    """
     low = _MARGIN * STEP
     triangle = shapely.Polygon([(low, low), (10 * STEP, low), (low, 10 * STEP)])
-    box = shapely.box(20 * STEP, 20 * STEP, 520 * STEP, 220 * STEP)
-    found = sampled_union(*fans([triangle, box]), STEP)
-    assert_same(found, shapely.union_all([triangle, box]))
-    middles = [shapely.Point(np.mean(side, axis=0)) for side in sides(box)]
-    assert max(found.boundary.distance(middle) for middle in middles) < 1e-12
+    return [triangle, shapely.box(20 * STEP, 20 * STEP, 520 * STEP, 220 * STEP)]
 
 
-@pytest.mark.parametrize('noise', [0.02])
-def test_noisy_walls_are_those_of_manifold(noise):
+@pytest.mark.parametrize(
+    'shapes', [[shapely.affinity.rotate(shapely.box(0, 0, 1, 0.5), 31)], grid_shapes()]
+)
+def test_sides_between_samples_and_on_lines_are_exact(shapes):
+    found = sampled_union(*fans(shapes), STEP)
+    assert_same(found, shapely.union_all(shapes))
+    corners = np.array(shapes[-1].exterior.coords)
+    middles = shapely.points((corners[1:] + corners[:-1]) / 2)
+    assert shapely.distance(found.boundary, middles).max() < 1e-12
+
+
+def test_noisy_walls_are_those_of_manifold():
     """The walls of a scan are stacks of triangles that overlap at random."""
     ring = trimesh.creation.annulus(5, 10, 8, sections=32)
     for _ in range(3):
         ring = ring.subdivide()
     generator = np.random.default_rng(1)
-    vertices = ring.vertices + generator.normal(0, noise, ring.vertices.shape)
+    vertices = ring.vertices + generator.normal(0, 0.02, ring.vertices.shape)
     vertices = Rotation.from_euler('xyz', [0.3, 0.2, 0.1]).apply(vertices) / 10
     mesh = manifold3d.Mesh(np.float32(vertices), np.uint32(ring.faces))
     solid = manifold3d.Manifold(mesh)
