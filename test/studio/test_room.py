@@ -273,3 +273,27 @@ def test_body_of_a_file_is_chosen_from_a_list(bracket, shown, tmp_path, monkeypa
     tabs._fitted(bracket.work())
     counted = make_surface_counts(given[0], tmp_path).parts[0]
     assert counted.part.part_sha256 == work.opened.part.part_sha256
+
+
+@pytest.mark.slow
+def test_a_second_part_that_is_still_read_is_forgotten(bracket, shown, monkeypatch):
+    started, go_on = threading.Event(), threading.Event()
+    read = bracket._opener.open
+
+    def slow(source, step, stopped):
+        step('Reading ...')
+        started.set()
+        go_on.wait()
+        return read(source, step, stopped)
+
+    monkeypatch.setattr(bracket._opener, 'open', slow)
+    before = shown.count
+    bracket.open(Source('angle_45x30x8'), 'second')
+    started.wait()
+    bracket.forget_second()
+    go_on.set()
+    shown.wait('opening', lambda m: not m['text'], before)
+    bracket.change('tab', 'compare')
+    shown.wait('compare', after=before)
+    assert bracket._parts['second'] is None
+    assert shown.of('opening')[-1] == {'text': ''}

@@ -11,9 +11,12 @@ import webbrowser
 from pathlib import Path
 from types import SimpleNamespace
 
+from aiohttp import ClientSession
+
 from resting_aspects_ros.cli.verbs.studio import run
+from resting_aspects_ros.simulation.workers import LocalWorkers
 from resting_aspects_ros.studio import server
-from resting_aspects_ros.studio.server import ROOM_LIFE, Studio
+from resting_aspects_ros.studio.server import ROOM_LIFE, Studio, serve
 
 
 def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
@@ -161,3 +164,34 @@ def test_at_most_some_rooms(served, joined, monkeypatch):
         return await socket.receive_json()
 
     assert 'close one' in served(task)['text']
+
+
+def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
+    async def main():
+        studio, over = Studio(['l_bracket']), asyncio.Event()
+        studio._tools = LocalWorkers(2), opener
+        make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
+        address = asyncio.get_running_loop().create_future()
+
+        async def slow():
+            started.set()
+            await closed.wait()
+            return await make()
+
+        monkeypatch.setattr(studio, '_new_seat', slow)
+        server = asyncio.create_task(serve(studio, 0, address.set_result, over.is_set))
+        async with ClientSession() as session:
+            url = f'{await address}socket'
+            socket = await session.ws_connect(url, origin=f'http://127.0.0.1:{studio.port}')
+            await socket.send_str('{"room": ""}')
+            await started.wait()
+        await asyncio.sleep(0.1)
+        closed.set()
+        while not any(seat.left for seat in studio.seats.values()):  # when the tab has left
+            await asyncio.sleep(0.01)
+        left = [seat.socket for seat in studio.seats.values()]
+        over.set()
+        await server
+        return left
+
+    assert asyncio.run(asyncio.wait_for(main(), 600)) == [None]

@@ -158,3 +158,13 @@ def test_model_range_contains_all_shares_of_aspects_and_frictions(solid):
         for row in nominal:
             other = found[row.aspects, round(row.length, 6)]
             assert row.model[0] - 1e-9 <= other.low <= other.high <= row.model[1] + 1e-9
+
+
+def test_numbers_of_rows_do_not_depend_on_the_shares(part):
+    bracket = part('l_bracket')
+    aspects = find_aspects(bracket)
+    rows = [
+        [(row.aspects, row.yaw.angle) for row in orientations_on(bracket, aspects, shares)]
+        for shares in ([0.2] * 5, [0.1, 0.3, 0.3, 0.2, 0.1], [0.0, 0.0, 0.0, 0.0, 1.0])
+    ]
+    assert rows[0] == rows[1] == rows[2]
