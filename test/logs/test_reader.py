@@ -71,6 +71,9 @@ def test_first_last_count_and_outcome_of_a_closed_log(log):
             assert found.outcome == LogOutcome(6, whole=True)
         assert list(messages(place, POSES.type)) == [data(k) for k in range(6)]
         assert list(messages(place, NUT.type)) == [data(77)]
+        recording = Recording(place)
+        assert read_messages(recording) == WRITTEN
+        assert read_messages(recording) == WRITTEN  # as often as one likes
 
 
 def test_outcome_that_is_not_readable_is_unknown(log):
@@ -91,15 +94,6 @@ def test_only_requested_chunks_are_read(log):
         assert found.last(NUT.type) == data(77)
         with pytest.raises(LogError, match='is damaged: '):
             found.first(POSES.type)
-
-
-def test_open_log_has_no_index_and_its_flushed_messages(log):
-    with open_log(log.path) as found:
-        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
-        assert found.warning.endswith('is being written: the messages in it so far are used')
-        assert found.outcome is None
-        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
-        assert found.message_count == 7
 
 
 def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
@@ -167,33 +161,16 @@ def test_zeros_after_a_power_failure_are_ignored(log):
 # -- playback -------------------------------------------------------------------------------------
 
 
-def test_messages_have_order_times_and_bytes(log):
-    log.close()
-    for place in (log.path, log.path.parent):
-        recording = Recording(place)
-        assert read_messages(recording) == WRITTEN
-        assert read_messages(recording) == WRITTEN  # as often as one likes
-        message = next(recording.messages({NUT.name}))
-        assert (message.topic, message.time, message.data) == (NUT.name, 125, data(77))
-
-
-def test_topics_are_described_as_they_were_recorded(log):
-    topics = Recording(log.path).topics
-    assert list(topics) == [POSES.name, NUT.name]
+def test_topics_have_their_descriptions_spans_and_messages(log):
+    recording = Recording(log.path)
+    assert list(recording.topics) == [POSES.name, NUT.name]
     for topic in (POSES, NUT):
-        found = topics[topic.name]
+        found = recording.topics[topic.name]
         assert (found.type, found.encoding, found.qos) == (topic.type, 'cdr', topic.qos)
         assert found.type_hash.startswith('RIHS01_')
-
-
-def test_span_and_messages_of_selected_topics(log):
-    recording = Recording(log.path)
     assert recording.span(recording.topics) == Span(100, 150, 7)
     assert recording.span([NUT.name]) == Span(125, 125, 1)
     assert read_messages(recording, [NUT.name]) == [(NUT.name, 125, 77)]
-    assert read_messages(recording, [POSES.name]) == [
-        each for each in WRITTEN if each[0] == POSES.name
-    ]
 
 
 def test_first_topics_are_yielded_first_and_once(tmp_path):
@@ -214,18 +191,20 @@ def test_first_topics_are_yielded_first_and_once(tmp_path):
     ]
 
 
-def test_open_log_has_the_messages_at_its_opening(tmp_path):
-    log = RunLog(tmp_path, 'run')
-    for k in range(3):
-        log.write(POSES, data(k), k)
-        log.flush()
+def test_open_log_has_the_messages_at_its_opening(log):
+    with open_log(log.path) as found:
+        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
+        assert found.warning.endswith('is being written: the messages in it so far are used')
+        assert found.outcome is None
+        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
+        assert found.message_count == 7
     recording = Recording(log.path.parent)
-    log.write(NUT, data(9), 3)
+    log.write(CUBE, data(9), 200)
     log.flush()
-    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
-    assert [k for _, _, k in read_messages(Recording(log.path.parent))] == [0, 1, 2, 9]
+    assert read_messages(recording) == WRITTEN
+    assert read_messages(Recording(log.path.parent)) == [*WRITTEN, (CUBE.name, 200, 9)]
     log.close()
-    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
+    assert read_messages(recording) == WRITTEN
 
 
 def write_foreign(path, channels, messages):
@@ -245,14 +224,8 @@ def write_foreign(path, channels, messages):
 def test_decreasing_times_become_constant(tmp_path):
     path = tmp_path / 'a.mcap'
     write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
-    recording = Recording(path)
-    assert [(time, k) for _, time, k in read_messages(recording)] == [
-        (10, 0),
-        (30, 1),
-        (30, 2),
-        (40, 3),
-    ]
-    assert recording.span(['/a']) == Span(10, 40, 4)
+    times = [(time, k) for _, time, k in read_messages(Recording(path))]
+    assert times == [(10, 0), (30, 1), (30, 2), (40, 3)]
 
 
 def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
@@ -270,19 +243,15 @@ def test_topic_with_two_types_is_rejected(tmp_path):
     path = tmp_path / 'a.mcap'
     channels = [('/a', 'cdr', kind, {'topic_type_hash': 'h'}) for kind in (NUT.type, POSES.type)]
     write_foreign(path, channels, [(0, 1), (1, 2)])
-    with pytest.raises(LogError) as caught:
+    expected = rf'one type for topic /a, found {POSES.type} \(h\) and {NUT.type} \(h\)$'
+    with pytest.raises(LogError, match=expected):
         Recording(path)
-    assert str(caught.value) == (
-        f'invalid log {str(path)!r}: expected one type for topic /a, found {POSES.type} (h) and '
-        f'{NUT.type} (h)'
-    )
 
 
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
         ('[{', 'is not valid YAML'),
-        ('- depth: 1', 'expected profiles as rosbag2'),
         ('just words', 'expected profiles as rosbag2'),
         (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'QoS reliability 1:'),
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
@@ -293,15 +262,13 @@ def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
     write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
     with pytest.raises(LogError) as caught:
         Recording(path)
-    message = str(caught.value).replace('/a: invalid QoS', '/a: QoS')
-    assert message.startswith(f'log {str(path)!r}, topic /a: QoS ')
+    assert str(caught.value).startswith(f'log {str(path)!r}, topic /a: ')
     assert expected in str(caught.value)
-    assert len(str(caught.value)) < 1000
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):
-    """200 messages of 100 kB that do not compress; the most is that of a few."""
-    size, count = 100_000, 200
+    """Messages of 100 kB that do not compress; the most is that of a few."""
+    size, count = 100_000, 60
     state = bytearray(random.Random(1).randbytes(size))
     with closing(RunLog(tmp_path, 'run')) as log:
         for k in range(count):

@@ -8,14 +8,14 @@ import pytest
 import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.records import Attachment, Message
+from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
+from rosbags.interfaces import QosTime
 from rosbags.rosbag2 import Reader
-from wire import plain
+from wire import bag_messages, plain
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.topics import Qos, Topic
@@ -38,7 +38,8 @@ MESH = random.Random(5).randbytes(10_000)
 RUN = {'run_id': '4f1c', 'seed': '1', 'note': 'café: "yes"\nno'}
 
 
-def published(filled):
+@pytest.fixture(scope='module')
+def messages(filled):
     """List what a run publishes: topic, message, log time and publish time in ns."""
     rng = random.Random(1)
     part, other = filled(PartDescription, rng), filled(PartDescription, rng)
@@ -52,11 +53,6 @@ def published(filled):
         (topic, message, START + 1000 * i, START + 1000 * i - 77)
         for i, (topic, message) in enumerate(messages)
     ]
-
-
-@pytest.fixture(scope='module')
-def messages(filled):
-    return published(filled)
 
 
 @pytest.fixture(scope='module')
@@ -112,24 +108,15 @@ def test_rosbags_finds_counts_times_and_qos(place, messages):
         assert reader.end_time == START + 9000 + 1
         counts = {c.topic: c.msgcount for c in reader.connections}
         profiles = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
-        assert all(c.ext.serialization_format == 'cdr' for c in reader.connections)
     assert counts == {PART.name: 1, OTHER_PART.name: 1, POSES.name: 4, DISTRIBUTION.name: 4}
-    assert [len(profiles[name]) for name in counts] == [1, 1, 1, 1]
-    (qos,) = profiles[POSES.name]
-    assert (qos.depth, qos.history) == (2000, QosHistory.KEEP_LAST)
-    assert (qos.reliability, qos.durability) == (
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-    )
-    infinite = QosTime(9223372036, 854775807)
-    assert qos.deadline == qos.lifespan == qos.liveliness_lease_duration == infinite
-    for topic in (PART, DISTRIBUTION):
-        assert profiles[topic.name][0].durability == QosDurability.TRANSIENT_LOCAL
-        assert profiles[topic.name][0].depth == 1
-    (qos,) = profiles[OTHER_PART.name]
-    assert (qos.depth, qos.history) == (7, QosHistory.KEEP_ALL)
-    assert qos.reliability == QosReliability.BEST_EFFORT
-    assert qos.durability == QosDurability.VOLATILE
+    for topic in (PART, OTHER_PART, POSES, DISTRIBUTION):
+        (found,) = profiles[topic.name]
+        names = (found.reliability.name, found.durability.name, found.history.name)
+        expected = (topic.qos.reliability, topic.qos.durability, topic.qos.history)
+        assert names == tuple(name.upper() for name in expected)
+        assert found.depth == topic.qos.depth
+        infinite = QosTime(9223372036, 854775807)
+        assert found.deadline == found.lifespan == found.liveliness_lease_duration == infinite
 
 
 def test_mcap_reads_times_and_numbers(log, messages):
@@ -138,20 +125,18 @@ def test_mcap_reads_times_and_numbers(log, messages):
             (channel.topic, schema.name, message.log_time, message.publish_time, message.sequence)
             for schema, channel, message in make_reader(file).iter_messages()
         ]
-    assert len(found) == len(messages)
-    numbers = dict.fromkeys((PART, OTHER_PART, POSES, DISTRIBUTION), 0)
-    for (topic, _, log_time, publish_time), read in zip(messages, found, strict=True):
-        assert read == (topic.name, topic.type, log_time, publish_time, numbers[topic])
-        numbers[topic] += 1
+    numbers = [0, 0, 0, 0, 1, 1, 2, 2, 3, 3]
+    assert found == [
+        (topic.name, topic.type, log_time, publish_time, number)
+        for (topic, _, log_time, publish_time), number in zip(messages, numbers, strict=True)
+    ]
 
 
 def test_mesh_and_run_description_are_in_the_file(log):
     with log.path.open('rb') as file:
         reader = make_reader(file)
-        attachments: list[Attachment] = list(reader.iter_attachments())
+        (mesh,) = reader.iter_attachments()
         records = {each.name: each.metadata for each in reader.iter_metadata()}
-    assert len(attachments) == 1
-    (mesh,) = attachments
     assert (mesh.name, mesh.media_type, mesh.log_time) == ('l_bracket.stl', 'model/stl', START)
     assert mesh.data == MESH
     assert records['run'] == RUN
@@ -163,7 +148,8 @@ def test_mesh_and_run_description_are_in_the_file(log):
 def test_metadata_yaml_is_that_of_jazzy(log):
     assert log.path == log.path.parent / 'l_bracket_run_0.mcap'
     # Readers in other locales decode it; an alias would be another topic to some of them.
-    assert '&id' not in (log.path.parent / 'metadata.yaml').read_bytes().decode('ascii')
+    text = (log.path.parent / 'metadata.yaml').read_bytes().decode('ascii')
+    assert '&id' not in text
     found = information(log)
     topics = found.pop('topics_with_message_count')
     span = {
@@ -183,24 +169,14 @@ def test_metadata_yaml_is_that_of_jazzy(log):
         'ros_distro': 'jazzy',
     }
     assert [each['message_count'] for each in topics] == [1, 1, 4, 4]
-    for each in topics:
-        assert list(each['topic_metadata']) == [
-            'name',
-            'type',
-            'serialization_format',
-            'offered_qos_profiles',
-            'type_description_hash',
-        ]
-
-
-def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
-    text = (log.path.parent / 'metadata.yaml').read_text()
+    fields = 'name type serialization_format offered_qos_profiles type_description_hash'
+    assert all(list(each['topic_metadata']) == fields.split() for each in topics)
+    # The QoS in the file is the same text.
     with log.path.open('rb') as file:
         channels = make_reader(file).get_summary().channels.values()
     assert len(channels) == 4
     for channel in channels:
         profile = channel.metadata['offered_qos_profiles']
-        assert len(yaml.safe_load(profile)) == 1
         assert len(yaml.safe_load(profile)[0]) == 9
         assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
 
@@ -208,11 +184,7 @@ def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
 def test_empty_log_is_valid(tmp_path):
     log = RunLog(tmp_path, 'empty')
     assert log.close() == tmp_path / 'empty'
-    with Reader(log.path.parent) as reader:
-        assert reader.message_count == reader.duration == 0
-        assert list(reader.messages()) == []
-    with log.path.open('rb') as file:
-        assert make_reader(file).get_summary().statistics.message_count == 0
+    assert bag_messages(log.path.parent) == []
     # What rosbag2 writes as the starting time of nothing.
     assert information(log)['starting_time'] == {'nanoseconds_since_epoch': 2**63 - 1}
     assert information(log)['duration'] == {'nanoseconds': 0}
@@ -256,8 +228,7 @@ def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):
     (tmp_path / 'run' / 'metadata.yaml.tmp').mkdir()
     with pytest.raises(LogError, match='cannot be written: Is a directory'):
         log.close()
-    with Reader(log.path) as reader:
-        assert reader.message_count == 1
+    assert len(bag_messages(log.path)) == 1
 
 
 def test_interrupted_write_ends_the_log(tmp_path):
@@ -275,24 +246,21 @@ def test_interrupted_write_ends_the_log(tmp_path):
 def test_existing_log_is_not_overwritten(tmp_path):
     RunLog(tmp_path, 'run').close()
     before = (tmp_path / 'run' / 'run_0.mcap').read_bytes()
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(LogError, match='run exists already and is not overwritten'):
         RunLog(tmp_path, 'run')
-    assert str(caught.value) == f'log {tmp_path / "run"} exists already and is not overwritten'
     assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
 
 
-def test_too_long_name_is_an_error(tmp_path):
-    with pytest.raises(LogError, match='cannot be written: File name too long'):
-        RunLog(tmp_path, 'a' * 300)
-    # The folder's name fits, the file's does not: nothing is left behind.
-    with pytest.raises(LogError, match='cannot be written: File name too long'):
-        RunLog(tmp_path, 'a' * 250)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize('name', ['', '..', 'a/b', 'a\0b', '-a'])
-def test_invalid_log_name_is_rejected(tmp_path, name):
-    with pytest.raises(LogError, match='invalid log name '):
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        *((name, 'invalid log name ') for name in ('', '..', 'a/b', 'a\0b', '-a')),
+        ('a' * 300, 'cannot be written: File name too long'),
+        ('a' * 250, 'cannot be written: File name too long'),  # that of the folder fits
+    ],
+)
+def test_invalid_log_name_is_rejected(tmp_path, name, expected):
+    with pytest.raises(LogError, match=expected):
         RunLog(tmp_path, name)
     assert list(tmp_path.iterdir()) == []
 
@@ -304,9 +272,7 @@ def test_rejected_messages_leave_the_log_unchanged(tmp_path):
         with pytest.raises(LogError, match='no_msgs/msg/Nothing is not installed'):
             log.write(unknown, b'', 2)
         log.write(POSES, b'batch 01', 2)
-    with Reader(log.path.parent) as reader:
-        assert [bytes(data) for _, _, data in reader.messages()] == [b'batch 00', b'batch 01']
-        assert len(reader.connections) == 1
+    assert [data for _, _, data in bag_messages(log.path.parent)] == [b'batch 00', b'batch 01']
 
 
 def test_closed_log_rejects_messages(tmp_path):
@@ -318,14 +284,11 @@ def test_closed_log_rejects_messages(tmp_path):
         lambda: log.attach('mesh.stl', 'model/stl', b'', 1),
         lambda: log.add_metadata('run', {}),
     ):
-        with pytest.raises(LogError) as caught:
+        with pytest.raises(LogError, match=f'log {log.path} is closed'):
             late()
-        assert str(caught.value) == f'log {log.path} is closed'
     assert log.close() == tmp_path / 'run'
 
 
 def test_run_folder_name():
     started = datetime(2025, 1, 31, 23, 59, 58, 999_999, timezone(timedelta(hours=-2)))
     assert run_folder_name('l_bracket', started, '4f1c') == 'l_bracket_20250201T015958Z_4f1c'
-    with pytest.raises(LogError, match=r'invalid log name .*: expected'):
-        run_folder_name('../l_bracket', started, '4f1c')
