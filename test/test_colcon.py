@@ -124,6 +124,7 @@ def test_colcon_builds_the_example_only_where_the_docs_name_it(workspace):
     build = re.search(r'^colcon build --base-paths .*examples/cpp$', GUIDE, re.MULTILINE)[0]
     source = (workspace / 'examples' / 'cpp' / 'src' / 'pickable_share.cpp').read_text()
     assert f'//   {build}\n' in source
-    printed = run(workspace, 'sh', '-c', f'python -m {build} || true')
+    only = '--packages-select pickable_share'
+    printed = run(workspace, 'sh', '-c', f'python -m {build} {only} || true')
     assert 'Starting >>> pickable_share' in printed
     assert 'rclcpp' in printed
