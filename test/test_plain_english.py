@@ -17,7 +17,7 @@ CONSTRUCTIONS = {
     r'of which it\b': 'name the thing again',
     r'\b(most|least)_(?!squares)[a-z]': 'MAX_, MIN_, max_, min_',
     r'\b(nobody|somebody|whoever)\b': 'no client, a user',
-    r'begun\b': 'started',
+    r'\bbegun\b': 'started',
     r'\btold\b': 'notified, reported, distinguished',
     r'whatever\b': 'regardless of, any',
     r'under way\b': 'active, running',
