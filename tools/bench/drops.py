@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 from numba import cuda
 from rich.progress import track
-from validation.document import table
+from validation.document import paragraphs, table
 from validation.dropper import Dropper
 from validation.mujoco_drops import mujoco_loop
 
@@ -106,9 +106,8 @@ def drops(dropper: Dropper) -> Iterator[str]:
             each.turn(k)
     finally:
         one.stop()
-    yield '## Drops per second'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Drops per second',
         'From the first request to the last pose, with the compiled kernel in '
         f'{count} threads, unless another engine or number of threads is named: the median of '
         f'{ROUNDS} rounds, in each of which all cases take turns. *Lowest*, *highest*: rates of '
@@ -116,9 +115,8 @@ def drops(dropper: Dropper) -> Iterator[str]:
         'one world, stepped from Python with the contacts and the time step of the suite in '
         'Bullet; the pose is read after each step. *MuJoCo*: all bodies in the threads of '
         '`mujoco.rollout`, with the same time step. Both simulate each drop from the full height '
-        'until it is still.'
+        'until it is still.',
     )
-    yield ''
     yield from table(
         ['part, surface', 'drops/s', 'lowest', 'highest', 'aim'],
         (

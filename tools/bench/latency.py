@@ -22,7 +22,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import GetDistribution
 from rich.progress import track
 from std_srvs.srv import Trigger
-from validation.document import table
+from validation.document import paragraphs, table
 
 from bench.case import EXAMPLE
 
@@ -76,17 +76,15 @@ def latency() -> Iterator[str]:
                 ratios = found[name] / found['the same response']
                 cells = [f'{median:.3f}', f'{ratios[0]:.2f}', f'{p99:.3f}', f'{ratios[1]:.2f}']
                 rows.append([load, name, *cells])
-    yield '## Latency'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Latency',
         f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
         'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
         'that only sends the same response. One process calls services in two other processes. '
         'Ratios are relative to the service that only sends the response. *During a run*: while '
         'a run with another seed uses all cores. Aim: ratios of at most 1.5. '
-        f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
+        f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.',
     )
-    yield ''
     columns = ['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio']
     yield from table(columns, rows, numbers=True)
 
