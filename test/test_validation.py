@@ -9,14 +9,7 @@ from validation import engines as validate_engines
 from validation.dropper import Dropper
 from validation.fit import Posterior, polynomial_deviance
 from validation.measured import cases, deviance
-from validation.paired import (
-    ONE_SIDED,
-    OUTSIDE,
-    action_job,
-    class_indices,
-    paired_counts,
-    shifts,
-)
+from validation.paired import ONE_SIDED, OUTSIDE, action_job, class_indices, paired_counts, shifts
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects

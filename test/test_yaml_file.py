@@ -64,8 +64,7 @@ def test_numbers_are_those_of_yaml_1_2(text, value):
 
 
 @pytest.mark.parametrize(
-    'text',
-    ['a: 1\nb: 2\na: 3', 'x: {a: 1, "b": 2, a: 3}', '[{a: 1, ? a : 3}]'],
+    'text', ['a: 1\nb: 2\na: 3', 'x: {a: 1, "b": 2, a: 3}', '[{a: 1, ? a : 3}]']
 )
 def test_key_that_occurs_twice_is_refused_and_named(text):
     assert "the key 'a' occurs twice" in error_of(text)

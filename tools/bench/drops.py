@@ -17,11 +17,7 @@ from bench.case import EXAMPLE, example_part, job_of
 from bench.plain import plain_loop
 from resting_aspects_ros.simulation.conditions import BULLET, CUDA, KERNEL
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.workers import (
-    LocalWorkers,
-    Workers,
-    submit_drops,
-)
+from resting_aspects_ros.simulation.workers import LocalWorkers, Workers, submit_drops
 from resting_aspects_ros.system import available_cores
 
 # All cases take turns in each round, so that other load on the machine affects all of them.

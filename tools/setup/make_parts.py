@@ -174,7 +174,7 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
 
 SURROUNDINGS: dict[str, Callable[[], Trimesh]] = {
     # Its sides are inclined by 45 degrees.
-    'pocket': lambda: pocket(plate=240, top=160, bottom=120, depth=20, below=10),
+    'pocket': lambda: pocket(plate=240, top=160, bottom=120, depth=20, below=10)
 }
 
 

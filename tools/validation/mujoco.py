@@ -63,9 +63,9 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
         job = make_job(part, dropper.surfaces.get(surface), SEED, engine=KERNEL)
         kernel = counted(dropper, job, part, 10 * DROPS)[:, : -len(OUTSIDE)]
         finer = dataclasses.replace(job, seed=SEED + 1, engine=BULLET, refinement=FINER)
-        trial = mujoco_loop(available_cores(), finer, 0, DROPS)
-        cells = difference(kernel, _by_class(aspects, trial.down))
-        yield f'| {name} | {surface} | {cells} | {DROPS - len(trial.down)} |'
+        down = mujoco_loop(available_cores(), finer, 0, DROPS)
+        cells = difference(kernel, _by_class(aspects, down))
+        yield f'| {name} | {surface} | {cells} | {DROPS - len(down)} |'
     yield ''
 
 

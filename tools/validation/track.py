@@ -17,10 +17,7 @@ from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.intervals import intervals
 from resting_aspects_ros.tracks.description import read_track
 from resting_aspects_ros.tracks.design import design_traps
-from resting_aspects_ros.tracks.orientations import (
-    Orientation,
-    orientations_on,
-)
+from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.simulate import BREAKING, _job, _scene
 from resting_aspects_ros.tracks.support import is_line
 from resting_aspects_ros.tracks.traps import Arrival, Balcony
