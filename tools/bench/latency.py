@@ -63,7 +63,10 @@ def latency() -> Iterator[str]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
         stack.enter_context(_process(suite))
-        client = stack.enter_context(_client(ros))
+        rclpy.init(args=ros)
+        stack.callback(rclpy.try_shutdown)
+        client = _Client()
+        stack.callback(client.destroy)
         known = Path(folder) / 'known'
         known.write_bytes(serialize_message(client.meet()))
         stack.enter_context(_process(['-c', PLAIN, str(known), *ros]))
@@ -151,12 +154,9 @@ class _Client:
             answer = self._call(client, request)
             if answer is not None:
                 return answer, 1e3 * (time.perf_counter() - started)
-            self._count_lost()
-
-    def _count_lost(self) -> None:
-        self.lost += 1
-        if self.lost > MAX_LOST:
-            raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
+            self.lost += 1
+            if self.lost > MAX_LOST:
+                raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
 
     def _call(self, client: Any, request: Any, timeout: float = TIMEOUT) -> Any:
         """Return the response, or None after the timeout, s."""
@@ -186,17 +186,6 @@ class _Client:
 
 def _request() -> GetDistribution.Request:
     return GetDistribution.Request(part=EXAMPLE, drops=DROPS, seed=[1])
-
-
-@contextmanager
-def _client(ros: list[str]) -> Iterator[_Client]:
-    rclpy.init(args=ros)
-    client = _Client()
-    try:
-        yield client
-    finally:
-        client.destroy()
-        rclpy.try_shutdown()
 
 
 @contextmanager

@@ -14,7 +14,8 @@ from playwright.sync_api import Page, sync_playwright
 from rich.progress import track
 from validation.document import paragraphs, table
 
-from bench.case import EXAMPLE, example_part
+import resting_aspects_ros as ra
+from bench.case import EXAMPLE
 
 CHROMIUM = '/usr/bin/chromium'
 REPEATS = 5
@@ -41,7 +42,7 @@ MOVE = """async (value) => {
 
 def studio() -> Iterator[str]:
     """Measure the start, an upload, and changes of a slider."""
-    part = example_part()
+    part = ra.load_part(EXAMPLE)
     mesh = trimesh.Trimesh(1000 * part.vertices, part.faces)
     while len(mesh.faces) < TRIANGLES:
         mesh = mesh.subdivide()

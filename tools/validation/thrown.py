@@ -100,7 +100,10 @@ def _comparison(
     ratios = np.exp(np.abs(log_odds(shares[rare]) - log_odds(measured[rare])))
     cuboids = [k for k, case in enumerate(known) if case.name.startswith('cuboid')]
     thickness = np.log([float(known[k].name.split()[1].rstrip(',')) for k in cuboids])
-    floor, free = _floor(known, cuboids, thickness)
+    counts, rolls = (
+        np.array([getattr(known[k], name) for k in cuboids]) for name in ('count', 'rolls')
+    )
+    floor, free = polynomial_deviance(thickness, counts, rolls, 3), len(cuboids) - 4
     yield (
         f'* By points: a mean absolute deviation of {100 * off.mean():.1f} points (aim: at most '
         f'2.8); the largest is {100 * off.max():.1f}, of {known[int(off.argmax())].name}. Bullet: '
@@ -122,13 +125,6 @@ def _comparison(
         'neighbours differ by more than a smooth law and sampling allow.',
         '![Simulated against measured shares](measured_shares.png)',
     )
-
-
-def _floor(known: Sequence[Case], cuboids: list[int], thickness: Array) -> tuple[float, int]:
-    counts, rolls = (
-        np.array([getattr(known[k], name) for k in cuboids]) for name in ('count', 'rolls')
-    )
-    return polynomial_deviance(thickness, counts, rolls, 3), len(cuboids) - 4
 
 
 def _points(conditions: DropConditions) -> list[DropConditions]:
