@@ -153,6 +153,7 @@ def parameters_of():
         ({'log_folder': '/tmp/my logs'}, SUITE),
         ({'log_folder': '2025', 'parts_folder': 'true'}, SUITE),
         ({'namespace': 'cell_1', 'surface': 'steel', 'workers': '0'}, SUITE),
+        ({'feeder': 'controller'}, (*SUITE, 'feeder_controller')),
         ({'feeder': 'simulated', 'part': 'hex_nut'}, (*SUITE, *FEEDER)),
         ({'log': 'out/logs/run'}, ('aspect_classifier', 'log_replayer')),
     ],
@@ -174,6 +175,10 @@ def test_arguments_reach_the_nodes_in_the_declared_types(
         given = {key: value for key, value in expected.items() if key in defaults}
         assert values == defaults | given
         assert {type(values[p.name]) for p in declared} == {type(p.default) for p in declared}
+        # With a simulated camera, the others use its time.
+        files = [Path(w) for w in launched.started[name] if w.startswith('/tmp/launch_params')]
+        with_time = any('use_sim_time: true' in file.read_text() for file in files)
+        assert with_time == (arguments.get('feeder') == 'simulated' and name in FEEDER[:2])
 
 
 @needs_launch
@@ -194,6 +199,10 @@ def test_an_argument_overrides_the_params_file(launch, parameters_of, tmp_path, 
 
 @needs_launch
 def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
+    launched = launch(rviz='true')
+    assert (launched.code, launched.started) == (1, {})
+    assert 'expected package rviz2 to be installed' in launched.output
+    assert 'apt install ros-jazzy-rviz2' in launched.output
     for program, package in RVIZ.items():
         prefix(package, program)
     launched = launch(*SUITE, *RVIZ, rviz='true', namespace='cell')
@@ -211,39 +220,12 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
 
 
 @needs_launch
-@pytest.mark.parametrize(
-    ('feeder', 'programs'),
-    [('none', ()), ('controller', ('feeder_controller',)), ('simulated', FEEDER)],
-)
-def test_feeder_nodes_are_started_on_request(launch, feeder, programs):
-    launched = launch(*SUITE, *programs, feeder=feeder)
-    assert set(launched.started) == {*SUITE, *programs}
-    for name, words in launched.started.items():
-        files = [Path(word) for word in words if word.startswith('/tmp/launch_params')]
-        with_time = any('use_sim_time: true' in file.read_text() for file in files)
-        assert with_time == (feeder == 'simulated' and name in FEEDER[:2])
-
-
-@needs_launch
 def test_end_of_a_node_ends_all_others(prefix, launch, tmp_path):
     waiting = '#!/bin/sh\ntouch "$(dirname "$0")/../../started/$(basename "$0")"\nexec sleep 600\n'
     for program in ('aspect_classifier', 'drop_recorder'):
         (tmp_path / 'lib' / 'resting_aspects_ros' / program).write_text(waiting)
     launched = launch(*SUITE)  # returns, although two of them would run for 600 s
     assert set(launched.started) == set(SUITE)
-
-
-@needs_launch
-@pytest.mark.parametrize('missing', ['tf2_ros', 'program of rviz2'])
-def test_missing_rviz_is_named_and_nothing_starts(prefix, launch, missing):
-    for program, package in RVIZ.items():
-        if package != missing:
-            prefix(package, *([] if missing == f'program of {package}' else [program]))
-    launched = launch(rviz='true')
-    assert (launched.code, launched.started) == (1, {})
-    package = missing.rpartition(' ')[2]
-    assert f'expected package {package} to be installed' in launched.output
-    assert f'apt install ros-jazzy-{package.replace("_", "-")}' in launched.output
 
 
 @needs_launch
