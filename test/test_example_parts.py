@@ -40,7 +40,7 @@ PARTS = {
 }
 
 
-def polygon_prism(radius: float, height: float) -> np.ndarray:
+def polygon_prism(radius, height):
     """Inertia / mass of a regular prism of N sides about its middle, axis z, mm^2.
 
     The polar moment of a regular polygon's area is r^2 / 6 (2 + cos(2 pi / n)) of it.
@@ -49,7 +49,7 @@ def polygon_prism(radius: float, height: float) -> np.ndarray:
     return np.array([polar / 2 + height**2 / 12, polar / 2 + height**2 / 12, polar])
 
 
-def washer() -> np.ndarray:
+def washer():
     outer, inner = 8**2, 4.2**2
     return (outer * polygon_prism(8, 1.6) - inner * polygon_prism(4.2, 1.6)) / (outer - inner)
 

@@ -235,19 +235,3 @@ def test_every_requirement_is_pinned_in_the_lock_file():
         pinned = {line.partition('==')[0] for line in lines if '==' in line}
         wanted = {each.lower().replace('_', '-') for each in requirements(f'{name}.in')}
         assert wanted <= pinned, f'make requirements, after a change of {name}.in'
-
-
-def test_skipped_test_fails_in_ci(tmp_path):
-    (tmp_path / 'test_skips.py').write_text(
-        'import pytest\n\ndef test_skips():\n    pytest.skip("no ROS here")\n'
-    )
-    ended = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-p', 'conftest', '--rootdir=.', tmp_path],
-        env={'PYTHONPATH': str(ROOT), 'CI': 'true'},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 1
-    assert 'no ROS here' in ended.stdout

@@ -104,25 +104,6 @@ def test_hostile_documents_are_rejected_in_one_line(text):
     assert len(str(caught.value)) < 400
 
 
-@given(
-    text=st.lists(
-        st.sampled_from(
-            [
-                *(f'!!{tag} ' for tag in TAGS),
-                *VALUES,
-                *('a', '&a ', '*a', '<<', ': ', '\n', '  ', '- ', '? ', '[', ']', '{', '}', ', '),
-                *('|\n', '>\n', '---\n', '"', "'", '#', '%', '@', '0b', '1e9', '.inf', '9' * 5000),
-            ]
-        )
-        | st.text(string.printable, max_size=4),
-        max_size=30,
-    ).map(''.join)
-    | st.binary(max_size=60)
-)
-def test_any_text_gives_a_document_or_one_error(text):
-    error_of(text)
-
-
 def test_a_file_is_read_and_named_in_errors(tmp_path):
     file = tmp_path / 'a.yaml'
     file.write_text('a: [1, 2]')
