@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -43,30 +44,18 @@ CONDITIONS = DropConditions(
     surroundings=surroundings('l_chute', roll=0.7, belt={'speed': 0.2}),
 )
 RUN = RunDescription(
-    run_id='4f1c',
-    part='l_bracket',
-    part_sha256='ab' * 32,
-    conditions=CONDITIONS,
-    seed=MAX_SEED,
-    first_drop=3,
-    drops=2_000_000,
-    precision=0.01,
-    engine='bullet',
-    engine_version='3.2.7',
-    suite_version='0.9.1',
-    time_step=1e-4,
-    started=1_795_233_147_000_000_023,
+    *('4f1c', 'l_bracket', 'ab' * 32, CONDITIONS),
+    *(MAX_SEED, 3, 2_000_000, 0.01),
+    *('bullet', '3.2.7', '0.9.1', 1e-4, 1_795_233_147_000_000_023),
 )
 POSES = Poses(
     first_drop=2**40,
-    position=np.array(
-        [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0], [0.7, 0.8, 0.9], [1.0, 1.1, 1.2]]
-    ),
+    position=np.arange(1.0, 16.0).reshape(5, 3) / 10,
     orientation=np.array(
         [
-            [0.1, -0.3, 0.5, 0.8062257748298549],
-            [0, 0, 0, 1.0],
-            [1.0, 0, 0, 0],
+            [0.1, -0.3, 0.5, 0.65**0.5],
+            [0, 0, 0, 1],
+            [1, 0, 0, 0],
             [0, 0, 0.6, 0.8],
             [0, 0.6, 0, 0.8],
         ]
@@ -98,14 +87,6 @@ def test_poses_round_trip(assert_same_poses):
     assert_same_poses(conversions.poses_from(message), POSES)
 
 
-@pytest.mark.parametrize('name', ['position', 'status'])
-def test_columns_of_different_lengths_are_rejected(name):
-    (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
-    getattr(message, name).append(0)
-    with pytest.raises(InvalidValueError, match='invalid number of values'):
-        conversions.poses_from(message)
-
-
 @pytest.mark.parametrize('count', [0, conversions.MAX_POSES, 2 * conversions.MAX_POSES + 1])
 def test_many_poses_are_several_messages(assert_same_poses, count):
     codes, values = np.zeros(count, dtype=np.uint8), np.arange(count, dtype=float)
@@ -119,22 +100,23 @@ def test_many_poses_are_several_messages(assert_same_poses, count):
 
 
 @pytest.mark.parametrize(
-    ('field', 'index', 'value', 'expected'),
+    ('field', 'change', 'expected'),
     [
-        ('orientation', 0, math.nan, 'invalid orientation [nan, '),
-        ('orientation', 3, 1.01, 'of drop 1099511627776'),
-        ('position', 2, math.inf, 'invalid position'),
-        ('status', 0, 77, 'invalid status 77 of drop 1099511627776'),
-        ('decided_by', 0, 99, 'invalid decided_by 99 of drop 1099511627776'),
+        ('position', lambda found: found.append(0), 'invalid number of values'),
+        ('status', lambda found: found.append(0), 'invalid number of values'),
+        ('orientation', lambda found: found.__setitem__(0, math.nan), 'orientation [nan, '),
+        ('orientation', lambda found: found.__setitem__(3, 1.01), 'of drop 1099511627776'),
+        ('position', lambda found: found.__setitem__(2, math.inf), 'invalid position'),
+        ('status', lambda found: found.__setitem__(0, 77), 'invalid status 77 of drop 10995'),
+        ('decided_by', lambda found: found.__setitem__(0, 99), 'invalid decided_by 99 of drop'),
     ],
 )
-def test_invalid_poses_are_rejected(field, index, value, expected):
+def test_invalid_poses_are_rejected(field, change, expected):
     (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
     message.status[0] = RestStatus.SETTLED
-    getattr(message, field)[index] = value
-    with pytest.raises(InvalidValueError) as error:
+    change(getattr(message, field))
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         conversions.poses_from(message)
-    assert expected in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -178,13 +160,11 @@ def test_description_must_match_its_topic(part, field, value):
 def test_inconsistent_distribution_is_rejected(part, field, value, expected):
     aspects = find_aspects(part('tetrahedron'))
     counts = np.array([1010] + [0] * (len(aspects) - 1))
-    message = distribution_msg(
-        Distribution(aspects, counts, 0, 0, 0), RUN, conversions.time_msg(0), complete=True
-    )
+    counted = Distribution(aspects, counts, 0, 0, 0)
+    message = distribution_msg(counted, RUN, conversions.time_msg(0), complete=True)
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError) as error:
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         distribution_from(message)
-    assert expected in str(error.value)
 
 
 def test_part_round_trip(part):
