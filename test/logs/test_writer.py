@@ -1,8 +1,13 @@
-"""Logs of runs, verified with independent readers: rosbags and mcap."""
+"""Logs of runs, verified with independent readers: rosbags, mcap, and packages of JavaScript."""
 
+import json
+import math
 import random
+import shutil
+import subprocess
 from contextlib import closing, suppress
 from datetime import datetime, timedelta, timezone
+from pathlib import Path
 
 import pytest
 import yaml
@@ -18,7 +23,7 @@ from rosbags.rosbag2 import Reader
 from wire import bag_messages, plain
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
 from resting_aspects_ros.logs.writer import RunLog, run_folder_name
 
 INTERFACES = 'resting_aspects_interfaces/msg'
@@ -33,22 +38,36 @@ DISTRIBUTION = Topic(
 # A second topic of a type that is there already, and another QoS.
 OTHER_PART = Topic('/parts/nut', PART.type, Qos(7, 'best_effort', 'volatile', 'keep_all'))
 
-START = 1_700_000_000_123_456_789  # ns
+START = 1_700_000_000_123_456_789  # ns; no double holds it
 MESH = random.Random(5).randbytes(10_000)
 RUN = {'run_id': '4f1c', 'seed': '1', 'note': 'café: "yes"\nno'}
 
 
 @pytest.fixture(scope='module')
 def messages(filled):
-    """List what a run publishes: topic, message, log time and publish time in ns."""
+    """List what a run publishes: topic, message, log time and publish time in ns.
+
+    With all that is hard to carry.
+    """
     rng = random.Random(1)
-    part, other = filled(PartDescription, rng), filled(PartDescription, rng)
-    part.mesh = MESH
+    part = filled(PartDescription, rng)
+    part.mesh, part.name = MESH, ''
+    part.inertia.ixx, part.inertia.ixy, part.inertia.iyy = 0.1, -0.0, 1e-300
     batches = [filled(RestingPoses, rng) for _ in range(4)]
-    batches[1].time_to_rest[2] = float('nan')
-    messages = [(PART, part), (OTHER_PART, other)]
-    for batch in batches:
-        messages += [(POSES, batch), (DISTRIBUTION, filled(AspectDistribution, rng))]
+    batches[0].first_drop = 2**64 - 1
+    batches[0].run.started.sec = -(2**31)
+    batches[0].position = [-0.0, 5e-324, 1.7976931348623157e308]
+    batches[1].time_to_rest[2] = math.nan
+    batches[1].energy_growth[1] = math.inf
+    distributions = [filled(AspectDistribution, rng) for _ in range(4)]
+    distributions[0].drops = 2**53 + 1
+    distributions[0].complete = False
+    one, other, *_ = distributions[0].aspects
+    one.min_barrier, one.com_height, one.basin_share = -math.inf, 2.0, 2.0**60
+    other.support.points[0].x = 0.10000000149011612  # of 32 bits
+    messages = [(PART, part), (OTHER_PART, PartDescription())]
+    for pair in zip(batches, distributions, strict=True):
+        messages += zip((POSES, DISTRIBUTION), pair, strict=True)
     return [
         (topic, message, START + 1000 * i, START + 1000 * i - 77)
         for i, (topic, message) in enumerate(messages)
@@ -179,6 +198,93 @@ def test_metadata_yaml_is_that_of_jazzy(log):
         profile = channel.metadata['offered_qos_profiles']
         assert len(yaml.safe_load(profile)[0]) == 9
         assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
+
+
+# -- what JavaScript finds -----------------------------------------------------------------------
+
+JS = Path(__file__).parents[1] / 'js'
+
+
+@pytest.fixture(scope='module')
+def in_javascript(log):
+    """Read the log with node."""
+    oldest = json.loads((JS / 'package.json').read_text())['engines']['node'].removeprefix('>=')
+    node = shutil.which('node')
+    version = node and subprocess.check_output([node, '--version'], text=True).strip()
+    if not version or int(version[1:].split('.')[0]) < int(oldest):
+        pytest.skip(f'node is {version or "not installed"}, needed is {oldest} or newer')
+    if not (JS / 'node_modules' / '.package-lock.json').exists():  # npm's last file
+        pytest.skip(f'the packages in {JS / "package.json"} are not installed: make dev does it')
+    command = [node, JS / 'read_log.js', log.path.parent]
+    text = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    # Doubles that are whole and large are written without an exponent.
+    return json.loads(text, parse_int=lambda digits: number(int(digits)))
+
+
+def number(value):
+    """As read_log.js and json have a number."""
+    if math.isnan(value):
+        return {'number': 'NaN'}
+    if math.isinf(value):
+        return {'number': 'Infinity' if value > 0 else '-Infinity'}
+    if value == 0 and math.copysign(1, value) < 0:
+        return {'number': '-0'}
+    # Whole numbers beyond this are bigint where 64 bits are declared, else doubles.
+    return int(value) if value == int(value) and abs(value) <= 2**53 else float(value)
+
+
+def exact(value, kind=''):
+    """A field of a ROS message as read_log.js has it, by the field's type."""
+    if hasattr(value, 'get_fields_and_field_types'):
+        fields = value.get_fields_and_field_types()
+        names = {'nanosec': 'nsec'} if kind == 'builtin_interfaces/Time' else {}
+        return {
+            names.get(name, name): exact(getattr(value, name), fields[name]) for name in fields
+        }
+    if kind in ('sequence<uint8>', 'uint8[]'):
+        return {'bytes': bytes(value).hex()}
+    if kind.endswith(('>', ']')):
+        element = kind.removeprefix('sequence<').rstrip('>').split('[')[0]
+        return [exact(each, element) for each in value]
+    if kind in ('int64', 'uint64'):
+        return {'bigint': str(value)}
+    return number(value) if kind in ('double', 'float') else value
+
+
+@pytest.mark.slow
+@pytest.mark.stated_requirement
+@pytest.mark.parametrize('way', ['indexed', 'streamed'])
+def test_javascript_reads_every_value_of_every_message(in_javascript, messages, way):
+    read = in_javascript[way]['messages']
+    for (topic, message, log_time, publish_time), entry in zip(messages, read, strict=True):
+        assert (entry['topic'], entry['type']) == (topic.name, topic.type)
+        assert entry['encodings'] == ['ros2msg', 'cdr']
+        assert entry['logTime'] == {'bigint': str(log_time)}
+        assert entry['publishTime'] == {'bigint': str(publish_time)}
+        assert yaml.safe_load(entry['metadata']['offered_qos_profiles']) == qos_profiles(topic.qos)
+        # As text, because to Python 1 == 1.0 == True.
+        one, other = (
+            json.dumps(each, sort_keys=True) for each in (entry['value'], exact(message))
+        )
+        assert one == other
+
+
+@pytest.mark.slow
+@pytest.mark.stated_requirement
+def test_javascript_reads_metadata_and_attachments(in_javascript, messages):
+    indexed = in_javascript['indexed']
+    assert indexed['profile'] == 'ros2'
+    assert indexed['compressions'] == ['zstd'] * len(messages)
+    assert indexed['statistics']['messageCount'] == {'bigint': str(len(messages))}
+    (mesh,) = indexed['attachments']
+    assert (mesh['name'], mesh['mediaType']) == ('l_bracket.stl', 'model/stl')
+    assert mesh['logTime'] == {'bigint': str(START)}
+    assert mesh['data'] == {'bytes': MESH.hex()}
+    assert {each['name']: each['metadata'] for each in indexed['metadata']}['run'] == RUN
+    assert in_javascript['streamed']['whole'] is True
+
+
+# -- other logs ----------------------------------------------------------------------------------
 
 
 def test_empty_log_is_valid(tmp_path):
