@@ -102,12 +102,11 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, 'load_schema', lambda _: older)
     with closing(RunLog(tmp_path, 'run')) as log:
         log.write(NUT, data(1), 1)
+    expected = f"by another version of .* {NUT.type} .* 'RIHS01_older'.*{installed.type_hash}"
     with open_log(log.path) as found:
         for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
-            with pytest.raises(LogError, match='by another version of resting_asp') as caught:
+            with pytest.raises(LogError, match=f'{log.path}.*{expected}'):
                 read()
-            for word in (str(log.path), NUT.type, "'RIHS01_older'", repr(installed.type_hash)):
-                assert word in str(caught.value)
     assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
 
 
@@ -127,9 +126,8 @@ def test_invalid_logs_are_rejected(tmp_path, name, expected):
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
     path = tmp_path / name
     assert is_log(path)  # meant to be one
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(LogError, match=f'^{expected.format(path)}'):
         Recording(path)
-    assert str(caught.value).startswith(expected.format(path))
 
 
 def test_log_without_messages(tmp_path):
@@ -182,13 +180,8 @@ def test_first_topics_are_yielded_first_and_once(tmp_path):
         log.write(NUT, data(4), 130)
         log.write(CUBE, data(5), 140)
     found = read_messages(Recording(log.path), first={NUT.name, CUBE.name})
-    assert found == [
-        (CUBE.name, 100, 1),
-        (NUT.name, 100, 3),
-        (POSES.name, 110, 2),
-        (NUT.name, 130, 4),
-        (CUBE.name, 140, 5),
-    ]
+    assert found[:3] == [(CUBE.name, 100, 1), (NUT.name, 100, 3), (POSES.name, 110, 2)]
+    assert found[3:] == [(NUT.name, 130, 4), (CUBE.name, 140, 5)]
 
 
 def test_open_log_has_the_messages_at_its_opening(log):
@@ -207,31 +200,35 @@ def test_open_log_has_the_messages_at_its_opening(log):
     assert read_messages(recording) == WRITTEN
 
 
-def write_foreign(path, channels, messages):
-    """An MCAP file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
-    with path.open('wb') as file:
-        writer = Writer(file)
-        writer.start()
-        ids = []
-        for topic, encoding, schema, metadata in channels:
-            schema_id = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
-            ids.append(writer.register_channel(topic, encoding, schema_id, metadata))
-        for k, (channel, time) in enumerate(messages):
-            writer.add_message(ids[channel], time, data(k), time)
-        writer.finish()
+@pytest.fixture
+def foreign(tmp_path):
+    """Write a file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
+
+    def foreign(channels, messages):
+        with (tmp_path / 'a.mcap').open('wb') as file:
+            writer = Writer(file)
+            writer.start()
+            ids = []
+            for topic, encoding, schema, metadata in channels:
+                schema_id = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
+                ids.append(writer.register_channel(topic, encoding, schema_id, metadata))
+            for k, (channel, time) in enumerate(messages):
+                writer.add_message(ids[channel], time, data(k), time)
+            writer.finish()
+        return tmp_path / 'a.mcap'
+
+    return foreign
 
 
-def test_decreasing_times_become_constant(tmp_path):
-    path = tmp_path / 'a.mcap'
-    write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
+def test_decreasing_times_become_constant(foreign):
+    path = foreign([('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
     times = [(time, k) for _, time, k in read_messages(Recording(path))]
     assert times == [(10, 0), (30, 1), (30, 2), (40, 3)]
 
 
-def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
-    path = tmp_path / 'a.mcap'
+def test_logs_of_other_writers_may_lack_qos_and_hash(foreign):
     channels = [('/a', 'json', '', {}), ('/b', 'cdr', POSES.type, {'offered_qos_profiles': ''})]
-    write_foreign(path, [*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
+    path = foreign([*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
     topics = Recording(path).topics
     assert list(topics) == ['/a', '/b']  # no message, no topic
     assert (topics['/a'].type, topics['/a'].encoding) == ('', 'json')
@@ -239,13 +236,11 @@ def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
     assert all(topic.qos is topic.type_hash is None for topic in topics.values())
 
 
-def test_topic_with_two_types_is_rejected(tmp_path):
-    path = tmp_path / 'a.mcap'
+def test_topic_with_two_types_is_rejected(foreign):
     channels = [('/a', 'cdr', kind, {'topic_type_hash': 'h'}) for kind in (NUT.type, POSES.type)]
-    write_foreign(path, channels, [(0, 1), (1, 2)])
     expected = rf'one type for topic /a, found {POSES.type} \(h\) and {NUT.type} \(h\)$'
     with pytest.raises(LogError, match=expected):
-        Recording(path)
+        Recording(foreign(channels, [(0, 1), (1, 2)]))
 
 
 @pytest.mark.parametrize(
@@ -257,13 +252,10 @@ def test_topic_with_two_types_is_rejected(tmp_path):
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
     ],
 )
-def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
-    path = tmp_path / 'a.mcap'
-    write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
-    with pytest.raises(LogError) as caught:
+def test_invalid_qos_is_reported_with_its_topic(foreign, text, expected):
+    path = foreign([('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
+    with pytest.raises(LogError, match=f'^log {str(path)!r}, topic /a: .*{expected}'):
         Recording(path)
-    assert str(caught.value).startswith(f'log {str(path)!r}, topic /a: ')
-    assert expected in str(caught.value)
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):
