@@ -1,6 +1,7 @@
 """Round trips between actions, transition matrices and ROS messages, through real CDR."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -53,16 +54,15 @@ def message(result):
     return over_the_wire(transitions_msg(made, time_msg(17), ended=False, frame='cell'))
 
 
-@pytest.mark.parametrize('name', [*shipped_actions().names(), ACTION.name])
-def test_action_round_trip(name):
-    action = ACTION if name == ACTION.name else shipped_actions().get(name)
-    message = over_the_wire(action_msg(action))
-    assert message.name == name
-    assert action_from(message).values == action.values
+def test_action_round_trip():
+    shipped = shipped_actions()
+    for action in (*map(shipped.get, shipped.names()), ACTION):
+        message = over_the_wire(action_msg(action))
+        assert message.name == action.name
+        assert action_from(message).values == action.values
     rows = list(zip(message.names, message.values, message.units, strict=True))
-    if action is ACTION:
-        assert rows[0] == ('time', 0.7, 's')
-        assert {('speed', 0.31, 'm/s'), ('spin', 11.0, 'rad/s')} <= set(rows)
+    assert rows[0] == ('time', 0.7, 's')
+    assert {('speed', 0.31, 'm/s'), ('spin', 11.0, 'rad/s')} <= set(rows)
 
 
 @pytest.mark.parametrize(
@@ -73,16 +73,13 @@ def test_action_round_trip(name):
         ({'values': [1.0]}, 'expected a different one for each of 1 values'),
         ({'names': ['spin', 'mass']}, "invalid value 'mass' of a kick: expected "),
         ({'values': [1.0, math.nan]}, 'invalid spin nan: expected 0 to '),
-        ({'names': ['spin', 'time']}, 'invalid time 1000000.0: expected more than 0 '),
+        ({'names': ['spin', 'time'], 'values': [1, 1e6]}, 'invalid time 1000000.0: expected more'),
     ],
 )
 def test_invalid_action_is_rejected(changes, expected):
-    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1e6]} | changes
-    if 'names' in changes and 'time' not in changes['names']:
-        fields['values'] = [0.5, 1.0]
-    with pytest.raises(InvalidValueError) as error:
+    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1.0]} | changes
+    with pytest.raises(InvalidValueError, match=expected):
         action_from(FeederAction(**fields))
-    assert expected in str(error.value)
 
 
 def test_matrix_round_trip(message, result, part):
@@ -139,9 +136,8 @@ def test_long_run_describes_each_closed_class(result):
     np.testing.assert_allclose(message.closed_class_share, [0.5, 0.5, 1, 0])
     np.testing.assert_allclose(message.closed_class_weight, [0.75, 0.25])
     assert list(message.unreachable) == []
-    lower, upper = made.long_run_bounds
-    assert list(message.long_run_lower) == lower.tolist()
-    assert list(message.long_run_upper) == upper.tolist()
+    sent = (message.long_run_lower, message.long_run_upper)
+    np.testing.assert_array_equal(sent, made.long_run_bounds)
 
 
 @pytest.mark.parametrize(
@@ -162,9 +158,8 @@ def test_inconsistent_matrix_is_rejected(message, field, value, expected):
     *path, name = field.split('.')
     setattr(getattr(changed, path[0]) if path else changed, name, value)
     check_transitions(message, 'tetrahedron')
-    with pytest.raises(InvalidValueError) as error:
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         check_transitions(changed, 'tetrahedron')
-    assert expected in str(error.value)
 
 
 def test_matrix_of_another_numbering_is_rejected(message):
