@@ -46,7 +46,7 @@ def test_repr_of_any_value_is_one_short_line(value):
     assert text.isprintable()
 
 
-def test_short_values_are_shown_as_they_are_and_long_ones_by_their_ends():
+def test_short_values_are_shown_whole_and_long_ones_by_their_ends():
     for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
         assert shown(value) == repr(value)
     assert shown([np.int64(3), np.float64(99)]) == '[3, 99.0]'

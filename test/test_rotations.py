@@ -89,7 +89,7 @@ def test_any_direction_is_turned_down_by_the_shortest_rotation(direction):
     assert Rotation.from_quat(q).magnitude() == pytest.approx(shortest, abs=1e-7)
 
 
-def test_random_orientations_have_the_rotation_angles_of_haar_measure():
+def test_random_orientations_have_the_angles_of_haar_measure():
     q = random_orientations(np.random.default_rng(7), 20_000)
     turns = Rotation.from_quat(q)
     # A turn from one to the next is uniform again, as these are independent.

@@ -228,7 +228,7 @@ def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, change, exp
         distribution_from(message)
 
 
-def test_drops_on_an_unknown_mesh_are_counted_like_those_on_a_plane(ramp, part, surfaces):
+def test_drops_on_an_unknown_mesh_are_counted_as_on_a_plane(ramp, part, surfaces):
     given = find_aspects(part('l_bracket'))
     message = conversions.conditions_msg(run_in(ramp, surfaces).conditions)
     conditions = conversions.conditions_from(message)
