@@ -192,10 +192,10 @@ def test_open_log_has_the_messages_at_its_opening(log):
         assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
         assert found.message_count == 7
     recording = Recording(log.path.parent)
-    log.write(CUBE, data(9), 200)
+    log.write(NUT, data(9), 200)
     log.flush()
     assert read_messages(recording) == WRITTEN
-    assert read_messages(Recording(log.path.parent)) == [*WRITTEN, (CUBE.name, 200, 9)]
+    assert read_messages(Recording(log.path.parent)) == [*WRITTEN, (NUT.name, 200, 9)]
     log.close()
     assert read_messages(recording) == WRITTEN
 
